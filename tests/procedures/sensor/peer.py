@@ -36,7 +36,7 @@ PER_CENT = ("quantum_efficiency",)
 
 def repair_numpy() -> None:
     """Give back the function of NumPy 1 that the program calls."""
-    np.asfarray = partial(np.asarray, dtype=np.float64)  # type: ignore[attr-defined]
+    setattr(np, "asfarray", partial(np.asarray, dtype=np.float64))  # noqa: B010  (the stubs do not have it)
 
 
 def peer_numbers(descriptor: Path, saturation: int | None = None) -> dict[str, float]:
