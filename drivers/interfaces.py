@@ -61,6 +61,17 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
+class SensorFormat:
+    """Size of a camera's frames, colours of their 2 x 2 tile (None: monochrome), largest number, pixel pitch."""
+
+    columns: int
+    rows: int
+    cfa: str | None
+    white: int
+    pixel_pitch_um: float | None = None
+
+
+@dataclass(frozen=True)
 class ExposedFile:
     """One RAW file on disk with the record of its exposure."""
 
@@ -203,6 +214,10 @@ class Shutter(Device, Protocol):
 
 class Camera(Device, Protocol):
     """A device that delivers one RAW file per request."""
+
+    def sensor(self) -> SensorFormat | None:
+        """The format of its frames; None while it is unknown. Raises DeviceError."""
+        ...
 
     def configure(self, settings: CameraSettings) -> None:
         """Apply, or expect, these settings. Raises DeviceError."""

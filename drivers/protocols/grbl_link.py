@@ -230,7 +230,8 @@ class GrblLink:
     def _resynchronise(self) -> None:
         """Resynchronise after a missing reply: only `$G` answers `[GC:`, and the next response belongs to it.
 
-        It also ends grblHAL's refusal of every line after a wrong one.
+        `)$` ends a comment and makes an order refused whose end was lost: a bare end of line would carry it out now.
+        `$G` also ends grblHAL's refusal of every line after a wrong one.
         """
         marker: list[Event] = []
 
@@ -239,7 +240,7 @@ class GrblLink:
                 marker.append(event)
             return True if marker and isinstance(event, Ok) else None
 
-        self._transport.request(b"\n$G\n", answer, REPLY_S)
+        self._transport.request(b")$\n$G\n", answer, REPLY_S)
         self._in_step = True
 
     def report(self) -> StatusReport:

@@ -21,7 +21,7 @@ from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
-from drivers.interfaces import Device, Parser, Shutter
+from drivers.interfaces import Device, Parser, SensorFormat, Shutter
 from drivers.light import DmxLight, DmxParser, GrblLight, LampProperties
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
@@ -151,17 +151,30 @@ def _relay(name: str, parts: MakerContext, *, on: str | None = None, port: str |
     return RelayShutter(link, clock=parts.clock, owns_link=own)
 
 
-def _folder(name: str, parts: MakerContext, *, folder: str, shutter: str, **tether: Any) -> FolderCamera:
-    box = cast(Shutter, parts.made[shutter])
-    return FolderCamera(parts.folder / folder, box, parts.inspect, tether=Tether(**tether), clock=parts.clock)
+def _sensor(text: str | None) -> SensorFormat | None:
+    """The format written as "6000x4000 RGGB 14": size, colours of the tile or `grey`, bits."""
+    if text is None:
+        return None
+    size, colours, bits = text.split()
+    columns, rows = map(int, size.split("x"))
+    return SensorFormat(columns, rows, None if colours == "grey" else colours, 2 ** int(bits) - 1)
+
+
+def _folder(
+    name: str, parts: MakerContext, *, folder: str, shutter: str, sensor: str | None = None, **tether: Any
+) -> FolderCamera:
+    box, place = cast(Shutter, parts.made[shutter]), parts.folder / folder
+    tethered = Tether(**tether)
+    return FolderCamera(place, box, parts.inspect, tether=tethered, sensor=_sensor(sensor), clock=parts.clock)
 
 
 def _gphoto(
-    name: str, parts: MakerContext, *, folder: str, model: str = "", port: str = "", shutter: str | None = None
-) -> GphotoCamera:
+    name: str, parts: MakerContext, *, folder: str, model: str = "", port: str = "", shutter: str | None = None,
+    sensor: str | None = None,
+) -> GphotoCamera:  # fmt: skip
     box = cast(Shutter, parts.made[shutter]) if shutter else None
-    place = parts.folder / folder
-    return GphotoCamera(place, parts.inspect, model=model, port=port, shutter=box, clock=parts.clock)
+    place, known = parts.folder / folder, _sensor(sensor)
+    return GphotoCamera(place, parts.inspect, model=model, port=port, shutter=box, sensor=known, clock=parts.clock)
 
 
 def _micromanager_stage(

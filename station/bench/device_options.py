@@ -184,6 +184,13 @@ FRAMES = {
     "pixel_pitch_um": Option(NumberOption("3.45", 0.0, above=True)),
     "black": Option(NumberOption("64", 0.0)),
 }
+SENSOR = Option(
+    Quoted(
+        '"6000x4000 RGGB 14"',
+        "size, colours of the 2 x 2 tile or grey, and bits in quotes",
+        r"\d{1,5}x\d{1,5} (RGGB|BGGR|GRBG|GBRG|grey) ([89]|1[0-6])",
+    )
+)
 HOST_AND_PORT = r"(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}"
 SERVER = {
     "server": Option(Quoted('"192.168.1.20:11111"', "address and port of a server in quotes", HOST_AND_PORT), True),
@@ -291,6 +298,7 @@ OPTIONS: dict[str, Options] = {
             "pulse_s": Option(NumberOption("0.1", 0.0, above=True)),
             "focus_s": SECONDS,
             "bulb": Option(OneOf((True, False))),
+            "sensor": SENSOR,
             "rest_s": SECONDS,
             "patience_s": Option(NumberOption("20", 0.0, above=True)),
             "poll_s": POLL,
@@ -302,6 +310,7 @@ OPTIONS: dict[str, Options] = {
             "model": Option(Quoted('"Canon EOS R5"')),
             "port": Option(Quoted('"usb:001,004"', "libgphoto2's name of a port in quotes")),
             "shutter": Option(DEVICE),
+            "sensor": SENSOR,
         }
     ),
     "micromanager_stage": Options(

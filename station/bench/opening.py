@@ -36,6 +36,7 @@ from drivers.interfaces import (
     Light,
     Probe,
     Rangefinder,
+    SensorFormat,
     Shaker,
     Shutter,
     Stage,
@@ -43,6 +44,7 @@ from drivers.interfaces import (
 from drivers.micromanager.core import Core
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
+from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import TableCheck
 from station.bench.device_makers import MAKERS, MakerContext, maker_of
@@ -235,10 +237,25 @@ def inspect_raw(path: Path) -> ExposureMetadata:
     """The exposure metadata of a RAW file that can be read completely. Raises BadInput otherwise."""
     from procedures.raw import read_frame
 
-    exposure = read_frame(path).exposure
+    frame = read_frame(path)
+    exposure, planes = frame.exposure, list(frame.planes.values())
     return ExposureMetadata(
-        exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number
+        exposure.exposure_s,
+        None if exposure.iso is None else round(exposure.iso),
+        exposure.f_number,
+        sensor_format(planes, exposure.pixel_pitch_um),
     )
+
+
+def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> SensorFormat:
+    """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
+    white, pitch = round(planes[0].white), planes[0].pitch
+    rows, columns = (
+        max(plane.origin[axis] + pitch * (plane.samples.shape[1 - axis] - 1) + 1 for plane in planes) for axis in (1, 0)
+    )
+    colours = {plane.origin: plane.name[0] for plane in planes}
+    tile = "".join(colours.get((x, y), "") for y in (0, 1) for x in (0, 1))
+    return SensorFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
 
 
 def simulated_bench(
@@ -253,7 +270,10 @@ def simulated_bench(
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
     setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
     truth = SimulatedBench(folder, setup)
-    bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
+    tables = simulated_tables(truth.address, folder, shaker=shaker)
+    sensor = truth.view.camera.sensor
+    tables["camera"]["sensor"] = f"{sensor.columns}x{sensor.rows} {sensor.cfa or 'grey'} {sensor.white.bit_length()}"
+    bench = make_bench(tables, folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
