@@ -15,6 +15,7 @@ from drivers.clock import Clock
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.frames import Inspect
+from drivers.gcs import GcsParser, GcsStage
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
@@ -36,6 +37,7 @@ from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.thorlabs import AptParser, AptStage
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
 from drivers.watchdog import Released, StrigWatchdog
@@ -119,10 +121,10 @@ def _polled(
 
     def make(
         name: str, parts: MakerContext, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = usual,
-        poll_s: float = 0.1,
+        poll_s: float = 0.1, **settings: Any,
     ) -> PolledStage[Any]:  # fmt: skip
         made = [PolledAxis(**{**axis, "travel": tuple(axis["travel"]) if "travel" in axis else None}) for axis in axes]
-        return stage(parts.wire(name, port, parser, baud=baud), made, clock=parts.clock, poll_s=poll_s)
+        return stage(parts.wire(name, port, parser, baud=baud), made, clock=parts.clock, poll_s=poll_s, **settings)
 
     return make
 
@@ -276,6 +278,8 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "tmcl_stage": _tmcl_stage,
     "esp301": _polled(Esp301Stage, NewportParser, 921600),
     "smc100": _polled(Smc100Stage, NewportParser, 57600),
+    "apt": _polled(AptStage, AptParser, 115200),
+    "gcs": _polled(GcsStage, GcsParser, 115200),
     "strig": _strig,
     "strig_shaker": _strig_shaker,
     "strig_watchdog": _strig_watchdog,

@@ -263,6 +263,20 @@ OPTIONS: dict[str, Options] = {
     ),
     "esp301": Options({**LINE, "poll_s": POLL}, polled_axes(Integer("1", 1, 3)), (("name",), ("number",))),
     "smc100": Options({**LINE, "poll_s": POLL}, polled_axes(Integer("1", 1, 31)), (("name",), ("number",))),
+    "apt": Options(
+        {**LINE, "poll_s": POLL, "cycle_s": Option(NumberOption("102.4e-6", 0.0, above=True))},
+        polled_axes(
+            Integer("0", 0, 10),
+            scale=Option(NumberOption("2.915e-5"), required=True),
+            travel=Option(Interval("[0.0, 50.0]"), required=True),
+        ),
+        (("name",), ("number",)),
+    ),
+    "gcs": Options(
+        {**LINE, "poll_s": POLL, "reference": Option(OneOf(("FRF", "FNL", "FPL")))},
+        polled_axes(Quoted('"1"', "the identifier of an axis in quotes")),
+        (("name",), ("number",)),
+    ),
     "strig": Options(LINE),
     "strig_shaker": Options(
         {"box": Option(DEVICE, required=True)},
