@@ -26,6 +26,8 @@ from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
 from drivers.micromanager.shutter import MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
+from drivers.newport import Esp301Stage, NewportParser, Smc100Stage
+from drivers.polled_stage import PolledAxis, PolledStage
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
@@ -107,6 +109,22 @@ def _tmcl_stage(
 ) -> TmclStage:
     made = [TmclAxis(**{**axis, "travel": tuple(axis["travel"])}) for axis in axes]
     return TmclStage(parts.wire(name, port, TmclParser, baud=baud), made, clock=parts.clock, **limits)
+
+
+def _polled(
+    stage: type[PolledStage[Any]], parser: Callable[[], Parser[Any]], baud: int
+) -> Callable[..., PolledStage[Any]]:
+    """The maker of a `PolledStage` on a serial line."""
+    usual = baud
+
+    def make(
+        name: str, parts: MakerContext, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = usual,
+        poll_s: float = 0.1,
+    ) -> PolledStage[Any]:  # fmt: skip
+        made = [PolledAxis(**{**axis, "travel": tuple(axis["travel"]) if "travel" in axis else None}) for axis in axes]
+        return stage(parts.wire(name, port, parser, baud=baud), made, clock=parts.clock, poll_s=poll_s)
+
+    return make
 
 
 def _strig(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> StrigShutter:
@@ -256,6 +274,8 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "grbl": _grbl,
     "zaber": _zaber,
     "tmcl_stage": _tmcl_stage,
+    "esp301": _polled(Esp301Stage, NewportParser, 921600),
+    "smc100": _polled(Smc100Stage, NewportParser, 57600),
     "strig": _strig,
     "strig_shaker": _strig_shaker,
     "strig_watchdog": _strig_watchdog,

@@ -202,6 +202,21 @@ COUNTED = Integer("0", 0, 2**16)
 ALPACA = {**SERVER, "device": Option(COUNTED)}
 PATIENCE = Option(NumberOption("60", 0.0, above=True))
 
+
+def polled_axes(number: Rule, **more: Option) -> dict[str, Option]:
+    """Options of the axes of a `PolledStage`, numbered by this rule."""
+    return {
+        "name": NAME,
+        "number": Option(number, required=True),
+        "scale": Option(NumberOption("1.0")),
+        "zero": Option(NumberOption("0.0")),
+        "travel": Option(Interval("[0.0, 100.0]")),
+        "speed_per_s": Option(NumberOption("10", 0.0, above=True)),
+        "tolerance": Option(NumberOption("0.002", 0.0, above=True)),
+        **more,
+    }
+
+
 OPTIONS: dict[str, Options] = {
     "grbl": Options(
         {**LINE, "poll_s": POLL, "reset_on_open": Option(OneOf(("expect", "avoid")))},
@@ -246,6 +261,8 @@ OPTIONS: dict[str, Options] = {
         },
         (("name",), ("module", "motor")),
     ),
+    "esp301": Options({**LINE, "poll_s": POLL}, polled_axes(Integer("1", 1, 3)), (("name",), ("number",))),
+    "smc100": Options({**LINE, "poll_s": POLL}, polled_axes(Integer("1", 1, 31)), (("name",), ("number",))),
     "strig": Options(LINE),
     "strig_shaker": Options(
         {"box": Option(DEVICE, required=True)},
