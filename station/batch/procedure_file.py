@@ -36,11 +36,12 @@ from pathlib import Path
 from typing import Any
 
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from station.common.models import TableSource, fields_of, read_model
 from station.common.sanitise import printable
 from station.common.toml_table import TomlTable
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, fields_of, read_settings, to_record
+from station.procedure.settings import Settings, to_record
 from station.results.specification_file import read_specification, specification_in
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
@@ -137,7 +138,7 @@ def _settings(table: TomlTable, model: type[Settings]) -> Settings:
         inside = table.table(name)
         take(inside, keys, f"{name}.")
         inside.end()
-    return read_settings(model, given, shown)
+    return read_model(model, given, TableSource(shown=shown))
 
 
 def _planes(table: TomlTable) -> str:

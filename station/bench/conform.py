@@ -33,7 +33,7 @@ from simulators.devices.cable_faults import Faults
 from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
+from station.bench.device_models import drivers, options_of
 from station.bench.opening import make_bench, simulated_tables
 
 TOLERANCE = 0.01
@@ -383,11 +383,11 @@ def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
         table, cable = simulated_tables(bench.address, folder)[BUILT_IN[driver]], bench.cables[BUILT_IN[driver]]
         axes, clock, close = bench.world.axes, bench.clock, bench.close
     else:
-        entry = added_drivers().get(driver)
-        if entry is None or entry.twin is None:
-            there = [*BUILT_IN, *(name for name, one in added_drivers().items() if one.twin is not None)]
+        make_twin = options_of(driver).twin if driver in drivers() else None
+        if make_twin is None:
+            there = [*BUILT_IN, *(name for name in drivers() if options_of(name).twin is not None)]
             raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {', '.join(there)}")
-        twin, clock = entry.twin(), VirtualClock()
+        twin, clock = make_twin(), VirtualClock()
         cable, axes, close = Cable(twin, clock), twin.axes, partial(unplug, "conform/stage")
         register_scheme("simulators.devices")
         plug("conform/stage", cable)

@@ -17,12 +17,11 @@ from drivers.clock import Clock
 from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer, NotHomed, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
+from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, not_connected, opened
 from drivers.wire.outgoing import URGENT_S
-from station.bench.device_makers import MakerContext
-from station.bench.device_options import LINE, DriverEntry, Options
 
 AXIS = "x_mm"
 REPLY_S, POLL_S, TOLERANCE_MM = 0.3, 0.1, 0.002
@@ -172,8 +171,8 @@ class ToyStage:
         self._transport.preempt(STOP, error)
 
 
-def make(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> ToyStage:
-    return ToyStage(parts.wire(name, port, ToyParser, baud=baud), parts.clock)
+class ToyOptions(LineOptions):
+    twin = ToyTwin
 
-
-DRIVER = DriverEntry(make, Options(LINE), ToyTwin)
+    def make(self, parts: MakerContext) -> ToyStage:
+        return ToyStage(parts.wire(self.port, ToyParser, baud=self.baud), parts.clock)
