@@ -14,7 +14,7 @@ from typing import Any
 
 from drivers.errors import BadConfiguration
 from drivers.making import DriverOptions
-from station.common.models import TableSource, fields_of, read_model, shown
+from station.common.models import TableSource, fields_of, read_model, require_table, shown
 from station.common.toml_text import toml_value
 
 GROUP = "station.drivers"
@@ -73,9 +73,7 @@ def read_devices(tables: Mapping[str, Any], source: TableSource | None = None) -
 
 def _read_device(name: str, table: Any, source: TableSource) -> DriverOptions:
     path = ("devices", name)
-    if not isinstance(table, Mapping):
-        source.refuse(path, f"must be a table; it is {shown(table)}", f"begin one with [{source.name(path)}]")
-    driver = table.get("driver")
+    driver = require_table(table, source, path).get("driver")
     if not isinstance(driver, str) or driver not in drivers():
         near = get_close_matches(str(driver), drivers(), 1)
         remedy = f'write driver = "{near[0]}"' if near else f"use one of {', '.join(drivers())}"

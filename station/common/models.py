@@ -1,9 +1,10 @@
 """Tables as validated models: settings, options of drivers, files. One check of values, one form of messages.
 
 A model is a dataclass or a `msgspec.Struct`. A field's `msgspec.Meta` gives description, bounds and pattern; its
-`extra` gives `words` (the required value), `example`, `metavar`, `holds` (a further condition), `unlike` (keys that
-differ between the rows of a list) and `kind` (of a named device, see `drivers.options`). A model may have `problem()`,
-which gives reason and remedy if its values are inconsistent.
+`extra` gives `words` (the required value), `example`, `metavar`, `holds` (a further condition), `one_of` (a function
+that lists the only valid texts, or the valid keys of a table of tables), `unlike` (keys that differ between the rows of
+a list) and `kind` (of a named device, see `drivers.options`). A model may have `problem()`, which gives reason and
+remedy if its values are inconsistent.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -29,9 +30,17 @@ from station.common.toml_text import toml_value
 
 T = TypeVar("T")
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
-EXAMPLES = {bool: "true"}
+BOUNDS = (
+    (("ge", "le"), "from {ge:g} to {le:g}"),
+    (("gt", "le"), "above {gt:g} up to {le:g}"),
+    (("gt",), "above {gt:g}"),
+    (("ge",), "at least {ge:g}"),
+    (("le",), "at most {le:g}"),
+)
+"""Bounds of a number in words."""
 LONGEST, MOST_NAMED = 60, 12
-"""Characters of a value, and number of known keys, that an error shows."""
+"""Characters of a value, and number of valid names, that an error shows."""
+UNIONS = (typing.Union, types.UnionType)
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,7 @@ class ModelField:
     choices : the only values, of a Literal; empty where others are possible
     word : a text that may stand in place of a number, as "auto"; "" where none may
     several : whether it is a list of any number of such values
+    keyed : whether it is a table of such tables
     required : whether it has no default
     """
 
@@ -55,6 +65,7 @@ class ModelField:
     choices: tuple[str, ...]
     word: str
     several: bool
+    keyed: bool
     required: bool
 
     @property
@@ -82,23 +93,18 @@ class ModelField:
         return (self.meta.extra or {}).get(key, default)
 
     @property
+    def valid(self) -> Sequence[str]:
+        """The only valid texts; empty where others are possible."""
+        return self.choices or tuple(self.extra("one_of", tuple)())
+
+    @property
     def words(self) -> str:
         """Valid values in words, to follow "must be"."""
-        if self.choices:
-            return f"one of {', '.join(self.choices)}"
-        low, high, above = self.meta.ge, self.meta.le, self.meta.gt
-        limits = {
-            "from {low:g} to {high:g}": low is not None and high is not None,
-            "above {above:g} up to {high:g}": above is not None and high is not None,
-            "above {above:g}": above is not None,
-            "at least {low:g}": low is not None,
-            "at most {high:g}": high is not None,
-        }
-        bounds = next((words for words, fits in limits.items() if fits), "").format(low=low, high=high, above=above)
+        bounds = next((words for keys, words in BOUNDS if all(getattr(self.meta, key) is not None for key in keys)), "")
         parts = (
             "a list, each" if self.several else "",
-            self.extra("words") or WORDS.get(self.kind, "of another type"),
-            bounds,
+            f"one of {listed(self.valid)}" if self.valid else self.extra("words") or WORDS.get(self.kind, "valid"),
+            bounds.format(gt=self.meta.gt, ge=self.meta.ge, le=self.meta.le),
             f'or "{self.word}"' if self.word else "",
         )
         return " ".join(part for part in parts if part)
@@ -110,12 +116,25 @@ class ModelField:
             inside = ", ".join(f"{one.name} = {one.example}" for one in fields_of(self.kind) if one.required)
             return f"[{{ {inside} }}]" if self.several else f"{{ {inside} }}"
         first = toml_value(typing.get_args(_bare(self.hint))[0]) if self.choices and not self.several else ""
-        return self.extra("example") or first or EXAMPLES.get(self.kind, "")
+        return str(self.extra("example")) or first or ("true" if self.kind is bool else "")
 
-    @property
-    def remedy(self) -> str:
-        """How to correct it."""
+    def remedy(self, given: object = None) -> str:
+        """How to correct it: by the nearest valid text, an example, or all valid texts."""
+        near = get_close_matches(given, self.valid, 1) if isinstance(given, str) else []
+        if near:
+            return f"write {self.name} = {toml_value(near[0])}"
         return f"write {self.name} = {self.example}, for example" if self.example else "correct it"
+
+
+def one_of(names: Callable[[], Iterable[str]]) -> msgspec.Meta:
+    """Annotation of a text that must be one of these, or of a table with such keys; in letters of any size."""
+    return msgspec.Meta(extra={"one_of": names})
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first of some names, and the number of the others."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return f"{', '.join(names[:MOST_NAMED])}{more}"
 
 
 def is_model(kind: Any) -> bool:
@@ -142,10 +161,9 @@ def _defaults(model: type) -> Iterator[tuple[str, Any, bool]]:
 
 def _field(name: str, hint: Any, default: Any, required: bool) -> ModelField:
     kind, choices, several = _plain(hint)
-    return ModelField(name, hint, kind, default, _meta(hint) or msgspec.Meta(), choices, _word(hint), several, required)
-
-
-UNIONS = (typing.Union, types.UnionType)
+    keyed = typing.get_origin(_bare(hint)) is dict
+    meta = _meta(hint) or msgspec.Meta()
+    return ModelField(name, hint, kind, default, meta, choices, _word(hint), several, keyed, required)
 
 
 def _bare(hint: Any) -> Any:
@@ -172,13 +190,15 @@ def _meta(hint: Any) -> msgspec.Meta | None:
 
 
 def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
-    """The type behind Annotated, Optional, tuple and Literal; its choices; whether it is a list of any length."""
+    """The type behind Annotated, Optional, tuple, dict and Literal; its choices; whether it is a list of any length."""
     bare = _bare(hint)
-    arguments = typing.get_args(bare)
-    if typing.get_origin(bare) is tuple:
+    origin, arguments = typing.get_origin(bare), typing.get_args(bare)
+    if origin is tuple:
         kind, choices, _ = _plain(arguments[0])
         return kind, choices, arguments[-1] is Ellipsis
-    if typing.get_origin(bare) is Literal:
+    if origin is dict:
+        return arguments[1], (), False
+    if origin is Literal:
         return type(arguments[0]), tuple(map(str, arguments)), False
     return bare, (), False
 
@@ -194,24 +214,22 @@ class TableSource:
     ----------
     file : name of the file; "" for options of a command
     lines : lines of its keys
-    shown : names of keys in messages, where they differ
+    places : paths of keys in the file, where they differ from those in the model
     error : class of the errors, made of reason and remedy
     """
 
     file: str = ""
     lines: Mapping[KeyPath, int] = field(default_factory=dict)
-    shown: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, KeyPath] = field(default_factory=dict)
     error: Callable[[str, str], Exception] = BadParameter
 
     @classmethod
     def parse(cls, text: str, file: str) -> tuple[dict[str, Any], Self]:
         """The content of a file and its origin. Raises BadParameter if it is not TOML."""
         try:
-            content = parse_toml(text, file, "correct it")
+            return parse_toml(text, file, "correct it"), cls(Path(file).name, key_lines(text))
         except BadInput as error:
-            reason = f"{printable(file)} must be a TOML file: {printable(error.reason)}"
-            raise BadParameter(reason, "correct it, or name another file") from error
-        return content, cls(Path(file).name, key_lines(text))
+            raise not_toml(file, error) from error
 
     @classmethod
     def read(cls, path: Path) -> tuple[dict[str, Any], Self]:
@@ -219,29 +237,32 @@ class TableSource:
         try:
             text = read_text(path, "TOML file", "correct it")
         except BadInput as error:
-            reason = f"{printable(path)} must be a TOML file: {printable(error.reason)}"
-            raise BadParameter(reason, "correct it, or name another file") from error
+            raise not_toml(str(path), error) from error
         return cls.parse(text, str(path))
 
-    def refuse(self, path: Sequence[str | int], reason: str, remedy: str = "correct it") -> NoReturn:
+    def refuse(self, path: KeyPath, reason: str, remedy: str = "correct it") -> NoReturn:
         """Raise the error about a key: `reason` follows its name."""
-        line = line_of(self.lines, tuple(path))
-        place = f"{printable(self.file)}, line {line}: " if line else ""
-        raise self.error(f"{place}{self.name(path)} {reason}", remedy)
+        place = self.places.get(str(path[0]), path[:1]) + path[1:] if path else path
+        line = line_of(self.lines, place)
+        raise self.error(f"{f'{printable(self.file)}, line {line}: ' if line else ''}{name_of(place)} {reason}", remedy)
 
-    def name(self, path: Sequence[str | int]) -> str:
-        """A path in the file: devices.stage.axes[1].feed_per_min, rows counted from 1."""
-        text = ""
-        for part in path:
-            text += f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" if text else printable(part)
-        return self.shown.get(text, text)
-
-    def refuse_unknown(self, path: Sequence[str | int], known: Sequence[str]) -> NoReturn:
+    def refuse_unknown(self, path: KeyPath, known: Sequence[str]) -> NoReturn:
         """Raise the error about a key, the last part of a path, that is none of the known ones."""
         near = get_close_matches(str(path[-1]), known, 1)
-        more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-        others = f"use one of {', '.join(known[:MOST_NAMED])}{more}" if known else "leave it out"
+        others = f"use one of {listed(known)}" if known else "leave it out"
         self.refuse(path, "is not known", f"write {near[0]}" if near else others)
+
+
+def not_toml(file: str, error: BadInput) -> BadParameter:
+    """The error about a file that is not TOML."""
+    reason = f"{printable(file)} must be a TOML file: {printable(error.reason)}"
+    return BadParameter(reason, "correct it, or name another file")
+
+
+def name_of(path: KeyPath) -> str:
+    """A path in a file: devices.stage.axes[1].feed_per_min, rows counted from 1."""
+    parts = (f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" for part in path)
+    return "".join(parts).removeprefix(".")
 
 
 def shown(value: Any) -> str:
@@ -261,16 +282,14 @@ def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, pa
     The source's error
         If a key is not known (the nearest one is named), a value is not valid, or a required one is missing.
     """
-    known = fields_of(model)
+    fields = {one.name: one for one in fields_of(model)}
     for key in given:
-        if key not in [one.name for one in known]:
-            source.refuse_unknown((*path, key), [one.name for one in known])
-    values: dict[str, Any] = {}
-    for one in known:
-        if one.name in given:
-            values[one.name] = read_value(one, given[one.name], source, (*path, one.name))
-        elif one.required:
-            remedy = one.remedy if one.example else f"give it: {one.description}"
+        if key not in fields:
+            source.refuse_unknown((*path, key), sorted(fields))
+    values = {key: read_value(fields[key], value, source, (*path, key)) for key, value in given.items()}
+    for one in fields.values():
+        if one.required and one.name not in given:
+            remedy = one.remedy() if one.example else f"give it: {one.description}"
             source.refuse((*path, one.name), "is missing", remedy)
     made = model(**values)
     if problem := getattr(made, "problem", lambda: None)():
@@ -280,20 +299,25 @@ def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, pa
 
 def read_value(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> Any:
     """The value of a field. Raises the source's error."""
+    if one.keyed:
+        return _keyed(one, value, source, path)
     if is_model(one.kind):
         return _rows(one, value, source, path) if one.several else _table(one.kind, value, source, path)
-    listed = [value] if one.several and not isinstance(value, list | tuple) else value
-    parts = listed if isinstance(listed, list | tuple) else [listed]
+    many = isinstance(value, list | tuple)
+    parts = value if many else [value]
     if any(isinstance(part, float) and not math.isfinite(part) for part in parts):
-        source.refuse(path, f"must be finite; it is {shown(value)}", one.remedy)
+        source.refuse(path, f"must be finite; it is {shown(value)}", one.remedy())
+    if one.extra("one_of"):
+        names = {name.lower(): str(name) for name in one.valid}
+        parts = [names.get(part.lower()) if isinstance(part, str) else None for part in parts]
     try:
-        made = msgspec.convert(listed, one.hint, dec_hook=_path)
+        made = msgspec.convert(parts if many or one.several else parts[0], one.hint, dec_hook=_path)
     except msgspec.ValidationError:
         valid = False
     else:
         valid = one.extra("holds", lambda value: True)(made)
     if not valid:
-        source.refuse(path, f"must be {one.words}; it is {shown(value)}", one.remedy)
+        source.refuse(path, f"must be {one.words}; it is {shown(value)}", one.remedy(value))
     return made
 
 
@@ -303,17 +327,34 @@ def _path(kind: type, value: object) -> object:
     raise TypeError(f"{value!r} is not {WORDS.get(kind, kind.__name__)}")
 
 
-def _table(model: type[T], value: Any, source: TableSource, path: KeyPath) -> T:
+def require_table(value: Any, source: TableSource, path: KeyPath) -> Mapping[str, Any]:
+    """The value if it is a table. Raises the source's error."""
     if not isinstance(value, Mapping):
-        source.refuse(path, f"must be a table; it is {shown(value)}", f"begin one with [{source.name(path)}]")
-    return read_model(model, value, source, path)
+        source.refuse(path, f"must be a table; it is {shown(value)}", f"begin one with [{name_of(path)}]")
+    return value
+
+
+def _table(model: type[T], value: Any, source: TableSource, path: KeyPath) -> T:
+    return read_model(model, require_table(value, source, path), source, path)
+
+
+def _keyed(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> dict[str, Any]:
+    """A table of tables; of values that are read elsewhere if they have no model."""
+    rows = require_table(value, source, path)
+    if not is_model(one.kind):
+        return dict(rows)
+    for key in rows:
+        if key not in one.valid:
+            source.refuse_unknown((*path, key), one.valid)
+    return {key: _table(one.kind, row, source, (*path, key)) for key, row in rows.items()}
 
 
 def _rows(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> tuple[Any, ...]:
+    """A list of tables, at least one if it is required."""
     good = isinstance(value, list) and all(isinstance(row, Mapping) for row in value)
     if not good or (one.required and not value):
         least = " with at least one row" if one.required else ""
-        source.refuse(path, f"must be a list of tables{least}; it is {shown(value)}", one.remedy)
+        source.refuse(path, f"must be a list of tables{least}; it is {shown(value)}", one.remedy())
     rows = tuple(read_model(one.kind, row, source, (*path, n)) for n, row in enumerate(value))
     for keys in one.extra("unlike", ()):
         _require_unlike(rows, keys, source, path)

@@ -38,7 +38,7 @@ def test_a_table_becomes_the_model():
     ("given", "words"),
     [
         ({"widht_mm": 3}, r"widht_mm is not known; write width_mm"),
-        ({"nothing": 3}, r"nothing is not known; use one of width_mm, count"),
+        ({"nothing": 3}, r"nothing is not known; use one of count, distances_mm"),
         ({"width_mm": "wide"}, r"settings\.width_mm must be a number at least 1; it is .wide."),
         ({"width_mm": 0.5}, r"width_mm must be a number at least 1; it is 0\.5"),
         ({"count": 10}, r"count must be a whole number from 1 to 9; it is 10"),
@@ -56,7 +56,7 @@ def test_a_table_becomes_the_model():
 )
 def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
     with pytest.raises(BadParameter, match=words):
-        read_model(Model, given, TableSource(shown={name: f"settings.{name}" for name in given}))
+        read_model(Model, given, TableSource(places={name: ("settings", name) for name in given}))
 
 
 def test_what_is_required_is_asked_for_with_its_description():
