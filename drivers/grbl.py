@@ -191,16 +191,14 @@ class GrblStage:
 
     def _find_switches(self, allowed: Callable[[], None]) -> None:
         """Home. Reset the controller if homing ends without its answer, as it would continue searching."""
-        try:
-            self.link.command("$H", self._homing_limit_s(), allowed)
-        except (Rejected, WasReset, EmergencyStopped):
-            raise
-        except DeviceError as error:
-            self.link.halt(NotHomed(f"homing was given up: {error.reason}", HOME))
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+        with left_still(self.link.confirm_reset, self.emergency_stop, self.link.trust):
+            try:
+                self.link.command("$H", self._homing_limit_s(), allowed)
+            except (Rejected, WasReset, EmergencyStopped):
+                raise
+            except DeviceError as error:
+                self.link.halt(NotHomed(f"homing was given up: {error.reason}", HOME))
+                raise
 
     def _homing_limit_s(self) -> float:
         """Time limit of homing: the firmware homes all its axes, including those not configured here ($130 and up)."""
@@ -287,12 +285,13 @@ class GrblStage:
             check_arrival(name, target, there[name], tolerance, self._one_mover.stopped(stops))
 
     def _give_up_moving(self) -> None:
-        """Stop the motion after an error; if the controller cannot be reached, nothing more can be done here."""
+        """Stop the motion after an error, by a reset if the position is lost anyway. Raises DeviceError."""
         try:
             if self.link.trust.why is None:
                 self._cancel_jog()
         except DeviceError as error:
             self.link.halt(error)
+        self.link.confirm_reset()
 
     def _cancel_jog(self) -> None:
         for _ in range(20):

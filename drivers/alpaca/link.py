@@ -20,7 +20,7 @@ from urllib.parse import quote, urlencode, urlsplit
 import numpy as np
 import numpy.typing as npt
 
-from drivers.errors import BadConfiguration, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
 from drivers.making import DriverOptions
 from drivers.options import Count, option
@@ -36,6 +36,8 @@ ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
 """Integer types in which an image is transmitted, by the standard's numbers."""
 NOT_NOW = "0x40b"
 """Error code of an operation that is not possible at this moment."""
+RESUME, HELD = "Resume", 0x501
+"""The action of a device that a person can pause, and its own error number while it is paused."""
 Levels = npt.NDArray[np.integer[Any]]
 
 
@@ -67,6 +69,7 @@ class AlpacaLink:
         self._host, self._port = parts.hostname or "", parts.port or 80
         self._headers: dict[str, str] = {}
         self._device: Any = None
+        self.can_resume = False
 
     @property
     def address(self) -> str:
@@ -96,6 +99,8 @@ class AlpacaLink:
             device.Connected = True
             name, version = str(device.Name), str(device.DriverVersion)
         self._device = device
+        with suppress(Rejected), self.translated_errors():
+            self.can_resume = RESUME in device.SupportedActions
         return Identity(f"Alpaca {name}", version, "", self.address)
 
     def close(self) -> None:
@@ -127,6 +132,8 @@ class AlpacaLink:
         except (
             exceptions.ActionNotImplementedException, exceptions.ValueNotSetException, exceptions.DriverException,
         ) as error:  # fmt: skip
+            if error.number == HELD and self.can_resume:
+                raise Held(f"{self.address}: {error.message}", "end the pause there, or try again") from error
             raise Rejected(f"{self.address}: {error.message}", "look at its server", hex(error.number)) from error
         except (ValueError, KeyError) as error:
             raise Rejected(

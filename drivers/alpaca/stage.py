@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Literal
 
-from drivers.alpaca.link import NOT_NOW, AlpacaAddress, AlpacaLink, ServerOptions
+from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, ServerOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
@@ -239,6 +239,15 @@ class AlpacaStage:
         for part in self._parts.values():
             with part.link.translated_errors():
                 part.link.device.Halt()
+
+    def resume(self) -> None:
+        """End a pause at the servers that offer that. Raises Held while a person still has to act, DeviceError."""
+        self._require_open()
+        for part in self._parts.values():
+            if part.link.can_resume:
+                with part.link.translated_errors():
+                    part.link.device.Action(RESUME, "")
+                self._finish([part], self.trust.epoch)
 
     def emergency_stop(self) -> None:
         """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""

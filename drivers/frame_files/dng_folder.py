@@ -68,7 +68,7 @@ class DngFolder:
         self, folder: Path, inspect: Inspect, optics: OpticsMetadata | None = None, *, clock: Clock | None = None
     ) -> None:
         self.path = folder
-        self._inspect, self._optics, self._clock = inspect, optics or OpticsMetadata(), clock or SystemClock()
+        self._inspect, self.optics, self._clock = inspect, optics or OpticsMetadata(), clock or SystemClock()
 
     def check(self) -> None:
         """Raises LineLost if the folder does not exist."""
@@ -92,12 +92,12 @@ class DngFolder:
         except Exception as error:  # readers may raise anything
             raise FrameWrong(f"{path.name} does not read back: {error}", "check the disk, then repeat") from error
         check_settings(path, facts, wanted)
-        settings = CameraSettings(frame.exposure_s, None, self._optics.f_number)
+        settings = CameraSettings(frame.exposure_s, None, self.optics.f_number)
         size, received_s = path.stat().st_size, self._clock.now_s()
         return ExposedFile(path, sha256_of(path), size, settings, requested_s, received_s, shutter)
 
     def _write(self, frame: Frame, body: Body) -> Path:
-        optics, path = self._optics, self._next()
+        optics, path = self.optics, self._next()
         shot = Shot(
             frame.exposure_s, optics.f_number, None, optics.focal_length_mm, optics.pixel_pitch_um,
             captured_at=datetime.now(), make=body.make, model=body.model, serial=body.serial,

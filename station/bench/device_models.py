@@ -22,6 +22,8 @@ BUILTIN: Mapping[str, str] = {
     "grbl": "drivers.grbl:GrblOptions",
     "zaber": "drivers.zaber:ZaberOptions",
     "tmcl_stage": "drivers.tmcl.stage:TmclOptions",
+    "esp301": "drivers.newport:Esp301Options",
+    "smc100": "drivers.newport:Smc100Options",
     "strig": "drivers.shutter:StrigOptions",
     "strig_shaker": "drivers.shaker:ShakerOptions",
     "strig_watchdog": "drivers.watchdog:WatchdogOptions",

@@ -34,7 +34,9 @@ from drivers.interfaces import (
     Identity,
     Imu,
     Light,
+    Probe,
     Rangefinder,
+    SensorFormat,
     Shaker,
     Shutter,
     Stage,
@@ -42,6 +44,7 @@ from drivers.interfaces import (
 from drivers.making import DriverOptions, MakerContext
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
+from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions
@@ -144,6 +147,11 @@ class Bench:
         """The lamp."""
         return cast(Light, self._find("light"))
 
+    @property
+    def probes(self) -> dict[str, Probe]:
+        """Instruments that measure the room or the light, by their names; may be empty."""
+        return {name: cast(Probe, device) for name, device in self.devices.items() if hasattr(device, "read")}
+
     def log_wires(self, folder: Path | None) -> None:
         """From now on, write each line's transcript to a file in this folder; to none if None."""
         for name, transcript in self.transcripts.items():
@@ -226,10 +234,25 @@ def inspect_raw(path: Path) -> ExposureMetadata:
     """The exposure metadata of a RAW file that can be read completely. Raises BadInput otherwise."""
     from procedures.raw import read_frame
 
-    exposure = read_frame(path).exposure
+    frame = read_frame(path)
+    exposure, planes = frame.exposure, list(frame.planes.values())
     return ExposureMetadata(
-        exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number
+        exposure.exposure_s,
+        None if exposure.iso is None else round(exposure.iso),
+        exposure.f_number,
+        sensor_format(planes, exposure.pixel_pitch_um),
     )
+
+
+def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> SensorFormat:
+    """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
+    white, pitch = round(planes[0].white), planes[0].pitch
+    rows, columns = (
+        max(plane.origin[axis] + pitch * (plane.samples.shape[1 - axis] - 1) + 1 for plane in planes) for axis in (1, 0)
+    )
+    colours = {plane.origin: plane.name[0] for plane in planes}
+    tile = "".join(colours.get((x, y), "") for y in (0, 1) for x in (0, 1))
+    return SensorFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
 
 
 def simulated_bench(
@@ -244,7 +267,10 @@ def simulated_bench(
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
     setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
     truth = SimulatedBench(folder, setup)
-    bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
+    tables = simulated_tables(truth.address, folder, shaker=shaker)
+    sensor = truth.view.camera.sensor
+    tables["camera"]["sensor"] = f"{sensor.columns}x{sensor.rows} {sensor.cfa or 'grey'} {sensor.white.bit_length()}"
+    bench = make_bench(tables, folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench

@@ -31,11 +31,11 @@ from station.common.toml_text import toml_value
 T = TypeVar("T")
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
 BOUNDS = (
-    (("ge", "le"), "from {ge:g} to {le:g}"),
-    (("gt", "le"), "above {gt:g} up to {le:g}"),
-    (("gt",), "above {gt:g}"),
-    (("ge",), "at least {ge:g}"),
-    (("le",), "at most {le:g}"),
+    (("ge", "le"), "from {ge} to {le}"),
+    (("gt", "le"), "above {gt} up to {le}"),
+    (("gt",), "above {gt}"),
+    (("ge",), "at least {ge}"),
+    (("le",), "at most {le}"),
 )
 """Bounds of a number in words."""
 LONGEST, MOST_NAMED = 60, 12
@@ -104,7 +104,7 @@ class ModelField:
         parts = (
             "a list, each" if self.several else "",
             f"one of {listed(self.valid)}" if self.valid else self.extra("words") or WORDS.get(self.kind, "valid"),
-            bounds.format(gt=self.meta.gt, ge=self.meta.ge, le=self.meta.le),
+            bounds.format(**{key: _digits(getattr(self.meta, key)) for key in ("gt", "ge", "le")}),
             f'or "{self.word}"' if self.word else "",
         )
         return " ".join(part for part in parts if part)
@@ -129,6 +129,11 @@ class ModelField:
 def one_of(names: Callable[[], Iterable[str]]) -> msgspec.Meta:
     """Annotation of a text that must be one of these, or of a table with such keys; in letters of any size."""
     return msgspec.Meta(extra={"one_of": names})
+
+
+def _digits(bound: float | None) -> str:
+    """A bound without a superfluous point or exponent."""
+    return "" if bound is None else str(int(bound)) if float(bound).is_integer() else f"{bound:g}"
 
 
 def listed(names: Sequence[str]) -> str:
@@ -286,11 +291,11 @@ def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, pa
     for key in given:
         if key not in fields:
             source.refuse_unknown((*path, key), sorted(fields))
-    values = {key: read_value(fields[key], value, source, (*path, key)) for key, value in given.items()}
     for one in fields.values():
         if one.required and one.name not in given:
             remedy = one.remedy() if one.example else f"give it: {one.description}"
             source.refuse((*path, one.name), "is missing", remedy)
+    values = {key: read_value(fields[key], value, source, (*path, key)) for key, value in given.items()}
     made = model(**values)
     if problem := getattr(made, "problem", lambda: None)():
         source.refuse(path, *problem)

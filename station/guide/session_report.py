@@ -18,12 +18,14 @@ from station.common.sanitise import printable
 from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
 from station.procedure.registry import procedure_named
+from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
 from station.reports.report import METHODS, Report, ReportLine, ReportShot
 from station.reports.report_page import measurement_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
+from station.results.reader import read_record
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import SessionState, replay
@@ -96,14 +98,18 @@ def session_report(folder: Path, result: SessionResult | None = None) -> Report:
     return _report(record, state, result or compute(folder, state, plan_named(state.plan, folder)))
 
 
-def certificate_files(folder: Path, result: SessionResult | None = None) -> dict[str, bytes]:
-    """Certificate files of a session's last result by name: page and PDF. Raises as `session_report`."""
-    from station.reports import certificate
-    from station.reports.certificate_print import certificate_pdf
+def certificate_files(
+    folder: Path, result: SessionResult | None = None, details: CertificateDetails | None = None
+) -> dict[str, bytes]:
+    """Certificate of a session's last result: page and PDF by name. Raises as `session_report`.
 
-    report = session_report(folder, result)
-    page = certificate.certificate_page(report).encode()
-    return {certificate.PAGE: page, certificate.PRINT: certificate_pdf(report)}
+    details : as in a file; by default those of certificate.toml in the current folder
+    """
+    from station.reports import certificate_print
+
+    report, last = session_report(folder, result), read_session(folder).state.results[-1]
+    record = read_record(folder / last.folder)
+    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:

@@ -34,6 +34,7 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
             "procedure": {"const": procedure.record_name},
             "input": {"type": "array", "items": {"$ref": "#/$defs/input"}},
             "parameters": {"type": "object"},
+            "arguments": {"type": "array", "items": {"type": "string"}},
             "settings": settings,
             procedure.results_key: results if procedure.results_key == BY_PLANE else {"$ref": "#/$defs/plane"},
             "left_out": {"type": "array", "items": {"$ref": "#/$defs/missed"}},

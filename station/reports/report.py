@@ -11,6 +11,7 @@ from procedures.outcome import Miss
 from procedures.raw import Exposure, RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
+from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.results.comparison import Comparison, Compliance
 from station.results.measurement import NUMBERS as NUMBERS_FILE
@@ -80,6 +81,8 @@ class Report:
     files : the result's files, from the folder of the page
     method : publication or standard
     duration_s : processing time
+    record : digest of the record, see `certificate.record_digest`
+    details : what a certificate states besides the measurement
     """
 
     subject: str
@@ -99,6 +102,8 @@ class Report:
     title: str = ""
     method: str = ""
     duration_s: float | None = None
+    record: str = ""
+    details: CertificateDetails = field(default_factory=CertificateDetails)
 
     @property
     def verdict(self) -> str:

@@ -41,6 +41,8 @@ class RecordHead:
     ----------
     parameters : mapping
         By name, as JSON has them: each procedure has its own, and a record is read by versions that know other ones.
+    arguments, settings : sequence of str, mapping; or None
+        Paths and settings as given, by which the result can be computed again.
     specification, batch, field : mapping or None
         Entries of records that have them.
     duration_s : float or None
@@ -54,6 +56,8 @@ class RecordHead:
     batch: Mapping[str, Any] | None = None
     field: Mapping[str, Any] | None = None
     duration_s: float | None = None
+    arguments: Sequence[str] | None = None
+    settings: Mapping[str, Any] | None = None
 
     def to_record(self) -> dict[str, Any]:
         """Its entries."""
@@ -61,6 +65,8 @@ class RecordHead:
             "procedure": self.procedure,
             "input": [asdict(one) for one in self.input],
             "parameters": dict(self.parameters),
+            "arguments": None if self.arguments is None else list(self.arguments),
+            "settings": None if self.settings is None else dict(self.settings),
             "specification": self.specification,
             "batch": self.batch,
             "field": self.field,
