@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from drivers.errors import FrameWrong, LineLost
 from drivers.frame_files.dng import Mosaic, Shot, write_dng
 from drivers.frames import Inspect, check_settings, sha256_of
 from drivers.interfaces import CameraSettings, ExposedFile, ShutterTimes
+from drivers.options import option, positive, text
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,11 @@ class OpticsMetadata:
     black : black level of each position of the mosaic, in digital numbers
     """
 
-    f_number: float | None = None
-    focal_length_mm: float | None = None
-    lens: str = ""
-    pixel_pitch_um: float | None = None
-    black: float = 0.0
+    f_number: Annotated[float, positive("4.0")] | None = None
+    focal_length_mm: Annotated[float, positive("25")] | None = None
+    lens: Annotated[str, text('"Lens 25 mm"')] = ""
+    pixel_pitch_um: Annotated[float, positive("3.45")] | None = None
+    black: Annotated[float, option("64", least=0)] = 0.0
 
 
 @dataclass(frozen=True)
