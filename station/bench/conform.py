@@ -37,14 +37,14 @@ from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
+from station.bench.device_models import BUILTIN, drivers, options_of
 from station.bench.opening import make_bench, simulated_tables
 
 
 class Twin(SerialDevice, Protocol):
     """A simulated stage at byte level, with its axes by their names, and its main switch."""
 
-    axes: Mapping[str, Axis]
+    axes: dict[str, Axis]
 
     def power_cycle(self, now_s: float) -> None:
         """Off and on again: the reference is lost."""
@@ -397,7 +397,8 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
 
 def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
     """Twins of built-in and of added drivers."""
-    return {**TWINS, **{name: (one.twin, {}) for name, one in added_drivers().items() if one.twin is not None}}
+    added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
+    return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
 
 
 @contextmanager
