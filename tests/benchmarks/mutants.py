@@ -8,8 +8,8 @@ processes are invisible to coverage: a line without a test is tried with the tes
 tests of its file's name. A mutant is killed too if a test takes more than ten times as long as before. Printed are the
 share killed with its 95 % interval (Clopper-Pearson), the survivors as a difference, and what was too slow.
 
-With --keep, a later run of an area takes the sources as they were in the first, with the tests of today, and tries only
-the mutants that survived.
+With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
+survived and whose rows still stand.
 
 Needs coverage (`pip install coverage`).
 """
@@ -20,6 +20,7 @@ import argparse
 import ast
 import contextlib
 import copy
+import difflib
 import hashlib
 import importlib
 import json
@@ -34,7 +35,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -232,11 +233,18 @@ class Area:
         self.sources, self.tests = AREAS[name]
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
-        record = json.loads(kept.read_text()) if kept.exists() else {"digests": {}, "seconds": {}, "lines": {}}
+        record: dict[str, Any] = {"digests": {}, "seconds": {}, "lines": {}, "sources": {}}
+        if kept.exists():
+            record |= json.loads(kept.read_text())
         self.seconds: dict[str, float] = record["seconds"]
         self.lines: dict[str, dict[str, list[str]]] = record["lines"]
+        sources = {file: (folder / file).read_text() for file in self.files}
+        for file in {*sources, *record["sources"]}:
+            row_of = moved_rows(record["sources"].get(file, ""), sources.get(file, ""))
+            before = self.lines.get(file, {})
+            self.lines[file] = {str(new): before[str(old)] for old, new in row_of.items() if str(old) in before}
         record["digests"] = self._recorded(record["digests"])
-        kept.write_text(json.dumps({**record, "seconds": self.seconds, "lines": self.lines}))
+        kept.write_text(json.dumps({**record, "seconds": self.seconds, "lines": self.lines, "sources": sources}))
 
     def _recorded(self, before: dict[str, str]) -> dict[str, str]:
         """Run the files of tests that changed, and keep what each test executes: digests of the files."""
@@ -342,9 +350,27 @@ class Area:
         return False
 
 
+def moved_rows(old: str, new: str) -> dict[int, int]:
+    """Number of a row in the old text -> its number in the new one, of rows that are the same; from 1 on."""
+    blocks = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False).get_matching_blocks()
+    return {block.a + i + 1: block.b + i + 1 for block in blocks for i in range(block.size)}
+
+
+def moved(mutant: Mutant, old: str, new: str) -> Mutant | None:
+    """A mutant of the old text in the new one; None where its rows are gone."""
+    row_of = moved_rows(old, new)
+    last = mutant.line + old.encode()[mutant.start : mutant.end].count(b"\n")
+    rows = [row_of[row] for row in range(mutant.line, last + 1) if row in row_of]
+    if len(rows) <= last - mutant.line:
+        return None
+    before, after = (text.encode().splitlines(keepends=True) for text in (old, new))
+    by = sum(map(len, after[: rows[0] - 1])) - sum(map(len, before[: mutant.line - 1]))
+    return replace(mutant, line=rows[0], start=mutant.start + by, end=mutant.end + by)
+
+
 def copy_checkout(folder: Path) -> None:
-    """Copy the sources, where there are none yet, and the tests."""
-    for one in ("tests",) if (folder / "tests").exists() else COPIED:
+    """Copy sources and tests."""
+    for one in COPIED:
         path = ROOT / one
         shutil.rmtree(folder / one, ignore_errors=True)
         (shutil.copytree if path.is_dir() else shutil.copy2)(path, folder / one)
@@ -403,7 +429,11 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
     kept = folder / f"{name}-mutants.json"
     if kept.exists():
         state = json.loads(kept.read_text())
-        mutants, total = [Mutant(**one) for one in state["survivors"]], state["total"]
+        all_of = [Mutant(**one) for one in state["survivors"]]
+        texts = {file: (folder / file).read_text() if file in area.files else "" for file in state["sources"]}
+        now = [moved(one, state["sources"][one.file], texts[one.file]) for one in all_of]
+        mutants = [one for one in now if one is not None]
+        total = state["total"] - len(all_of) + len(mutants)
         area.most_tests_s = AGAIN * MOST_TESTS_S
     else:
         mutants = area.mutants(count, random.Random(f"{seed} {name}"))
@@ -415,7 +445,8 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
             print(f"  {described(one, folder)}\n    {len(area.tests_of(one))} tests", flush=True)
     for one in area.too_slow:
         print(f"  too slow: {described(one, folder)}")
-    kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors]}))
+    sources = {one.file: (folder / one.file).read_text() for one in survivors}
+    kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors], "sources": sources}))
     dead = total - len(survivors)
     low = beta.ppf(0.025, dead, total - dead + 1) if dead else 0.0
     high = beta.ppf(0.975, dead + 1, total - dead) if dead < total else 1.0

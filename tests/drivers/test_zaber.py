@@ -187,3 +187,16 @@ def test_a_question_is_asked_three_times(homed, bench):
     with pytest.raises(NoAnswer):
         homed.position()
     assert len(sent(homed)) == before + 3
+
+
+def test_a_stop_that_an_axis_refuses_is_sent_once_more_and_every_axis_gets_it(homed, monkeypatch):
+    orders = []
+
+    def refuse(device, axis, command, **options):
+        orders.append((device, command))
+        raise Rejected(f"device {device} refused", "look", "BADDATA")
+
+    monkeypatch.setattr(homed, "_send", refuse)
+    with pytest.raises(Rejected, match="device 1 refused"):
+        homed.stop()
+    assert orders == [(1, "stop")] * 2 + [(2, "stop")] * 2
