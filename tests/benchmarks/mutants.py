@@ -73,7 +73,24 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ),
         ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
-    "measurement": (("station/results", "station/procedure"), ("tests/station/results", "tests/station/procedure")),
+    "measurement": (
+        (
+            "station/results",
+            "station/procedure/base.py",
+            "station/procedure/optics.py",
+            "station/procedure/registry.py",
+            "station/procedure/schema.py",
+            "station/procedure/settings.py",
+        ),
+        (
+            "tests/station/results",
+            "tests/station/procedure",
+            "tests/station/reports",
+            "tests/station/batch/test_registry.py",
+            "tests/station/cli/test_init.py",
+            "tests/station/cli/test_typed_settings.py",
+        ),
+    ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
         ("tests/procedures/corruption", "tests/procedures/slanted_edge"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from dataclasses import replace
 
 import cv2
@@ -94,6 +95,13 @@ def test_what_lies_outside_the_support_stands_beside_it():
     tags = exifread.process_file(io.BytesIO(data))
     assert f"energy_outside_support = {share:.6g}" in str(tags["Image ImageDescription"])
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
+
+
+def test_exponents_are_those_of_the_standard():
+    # FITS 4.0, section 4.2.4: E or D; without a tail the share outside is rounding
+    (primary, _), _ = units(psf_fits(gaussian(0.6), "G1", None))
+    assert 0 < float(primary["EOUTSIDE"]) < 1e-9
+    assert re.fullmatch(r"\d\.\d+E-\d+", primary["EOUTSIDE"])
 
 
 def test_fits_is_read_by_astropy():
