@@ -48,6 +48,7 @@ PRELOADED = (
     "scipy.optimize", "scipy.signal", "textual.app",
 )  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
+PROCEDURE = ("base", "optics", "registry", "schema", "settings")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
@@ -74,22 +75,8 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
     "measurement": (
-        (
-            "station/results",
-            "station/procedure/base.py",
-            "station/procedure/optics.py",
-            "station/procedure/registry.py",
-            "station/procedure/schema.py",
-            "station/procedure/settings.py",
-        ),
-        (
-            "tests/station/results",
-            "tests/station/procedure",
-            "tests/station/reports",
-            "tests/station/batch/test_registry.py",
-            "tests/station/cli/test_init.py",
-            "tests/station/cli/test_typed_settings.py",
-        ),
+        ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
+        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py"),
     ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
@@ -109,7 +96,7 @@ SLOWER = 10.0
 GRACE_S = 20.0
 MOST_TESTS_S = 25.0
 """Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
-AGAIN = 6
+AGAIN = 2
 """As many times longer for a mutant that is tried again."""
 
 
