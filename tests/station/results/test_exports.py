@@ -19,6 +19,7 @@ from procedures.outcome import Quantity
 from procedures.psf import Psf, PsfTail
 from procedures.reading.exposure import Exposure
 from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
+from station.results.fits import primary_image, table_of_one_cube
 
 
 def gaussian(sigma_px, s=4, k=33, sd=1e-4):
@@ -136,3 +137,14 @@ def test_numbers_are_rows_with_unit_and_method():
         "plane": "G1", "name": "mtf50", "value": "0.5", "uncertainty": "0.01", "unit": "cycles/pixel",
         "method": "'=crossing, first", "n": "12",
     }  # fmt: skip
+
+
+def test_the_first_axis_of_fits_runs_along_a_row():
+    image = np.arange(6.0).reshape(2, 3)
+    ((header, found),) = units(primary_image(image, [("LOW", 1.5e-300)]))
+    assert (header["NAXIS1"], header["NAXIS2"], header["BITPIX"]) == ("3", "2", "-64")
+    np.testing.assert_array_equal(found, image)
+    cube = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
+    table = table_of_one_cube("PSF", cube, [("EXTNAME", "X")])
+    assert b"TDIM1   = '(4,3,2)" in table
+    assert table.endswith(cube.astype(">f4").tobytes() + bytes(2880 - 96))
