@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from procedures.outcome import Quantity
 from procedures.psf import Psf, PsfTail
 from procedures.reading.exposure import Exposure
-from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
+from station.results.exports import gaussian_radius, kernel_fits, numbers_table, psf_fits, psf_tiff
 from station.results.fits import primary_image, table_of_one_cube
 
 
@@ -49,7 +49,10 @@ def test_fits_holds_samples_and_uncertainties():
     assert len(data) % 2880 == 0
     (primary, samples), (second, sigma) = units(data)
     assert (primary["SIMPLE"], primary["BITPIX"], primary["PLANE"]) == ("T", "-64", "G1")
-    assert (float(primary["CRPIX1"]), float(primary["CDELT1"])) == (17.0, 0.25)
+    for unit in (primary, second):
+        axes = [(float(unit[f"CRPIX{i}"]), float(unit[f"CRVAL{i}"]), float(unit[f"CDELT{i}"])) for i in (1, 2)]
+        assert axes == [(17.0, 0.0, 0.25)] * 2  # the middle of 33 samples, four to a pixel
+        assert [unit[f"CTYPE{i}"] for i in (1, 2)] == ["X", "Y"]
     assert second["XTENSION"] == "IMAGE"
     np.testing.assert_array_equal(samples, psf.h)
     np.testing.assert_allclose(sigma, 1e-4)
@@ -96,6 +99,15 @@ def test_what_lies_outside_the_support_stands_beside_it():
     tags = exifread.process_file(io.BytesIO(data))
     assert f"energy_outside_support = {share:.6g}" in str(tags["Image ImageDescription"])
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
+
+
+def test_kernel_of_a_motion_has_one_sample_a_pixel():
+    kernel = np.arange(25.0).reshape(5, 5)
+    ((header, found),) = units(kernel_fits(kernel, 2, None))
+    np.testing.assert_array_equal(found, kernel)
+    axes = [(float(header[f"CRPIX{i}"]), float(header[f"CRVAL{i}"]), float(header[f"CDELT{i}"])) for i in (1, 2)]
+    assert axes == [(3.0, 0.0, 1.0)] * 2
+    assert (header["PHOTO"], header["SAMPLING"], header["CREATOR"]) == ("2", "1", "calibration-station")
 
 
 def test_exponents_are_those_of_the_standard():
