@@ -19,11 +19,12 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
+from procedures.sensor.measured import IntervalNumber
 from station.drawing.psf_picture import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, plane_record, write_record
+from station.results.result_files import ResultFolder, number_record, plane_record, write_record
 
 
 def psf_of(h, s=4):
@@ -280,3 +281,9 @@ def test_folder_of_results_is_left_closed_and_empty_if_it_failed(tmp_path, publi
         write_record(folder, {"schema": "station/psf/1"})
     assert os.listdir("/proc/self/fd") == before
     assert (tmp_path / "new").exists() == published
+
+
+def test_interval_of_a_number_stands_as_one_entry():
+    known = {"value": 3.0, "unit": "bit", "uncertainty": 0.5, "method": "known", "n": 9}
+    assert number_record(Quantity(**known)) == known
+    assert number_record(IntervalNumber(**known, low=2.0, high=4.0)) == {**known, "interval": [2.0, 4.0]}
