@@ -11,13 +11,12 @@ lens_serial = "1234567"
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
 
-from procedures.outcome import BadParameter
+from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
-from station.common.toml_table import TomlTable
 
 DETAILS = "certificate.toml"
 """Name of the file that is used if none is given."""
@@ -60,13 +59,13 @@ class CertificateDetails:
         if path is None and not Path(DETAILS).is_file():
             return cls()
         path = path or Path(DETAILS)
-        table = TomlTable.read(path)
-        texts = {one.name: printable(table.get(one.name, str, "")) for one in fields(cls)}
-        table.end()
-        if texts["logo"]:
+        content, source = TableSource.read(path)
+        given = read_model(cls, content, source)
+        texts = {name: printable(text) for name, text in asdict(given).items()}
+        if given.logo:
             texts["logo"] = str(path.parent / texts["logo"])
             if not Path(texts["logo"]).is_file():
-                raise BadParameter(f"{printable(path)}: there is no logo {texts['logo']}", "correct its path")
+                source.refuse(("logo",), f"must be a file; there is no {texts['logo']}", "correct its path")
         return cls(**texts)
 
     @property

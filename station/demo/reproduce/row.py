@@ -187,10 +187,8 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
 def read_check(entry: Mapping[str, Any]) -> ClaimCheck:
     """The check of an entry: a range of values, or a printed number read with its rounding."""
     given = dict(entry)
-    make = {
-        "": ClaimCheck,
-        "printed": ClaimCheck.printed,
-        "at most": ClaimCheck.at_most,
-        "at least": ClaimCheck.at_least,
-    }
-    return make[given.pop("read", "")](**given)
+    read = given.pop("read", "")
+    if not read:
+        return ClaimCheck(**given)
+    printed = {"printed": ClaimCheck.printed, "at most": ClaimCheck.at_most, "at least": ClaimCheck.at_least}
+    return printed[read](**given)
