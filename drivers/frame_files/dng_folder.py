@@ -86,13 +86,34 @@ class DngFolder:
     ) -> ExposedFile:
         """Write the frame and read it back. Raises FrameWrong if it differs from the request, LineLost."""
         self.check()
-        path = self._write(frame, body)
+        settings = CameraSettings(frame.exposure_s, None, self.optics.f_number)
+        return self._record(self._write(frame, body), wanted, settings, requested_s, shutter)
+
+    def adopt(self, file: Path, wanted: CameraSettings, requested_s: float) -> ExposedFile:
+        """Give a DNG of the camera the next name in the numbering, and read it. Raises FrameWrong, LineLost."""
+        self.check()
+        path = self._next()
+        try:
+            file.rename(path)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        return self._record(path, wanted, None, requested_s, None)
+
+    def _record(
+        self,
+        path: Path,
+        wanted: CameraSettings,
+        settings: CameraSettings | None,
+        requested_s: float,
+        shutter: ShutterTimes | None,
+    ) -> ExposedFile:
+        """Read a file back; without `settings` those in the file are the photograph's."""
         try:
             facts = self._inspect(path)
         except Exception as error:  # readers may raise anything
             raise FrameWrong(f"{path.name} does not read back: {error}", "check the disk, then repeat") from error
         check_settings(path, facts, wanted)
-        settings = CameraSettings(frame.exposure_s, None, self.optics.f_number)
+        settings = settings or CameraSettings(facts.exposure_s, facts.iso, facts.f_number)
         size, received_s = path.stat().st_size, self._clock.now_s()
         return ExposedFile(path, sha256_of(path), size, settings, requested_s, received_s, shutter)
 
@@ -109,7 +130,9 @@ class DngFolder:
             write_dng(part, mosaic, shot, cfa=frame.cfa, black=(optics.black,) * 4, white=frame.white)
             part.rename(path)
         except OSError as error:
-            raise LineLost(
-                f"{path} cannot be written: {error.strerror}", "make room, or name another folder"
-            ) from error
+            raise _unwritable(path, error) from error
         return path
+
+
+def _unwritable(path: Path, error: OSError) -> LineLost:
+    return LineLost(f"{path} cannot be written: {error.strerror}", "make room, or name another folder")

@@ -11,7 +11,7 @@ lens_serial = "1234567"
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -58,15 +58,14 @@ class CertificateDetails:
         """
         if path is None and not Path(DETAILS).is_file():
             return cls()
-        path = path or Path(DETAILS)
-        content, source = TableSource.read(path)
-        given = read_model(cls, content, source)
-        texts = {name: printable(text) for name, text in asdict(given).items()}
-        if given.logo:
-            texts["logo"] = str(path.parent / texts["logo"])
-            if not Path(texts["logo"]).is_file():
-                source.refuse(("logo",), f"must be a file; there is no {texts['logo']}", "correct its path")
-        return cls(**texts)
+        given, source = TableSource.read(path or Path(DETAILS))
+        details = read_model(cls, given, source)
+        if not details.logo:
+            return details
+        logo = (path or Path(DETAILS)).parent / details.logo
+        if not logo.is_file():
+            source.refuse(("logo",), f"names {printable(logo)}, which does not exist", "correct its path")
+        return replace(details, logo=str(logo))
 
     @property
     def lines(self) -> list[list[str]]:
@@ -80,4 +79,4 @@ class CertificateDetails:
             "Issued": self.issued,
             "Traceability of the scale": self.traceability,
         }
-        return [[name, text] for name, text in named.items() if text]
+        return [[name, printable(text)] for name, text in named.items() if text]

@@ -211,7 +211,9 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     """Write the files of the procedure's command for a session."""
     procedure = procedure_named(head.procedure)
     measured: Measurement = planes[0].estimate
-    measured = replace(measured, head=replace(measured.head, input=head.input, duration_s=None))
+    measured = replace(
+        measured, head=replace(measured.head, input=head.input, environment=head.environment, duration_s=None)
+    )
     if procedure.has_page and procedure.draws(measured):
         folder.write("report.html", procedure.page(measured))
     return write_measurement(folder, measured)
