@@ -11,6 +11,7 @@ from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import AlpacaAddress
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
+from drivers.artnet import ArtNetLight
 from drivers.clock import Clock
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
@@ -21,7 +22,7 @@ from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
-from drivers.interfaces import Device, Parser, SensorFormat, Shutter
+from drivers.interfaces import PROBE_UNITS, Device, Parser, SensorFormat, Shutter, Transport
 from drivers.light import DmxLight, DmxParser, GrblLight, LampProperties
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
@@ -35,6 +36,7 @@ from drivers.protocols.imu import FastParser, WitParser
 from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.scpi import ProbeChannel, ScpiLight, ScpiParser, ScpiProbe, SupplySettings
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.thorlabs import AptParser, AptStage
@@ -42,6 +44,7 @@ from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
 from drivers.watchdog import Released, StrigWatchdog
 from drivers.wire.transcript import Transcript
+from drivers.wire.visa import VISA, VisaTransport
 from drivers.zaber import ZaberAxis, ZaberStage
 from station.bench.device_options import added_drivers
 
@@ -63,9 +66,18 @@ class MakerContext:
 
     def wire(self, name: str, port: str, parser: Callable[[], Parser[Any]], **options: Any) -> SerialTransport[Any]:
         """The line to a device, with its transcript."""
-        log = self.wire_log / f"wire-{name}.txt" if self.wire_log else None
-        self.transcripts[name] = transcript = Transcript(file=log)
+        self.transcripts[name] = transcript = Transcript(file=self._log(name))
         return SerialTransport(port, parser, clock=self.clock, transcript=transcript, **options)
+
+    def instrument(self, name: str, port: str, baud: int, library: str) -> Transport[str]:
+        """The line to an instrument: a VISA resource, or a port."""
+        if not port.lower().startswith(VISA):
+            return self.wire(name, port, ScpiParser, baud=baud)
+        self.transcripts[name] = transcript = Transcript(file=self._log(name))
+        return VisaTransport(port, ScpiParser, library=library, clock=self.clock, transcript=transcript)
+
+    def _log(self, name: str) -> Path | None:
+        return self.wire_log / f"wire-{name}.txt" if self.wire_log else None
 
     def link(self, on: str | None, name: str, port: str | None) -> tuple[GrblLink, bool]:
         """The stage's GRBL controller, or a separate one; and whether it is separate."""
@@ -265,6 +277,29 @@ def _dmx(name: str, parts: MakerContext, *, port: str, channels: Sequence[int] =
     return DmxLight(parts.wire(name, port, DmxParser), channels, panel=LampProperties(**panel), clock=parts.clock)
 
 
+def _artnet(
+    name: str, parts: MakerContext, *, host: str, universe: int = 0, channels: Sequence[int] = (1,), **panel: float
+) -> ArtNetLight:
+    return ArtNetLight(host, channels, universe=universe, panel=LampProperties(**panel), clock=parts.clock)
+
+
+def _scpi_light(
+    name: str, parts: MakerContext, *, port: str, full: float, baud: int = 9600, visa_library: str = "@py",
+    warm_up_s: float = 0.0, pwm_hz: float = 0.0, **supply: Any,
+) -> ScpiLight:  # fmt: skip
+    line = parts.instrument(name, port, baud, visa_library)
+    return ScpiLight(line, SupplySettings(full, **supply), panel=LampProperties(warm_up_s, pwm_hz), clock=parts.clock)
+
+
+def _scpi_probe(
+    name: str, parts: MakerContext, *, port: str, baud: int = 9600, visa_library: str = "@py", **queries: Any
+) -> ScpiProbe:
+    channels = [
+        ProbeChannel(one, queries[one], queries.get(f"{one}_uncertainty")) for one in PROBE_UNITS if one in queries
+    ]
+    return ScpiProbe(parts.instrument(name, port, baud, visa_library), tuple(channels))
+
+
 def _grbl_light(
     name: str, parts: MakerContext, *, on: str | None = None, port: str | None = None, **panel: float
 ) -> GrblLight:
@@ -300,6 +335,9 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "jrt": _jrt,
     "bosch": _bosch,
     "dmx": _dmx,
+    "artnet": _artnet,
+    "scpi_light": _scpi_light,
+    "scpi_probe": _scpi_probe,
     "grbl_light": _grbl_light,
 }
 

@@ -10,6 +10,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
+from drivers.interfaces import PROBE_UNITS
 from station.common.toml_text import toml_value
 
 
@@ -170,6 +171,7 @@ SECONDS = Option(NumberOption("0.5", 0.0))
 POLL = Option(NumberOption("0.2", 0.0, 5.0, above=True))
 LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(NumberOption("1000", 0.0))}
 LINE = {"port": PORT, "baud": BAUD}
+SCPI = {**LINE, "visa_library": Option(Quoted('"@py"', "pyvisa's name of a VISA library in quotes"))}
 ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
 CORE = {
     "config": Option(Quoted('"microscope.cfg"', "the name of a configuration file in quotes"), required=True),
@@ -373,6 +375,34 @@ OPTIONS: dict[str, Options] = {
     "jrt": Options(LINE),
     "bosch": Options(LINE),
     "dmx": Options({"port": PORT, "channels": Option(ListOf(Integer("1", 1, 512))), **LAMP}),
+    "artnet": Options(
+        {
+            "host": Option(
+                Quoted('"192.168.1.30"', "the address of a node in quotes", r"[^\s:/@]+(:\d{1,5})?"), required=True
+            ),
+            "universe": Option(Integer("0", 0, 32767)),
+            "channels": Option(ListOf(Integer("1", 1, 512))),
+            **LAMP,
+        }
+    ),
+    "scpi_light": Options(
+        {
+            **SCPI,
+            "full": Option(NumberOption("2.0", 0.0, above=True), required=True),
+            "command": Option(Quoted('"CURR"', "the header of a setting in quotes")),
+            "output": Option(OneOf(("OUTP", "OUTP:STAT", "SOUR:ENAB", ""))),
+            "measured": Option(Quoted('"MEAS:CURR?"', "a query in quotes", r"\S.*\?.*")),
+            "tolerance": Option(NumberOption("0.02", 0.0, above=True)),
+            **LAMP,
+        }
+    ),
+    "scpi_probe": Options(
+        {
+            **SCPI,
+            **{name: Option(Quoted('"MEAS:TEMP?"', "a query in quotes", r"\S.*\?.*")) for name in PROBE_UNITS},
+            **{f"{name}_uncertainty": Option(NumberOption("0.3", 0.0, above=True)) for name in PROBE_UNITS},
+        }
+    ),
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
