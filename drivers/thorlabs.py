@@ -112,7 +112,7 @@ class AptStage(PolledStage[AptMessage]):
         def heard(message: AptMessage, number: int) -> bytes | None:
             return message.data if (message.id, message.source) == (number, dest) else None
 
-        question = Question(header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
+        question = Question[AptMessage](header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
         return self._line.request(data, lambda message: heard(message, reply), question, allowed, tries)
 
     def _get(self, axis: PolledAxis, request: int, reply: int) -> bytes:

@@ -110,6 +110,6 @@ def test_a_twin_loses_its_reference_when_it_is_switched_off(driver):
     cable = Cable(twin, clock)
     twin.receive(driver.framed("1 home"), 0.0)
     clock.sleep(10.0)
-    cable.happen(twin.power_cycle)
+    cable.happen(twin.restart)
     twin.receive(driver.framed("2 where"), 10.0)
     assert b"2 ok unhomed 0.0000" in twin.advance(10.0)
