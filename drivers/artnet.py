@@ -13,11 +13,15 @@ import struct
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated
 
 from drivers.clock import Clock
 from drivers.errors import LineLost, NoAnswer
 from drivers.interfaces import Condition, Identity
-from drivers.light import Lamp, LampProperties, check_level
+from drivers.light import Channels, Lamp, LampProperties, check_level
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import option
 from drivers.wire.connection import line_condition, not_connected
 
 ID, VERSION, PORT = b"Art-Net\0", 14, 6454
@@ -144,3 +148,16 @@ class ArtNetLight(Lamp):
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArtNetOptions(DriverOptions, LampProperties):
+    """Options of driver "artnet"."""
+
+    host: Annotated[str, option('"192.168.1.30"', "a node's address in quotes", pattern=r"^[^\s:/@]+(:\d{1,5})?\Z")]
+    universe: Annotated[int, option("0", least=0, most=32767)] = 0
+    channels: Channels = (1,)
+
+    def make(self, parts: MakerContext) -> ArtNetLight:
+        """The lamp."""
+        return ArtNetLight(self.host, self.channels, universe=self.universe, panel=self, clock=parts.clock)

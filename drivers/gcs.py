@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from drivers.clock import Clock
 from drivers.errors import Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions, MakerContext
+from drivers.options import PollInterval, axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
@@ -104,3 +108,24 @@ class GcsStage(PolledStage[str]):
 
     def _begin_move(self, axis: PolledAxis, value: float, allowed: Callable[[], None]) -> None:
         self._order(axis, "MOV", f"{axis.to_device(value):.6f}", allowed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GcsAxis(PolledAxis):
+    """An axis of driver "gcs": its number is its identifier at the controller."""
+
+    number: Annotated[str, text('"1"', "the identifier of an axis in quotes")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GcsOptions(LineOptions):
+    """Options of driver "gcs"."""
+
+    axes: Annotated[tuple[GcsAxis, ...], axes("number")]
+    poll_s: PollInterval = 0.1
+    reference: Literal["FRF", "FNL", "FPL"] = "FRF"
+
+    def make(self, parts: MakerContext) -> GcsStage:
+        """The stage."""
+        wire = parts.wire(self.port, GcsParser, baud=self.baud)
+        return GcsStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, reference=self.reference)

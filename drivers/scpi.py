@@ -10,14 +10,18 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from drivers.clock import Clock
 from drivers.errors import NoReading, Rejected
 from drivers.interfaces import PROBE_UNITS, Condition, Identity, ProbeReading, Transport
 from drivers.light import Lamp, LampProperties, check_level
+from drivers.making import LineOptions, MakerContext
+from drivers.options import Baud, option, positive, text
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import line_condition, opened
 from drivers.wire.in_step import InStepLine, Question
+from drivers.wire.visa import VISA, VisaTransport
 
 REPLY_S = 2.0
 NOT_A_NUMBER = 9.9e37
@@ -73,37 +77,41 @@ class ScpiInstrument:
 
     def _number(self, query: str) -> float:
         """The first number of the reply. Raises NoReading where the instrument reports none."""
-        text = self._ask(query, NUMBER)
-        match = re.fullmatch(NUMBER, text)
+        reply = self._ask(query, NUMBER)
+        match = re.fullmatch(NUMBER, reply)
         value = float(match[1]) if match else NOT_A_NUMBER
         if abs(value) >= NOT_A_NUMBER:
-            raise NoReading(f"{self.address} answers {query} with {text}", "check sensor and range of the instrument")
+            raise NoReading(f"{self.address} answers {query} with {reply}", "check sensor and range of the instrument")
         return value
 
     def _error(self) -> tuple[int, str]:
-        code, text = self._ask("SYST:ERR?", r"[-+]?\d+ *, *\".*\".*").split(",", 1)
-        return int(code), text.strip().strip('"')
+        code, words = self._ask("SYST:ERR?", r"[-+]?\d+ *, *\".*\".*").split(",", 1)
+        return int(code), words.strip().strip('"')
 
     def _order(self, command: str) -> None:
         """An order, then the error queue. Raises Rejected."""
         self._transport.write(f"{command}\n".encode())
-        code, text = self._error()
+        code, words = self._error()
         if code:
-            raise Rejected(f"{self.address} refused {command}: {text.lower()} ({code})", "see its manual", str(code))
+            raise Rejected(f"{self.address} refused {command}: {words.lower()} ({code})", "see its manual", str(code))
 
     def emergency_stop(self) -> None:
         """Nothing moves: it goes on."""
 
 
-@dataclass(frozen=True)
+Uncertainty = Annotated[float, positive("0.3")]
+Query = Annotated[str, option('"MEAS:TEMP?"', "a query in quotes", pattern=r"^\S.*\?.*\Z")]
+
+
+@dataclass(frozen=True, kw_only=True)
 class SupplySettings:
     """A supply whose setting `command` gives `full` at full light, within `tolerance` of it; `output` switches it."""
 
-    full: float
-    command: str = "CURR"
-    output: str = "OUTP"
-    measured: str = "MEAS:CURR?"
-    tolerance: float = 0.02
+    full: Annotated[float, positive("2.0")]
+    command: Annotated[str, text('"CURR"', "the header of a setting in quotes")] = "CURR"
+    output: Literal["OUTP", "OUTP:STAT", "SOUR:ENAB", ""] = "OUTP"
+    measured: Query = "MEAS:CURR?"
+    tolerance: Annotated[float, positive("0.02")] = 0.02
 
 
 class ScpiLight(Lamp, ScpiInstrument):
@@ -168,3 +176,61 @@ class ScpiProbe(ScpiInstrument):
             one.quantity: ProbeReading(self._number(one.query), PROBE_UNITS[one.quantity], one.uncertainty)
             for one in self._channels
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstrumentOptions(LineOptions):
+    """A line to an instrument: a port, or a VISA resource that `visa_library` opens."""
+
+    baud: Baud = 9600
+    visa_library: Annotated[str, text('"@py"', "pyvisa's name of a VISA library in quotes")] = "@py"
+
+    def line(self, parts: MakerContext) -> Transport[str]:
+        """The line, with its transcript."""
+        if not self.port.lower().startswith(VISA):
+            return parts.wire(self.port, ScpiParser, baud=self.baud)
+        transcript = parts.transcript()
+        return VisaTransport(self.port, ScpiParser, library=self.visa_library, clock=parts.clock, transcript=transcript)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScpiLightOptions(InstrumentOptions, SupplySettings, LampProperties):
+    """Options of driver "scpi_light"."""
+
+    def make(self, parts: MakerContext) -> ScpiLight:
+        """The lamp."""
+        return ScpiLight(self.line(parts), self, panel=self, clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScpiProbeOptions(InstrumentOptions):
+    """Options of driver "scpi_probe": the query of each quantity of `PROBE_UNITS`, and its uncertainty."""
+
+    temperature: Query | None = None
+    humidity: Query | None = None
+    pressure: Query | None = None
+    power: Query | None = None
+    illuminance: Query | None = None
+    temperature_uncertainty: Uncertainty | None = None
+    humidity_uncertainty: Uncertainty | None = None
+    pressure_uncertainty: Uncertainty | None = None
+    power_uncertainty: Uncertainty | None = None
+    illuminance_uncertainty: Uncertainty | None = None
+
+    def _channels(self) -> tuple[ProbeChannel, ...]:
+        queries = {name: getattr(self, name) for name in PROBE_UNITS}
+        return tuple(
+            ProbeChannel(name, query, getattr(self, f"{name}_uncertainty"))
+            for name, query in queries.items()
+            if query is not None
+        )
+
+    def problem(self) -> tuple[str, str] | None:
+        """Where it measures nothing."""
+        if self._channels():
+            return None
+        return f"measures none of {', '.join(PROBE_UNITS)}", 'write temperature = "MEAS:TEMP?", for example'
+
+    def make(self, parts: MakerContext) -> ScpiProbe:
+        """The probe."""
+        return ScpiProbe(self.line(parts), self._channels())

@@ -11,11 +11,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from drivers.clock import Clock
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions, MakerContext
+from drivers.options import Interval, PollInterval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
@@ -163,3 +166,26 @@ class AptStage(PolledStage[AptMessage]):
                 self._status(axis, header(MOVE, dest, CHANNEL), allowed)
                 return
         raise NoAnswer(f"{self.address} reports another target than was set", "check the cable")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AptAxis(PolledAxis):
+    """An axis of driver "apt": its number is its bay, 0 where there are none."""
+
+    number: Annotated[int, option("0", least=0, most=10)]
+    scale: Annotated[float, option("2.915e-5")]
+    travel: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
+class AptOptions(LineOptions):
+    """Options of driver "apt"."""
+
+    axes: Annotated[tuple[AptAxis, ...], axes("number")]
+    poll_s: PollInterval = 0.1
+    cycle_s: Annotated[float, positive("102.4e-6")] = 2048 / 6e6
+
+    def make(self, parts: MakerContext) -> AptStage:
+        """The stage."""
+        wire = parts.wire(self.port, AptParser, baud=self.baud)
+        return AptStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, cycle_s=self.cycle_s)

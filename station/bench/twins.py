@@ -18,7 +18,7 @@ from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
+from station.bench.device_models import BUILTIN, drivers, options_of
 from station.bench.opening import simulated_tables
 
 
@@ -70,7 +70,8 @@ TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
 
 def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
     """Twins of built-in and of added drivers."""
-    return {**TWINS, **{name: (one.twin, {}) for name, one in added_drivers().items() if one.twin is not None}}
+    added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
+    return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
 
 
 @contextmanager

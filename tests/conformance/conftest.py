@@ -244,7 +244,7 @@ def _instrument(make: Callable[..., Any]) -> Callable[..., Any]:
 
 
 LIGHTS: dict[str, Callable[..., Any]] = {
-    "scpi_light": _instrument(lambda line, clock: ScpiLight(line, SupplySettings(2.0), clock=clock)),
+    "scpi_light": _instrument(lambda line, clock: ScpiLight(line, SupplySettings(full=2.0), clock=clock)),
     "dmx": lambda wire, clock, *_: DmxLight(wire("light", DmxParser), clock=clock),
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }

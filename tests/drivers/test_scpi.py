@@ -66,7 +66,7 @@ def twin():
 
 
 def test_a_lamp_gives_the_light_that_was_set(twin):
-    light = ScpiLight(twin.line, SupplySettings(2.0), clock=twin.clock)
+    light = ScpiLight(twin.line, SupplySettings(full=2.0), clock=twin.clock)
     assert light.connect().model == "STATION SIM-SUPPLY"
     light.set_level(0.25)
     assert light.level() == 0.25
@@ -77,7 +77,7 @@ def test_a_lamp_gives_the_light_that_was_set(twin):
 
 
 def test_a_level_beyond_the_supply_is_refused_in_its_words(twin):
-    light = ScpiLight(twin.line, SupplySettings(5.0), clock=twin.clock)
+    light = ScpiLight(twin.line, SupplySettings(full=5.0), clock=twin.clock)
     light.connect()
     with pytest.raises(Rejected, match=r"refused CURR 5\.0*: data out of range \(-222\)"):
         light.set_level(1.0)
@@ -85,7 +85,7 @@ def test_a_level_beyond_the_supply_is_refused_in_its_words(twin):
 
 
 def test_an_error_from_before_is_not_that_of_the_next_order(twin):
-    light = ScpiLight(twin.line, SupplySettings(2.0), clock=twin.clock)
+    light = ScpiLight(twin.line, SupplySettings(full=2.0), clock=twin.clock)
     twin.receive(b"NONSENSE\n", 0.0)
     light.connect()
     light.set_level(0.5)
@@ -148,7 +148,7 @@ def test_a_power_meter_by_visa(library):
 
 def test_a_supply_by_visa(library):
     line = VisaTransport("visa:USB0::0x1313::0x0001::42::INSTR", ScpiParser, library=library)
-    light = ScpiLight(line, SupplySettings(2.0))
+    light = ScpiLight(line, SupplySettings(full=2.0))
     light.connect()
     light.set_level(0.5)
     assert light._number("CURR?") == 1.0

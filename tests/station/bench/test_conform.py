@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from station.bench import device_options
+from station.bench import device_models
 from station.bench.conform import FAULTS, Broken, at_twin, conform, soak
 from station.bench.twins import BUILT_IN, TWINS
 
@@ -17,12 +17,12 @@ from . import hasty_stage
 @pytest.fixture
 def hasty(monkeypatch, tmp_path):
     """The hasty driver at its twin, as if it were installed."""
-    entry = SimpleNamespace(name="hasty", load=lambda: hasty_stage.DRIVER)
-    monkeypatch.setattr(device_options, "entry_points", lambda group: [entry])
-    device_options.added_drivers.cache_clear()
+    entry = SimpleNamespace(name="hasty", load=lambda: hasty_stage.HastyOptions)
+    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry])
+    device_models.drivers.cache_clear()
     with at_twin("hasty", tmp_path) as rig:
         yield rig
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
 
 
 def test_a_hasty_driver_keeps_every_promise_on_a_good_line(hasty):
