@@ -28,7 +28,7 @@ class OutOfStep(Exception):
 
 @dataclass(frozen=True)
 class Question(Generic[E]):
-    """Bytes whose reply `recognise` tells from every other; `pad` precedes all but the first."""
+    """Bytes whose reply `recognise` accepts alone; `pad` precedes all but the first."""
 
     data: bytes
     recognise: Callable[[E], object | None]
