@@ -19,9 +19,22 @@ def test_the_command_writes_a_page_that_it_verifies(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
-    [((), "Missing argument 'DRIVER'"), (("gcs", "--key", "key.pem"), "--key signs a record: give --out as well")],
+    [
+        ((), "Give either a DRIVER or --device"),
+        (("gcs", "--key", "key.pem"), "--key signs a record: give --out as well"),
+    ],
 )
 def test_what_is_missing_is_said(run, words, complaint):
     done = run("conform", *words)
     assert done.exit_code == 2
     assert complaint in done.stderr
+
+
+def test_a_device_that_is_not_there_is_named(run, tmp_path):
+    (tmp_path / "station.toml").write_text(
+        '[devices.rail]\ndriver = "gcs"\nport = "x"\naxes = [{name = "x_mm", number = "1"}]\n'
+    )
+    done = run("conform", "--device", "stage", "--config", tmp_path / "station.toml")
+    assert done.exit_code == 2
+    assert "has no device stage" in done.stderr
+    assert "name one of rail" in done.stderr
