@@ -13,11 +13,14 @@ import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frame_files.dng_folder import DngFolder
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 
 PROGRAMS = ("rpicam-still", "libcamera-still")
@@ -44,10 +47,10 @@ class RpicamSettings:
     patience_s : time limit of a photograph in addition to three times its exposure: the sensor starts first
     """
 
-    exposure_s: float = 0.01
-    gain: float = 1.0
-    bits: int | None = None
-    patience_s: float = 20.0
+    exposure_s: Annotated[float, positive("0.01")] = 0.01
+    gain: Annotated[float, option("1.0", least=1)] = 1.0
+    bits: Annotated[int, option("12", least=8, most=16)] | None = None
+    patience_s: Annotated[float, positive("20")] = 20.0
 
 
 class RpicamCamera:
@@ -217,3 +220,20 @@ def _failure(path: str, said: str) -> LineLost:
     lines = [line for line in said.splitlines() if "ERROR" in line] or said.splitlines() or ["no reason given"]
     words = lines[-1].replace("ERROR:", "").strip(" *")
     return LineLost(f"{path} failed: {words}", "close other programs that use the camera, and check its cable")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RpicamOptions(RpicamSettings, DriverOptions):
+    """Options of driver "rpicam"."""
+
+    folder: FolderName
+    camera: Count = 0
+    program: Annotated[str, text('"rpicam-still"', "the name or path of a program in quotes")] = ""
+
+    pixel_pitch_um: Annotated[float, positive("1.55")] | None = None
+
+    def make(self, parts: MakerContext) -> RpicamCamera:
+        """The camera."""
+        optics = OpticsMetadata(pixel_pitch_um=self.pixel_pitch_um)
+        frames = DngFolder(parts.folder / self.folder, parts.inspect, optics, clock=parts.clock)
+        return RpicamCamera(frames, self.camera, self, program=self.program, clock=parts.clock)

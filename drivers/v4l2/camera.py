@@ -13,13 +13,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from ctypes import c_int
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
+from drivers.making import FrameOptions, MakerContext
+from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import line_condition, not_connected
 
@@ -67,12 +69,14 @@ class V4l2Settings:
     patience_s : time limit of a frame in addition to its exposure
     """
 
-    pixel_format: str = ""
-    columns: int | None = None
-    rows: int | None = None
-    gain: int | None = None
-    discard: int = 2
-    patience_s: float = 5.0
+    pixel_format: Annotated[
+        str, option('"Y16"', "the four characters of a grey or raw format", pattern=r"^[A-Za-z0-9 ]{3,4}\Z")
+    ] = ""
+    columns: Annotated[int, option("1280", least=1)] | None = None
+    rows: Annotated[int, option("960", least=1)] | None = None
+    gain: Annotated[int, option("0")] | None = None
+    discard: Annotated[int, option("2", least=0, most=100)] = 2
+    patience_s: Annotated[float, positive("5")] = 5.0
 
 
 @contextmanager
@@ -377,3 +381,20 @@ def _times(buffer: v4l2.VideoBuffer, exposure_s: float) -> ShutterTimes | None:
 def four_characters(number: int) -> str:
     """The name of a format by its number."""
     return number.to_bytes(4, "little").decode("latin-1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class V4l2Options(V4l2Settings, FrameOptions):
+    """Options of driver "v4l2"."""
+
+    device: Annotated[str, text('"/dev/video0"', "the name of a device file in quotes")] = "/dev/video0"
+
+    def problem(self) -> tuple[str, str] | None:
+        """Where only one side of the frame is given."""
+        if (self.columns is None) != (self.rows is None):
+            return "has only one of columns and rows", "write both, or none"
+        return None
+
+    def make(self, parts: MakerContext) -> V4l2Camera:
+        """The camera."""
+        return V4l2Camera(self.frames(parts), self.device, self, clock=parts.clock)

@@ -15,7 +15,7 @@ from drivers.frame_files.dng_folder import DngFolder
 from drivers.interfaces import CameraSettings, SensorFormat
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from procedures.raw import read_frame
-from station.bench.opening import inspect_raw
+from station.bench.opening import inspect_raw, make_bench, read_config
 
 from .rpicam_twin import install_twin
 
@@ -120,3 +120,14 @@ def test_an_emergency_stop_ends_the_program(make):
     with pytest.raises(EmergencyStopped):
         camera.expose()
     assert time.monotonic() - begin_s < 10.0  # half of its patience
+
+
+def test_it_stands_in_station_toml(tmp_path):
+    (tmp_path / "in").mkdir()
+    lines = ('driver = "rpicam"', f'program = "{install_twin(tmp_path)}"', 'folder = "in"', "camera = 1", "gain = 2")
+    (tmp_path / "station.toml").write_text("\n".join(("[devices.camera]", *lines, "pixel_pitch_um = 3.45")))
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    assert bench.camera.expose().settings == CameraSettings(0.01, 200)
+    assert bench.camera.sensor() == SensorFormat(64, 48, None, 1023, 3.45)
+    bench.close()

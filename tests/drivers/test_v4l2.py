@@ -33,7 +33,7 @@ from simulators.devices.v4l2 import (
     FakeCamera,
 )
 from simulators.world.clock import VirtualClock
-from station.bench.opening import inspect_raw
+from station.bench.opening import inspect_raw, make_bench, read_config
 
 
 @pytest.fixture
@@ -218,6 +218,21 @@ def test_one_photograph_is_taken_at_a_time(make):
         camera.expose()
     go_on.set()
     thread.join()
+
+
+def test_it_stands_in_station_toml(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    text = '[devices.camera]\ndriver = "v4l2"\nfolder = "in"\npixel_format = "Y10"\ngain = 3\nblack = 60\n'
+    (tmp_path / "station.toml").write_text(text)
+    monkeypatch.setattr(kernel, "Kernel", lambda: FakeCamera(formats={"Y10 ": ((64, 48),)}, period_s=1e-3))
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    frame = read_frame(bench.camera.expose().path)
+    assert (frame.planes["Y"].black, frame.planes["Y"].white) == (60, 1023)
+    bench.close()
+    (tmp_path / "station.toml").write_text(f"{text}columns = 32\n")
+    with pytest.raises(BadConfiguration, match="has only one of columns and rows; write both, or none"):
+        read_config(tmp_path / "station.toml")
 
 
 # --- what others wrote --------------------------------------------------------------------------------------------
