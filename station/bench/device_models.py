@@ -24,6 +24,8 @@ BUILTIN: Mapping[str, str] = {
     "tmcl_stage": "drivers.tmcl.stage:TmclOptions",
     "esp301": "drivers.newport:Esp301Options",
     "smc100": "drivers.newport:Smc100Options",
+    "apt": "drivers.thorlabs:AptOptions",
+    "gcs": "drivers.gcs:GcsOptions",
     "strig": "drivers.shutter:StrigOptions",
     "strig_shaker": "drivers.shaker:ShakerOptions",
     "strig_watchdog": "drivers.watchdog:WatchdogOptions",
