@@ -12,7 +12,7 @@ from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptio
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
 from drivers.options import Patience, positive
 from drivers.wire.connection import line_condition, not_connected
@@ -84,7 +84,7 @@ class AlpacaCamera:
         """Whether it is connected."""
         return line_condition(self._link.is_open)
 
-    def sensor(self) -> SensorFormat | None:
+    def sensor(self) -> FrameFormat | None:
         """The camera's size and colours, None if its server does not know them yet. Raises DeviceError."""
         device = self._link.device
         try:
@@ -97,7 +97,7 @@ class AlpacaCamera:
         if colours not in (MONOCHROME, RGGB):
             raise BadConfiguration(f"{self.address} is not a monochrome or Bayer camera", "use one that is")
         cfa = None if colours == MONOCHROME else _shifted(offset)
-        return SensorFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
+        return FrameFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
 
     def configure(self, settings: CameraSettings) -> None:
         """Use the exposure time from now on; the other settings belong to the lens and are only checked in the file."""

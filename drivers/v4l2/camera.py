@@ -19,7 +19,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
@@ -112,7 +112,7 @@ class V4l2Camera:
         self._file: int | None = None
         self._body = Body("", "")
         self._form = FORMATS["GREY"]
-        self._picture = v4l2.Picture()
+        self._picture = v4l2.PixelLayout()
         self._controls: dict[int, v4l2.ControlRange] = {}
         self._one_frame = threading.Lock()
         self._stops = 0
@@ -153,14 +153,14 @@ class V4l2Camera:
         return argument
 
     def _identify(self) -> Identity:
-        found = self._call(v4l2.QUERYCAP, v4l2.Capability())
-        has_own = found.capabilities & v4l2.HAS_DEVICE_CAPS
-        abilities = found.device_caps if has_own else found.capabilities
+        capability = self._call(v4l2.QUERYCAP, v4l2.Capability())
+        has_own = capability.capabilities & v4l2.HAS_DEVICE_CAPS
+        abilities = capability.device_caps if has_own else capability.capabilities
         if not (abilities & v4l2.CAN_CAPTURE and abilities & v4l2.CAN_STREAM):
             raise BadConfiguration(f"{self.address} streams no pictures", "name the device file of a camera")
-        driver, card = found.driver.decode("utf-8", "replace"), found.card.decode("utf-8", "replace")
+        driver, card = capability.driver.decode("utf-8", "replace"), capability.card.decode("utf-8", "replace")
         self._body = Body(driver, card)
-        version = ".".join(str(found.version >> shift & 0xFF) for shift in (16, 8, 0))
+        version = ".".join(str(capability.version >> shift & 0xFF) for shift in (16, 8, 0))
         return Identity(card, f"{driver} {version}", "", self.address)
 
     def _listed(self, request: int, make: Any) -> Iterator[Any]:
@@ -178,7 +178,7 @@ class V4l2Camera:
         number = int.from_bytes(self._form.name.ljust(4).encode(), "little")
         columns, rows = self._size(number)
         wanted = v4l2.Format(type=v4l2.CAPTURE)
-        wanted.picture = v4l2.Picture(width=columns, height=rows, pixel_format=number, field=1)
+        wanted.picture = v4l2.PixelLayout(width=columns, height=rows, pixel_format=number, field=1)
         self._picture = self._call(v4l2.S_FMT, wanted).picture
         there = (self._picture.width, self._picture.height, self._picture.pixel_format)
         if there != (columns, rows, number):
@@ -220,11 +220,11 @@ class V4l2Camera:
 
     def _set(self, number: int, value: int) -> int:
         """Set a control; returns what it is set to."""
-        self._call(v4l2.S_CTRL, v4l2.Control(id=number, value=value))
+        self._call(v4l2.S_CTRL, v4l2.ControlValue(id=number, value=value))
         return self._get(number)
 
     def _get(self, number: int) -> int:
-        return int(self._call(v4l2.G_CTRL, v4l2.Control(id=number)).value)
+        return int(self._call(v4l2.G_CTRL, v4l2.ControlValue(id=number)).value)
 
     def _gain_control(self) -> int:
         number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
@@ -251,12 +251,12 @@ class V4l2Camera:
         """Whether it is connected."""
         return line_condition(self._file is not None)
 
-    def sensor(self) -> SensorFormat:
+    def sensor(self) -> FrameFormat:
         """The frames' size, and their format. Raises DeviceError."""
         if self._file is None:
             raise not_connected(self.address)
         size, form = (self._picture.width, self._picture.height), self._form
-        return SensorFormat(*size, form.cfa, form.white, self._frames.optics.pixel_pitch_um)
+        return FrameFormat(*size, form.cfa, form.white, self._frames.optics.pixel_pitch_um)
 
     # --- photographing
 

@@ -31,12 +31,12 @@ from drivers.interfaces import (
     Camera,
     Condition,
     Device,
+    FrameFormat,
     Identity,
     Imu,
     Light,
     Probe,
     Rangefinder,
-    SensorFormat,
     Shaker,
     Shutter,
     Stage,
@@ -244,7 +244,7 @@ def inspect_raw(path: Path) -> ExposureMetadata:
     )
 
 
-def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> SensorFormat:
+def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> FrameFormat:
     """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
     white, pitch = round(planes[0].white), planes[0].pitch
     rows, columns = (
@@ -252,7 +252,7 @@ def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) 
     )
     colours = {plane.origin: plane.name[0] for plane in planes}
     tile = "".join(colours.get((x, y), "") for y in (0, 1) for x in (0, 1))
-    return SensorFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
+    return FrameFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
 
 
 def simulated_bench(

@@ -18,7 +18,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.v4l2 import kernel
 from drivers.v4l2.camera import FORMATS, V4l2Camera, V4l2Settings, four_characters
 from procedures.raw import read_frame
@@ -73,7 +73,7 @@ def test_it_says_who_it_is_and_switches_the_automatic_settings_off(make):
     )  # fmt: skip
     values = {number: one.value for number, one in fake.controls.items()}
     assert [values[one] for one in (EXPOSURE_MODE, WHITE_BALANCE, SHARPNESS, GAMMA)] == [1, 0, 0, 100]
-    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 1023)
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 1023)
     camera.close()
     assert not camera.condition().usable
     with pytest.raises(LineLost, match="connect first"):
@@ -118,10 +118,10 @@ def test_the_deepest_format_and_the_largest_size_are_taken_unless_others_are_nam
     fake = FakeCamera(formats={"YUYV": sizes, "GREY": sizes, "Y10 ": sizes, "RG10": sizes, "pRAA": sizes})
     camera, _ = make(fake)
     camera.connect()
-    assert camera.sensor() == SensorFormat(64, 48, "RGGB", 1023)
+    assert camera.sensor() == FrameFormat(64, 48, "RGGB", 1023)
     camera, _ = make(fake, V4l2Settings("Y10", columns=32, rows=16))
     camera.connect()
-    assert camera.sensor() == SensorFormat(32, 16, None, 1023)
+    assert camera.sensor() == FrameFormat(32, 16, None, 1023)
 
 
 def test_what_the_camera_has_not_is_refused_by_name(make):

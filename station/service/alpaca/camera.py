@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from drivers.interfaces import Camera, CameraSettings, ExposedFile, SensorFormat
+from drivers.interfaces import Camera, CameraSettings, ExposedFile, FrameFormat
 from procedures.raw import RawFrame, default_plane, read_frame
 from station.bench.opening import sensor_format
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
@@ -166,7 +166,7 @@ class BenchCamera(AlpacaDevice):
     # --- properties of the last photograph
 
     @property
-    def _sensor(self) -> SensorFormat:
+    def _sensor(self) -> FrameFormat:
         if self._taken is not None:
             frame = self._taken.frame
             return sensor_format(list(frame.planes.values()), frame.exposure.pixel_pitch_um)

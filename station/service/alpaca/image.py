@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.interfaces import SensorFormat
+from drivers.interfaces import FrameFormat
 from procedures.raw import Plane
 from station.bench.opening import sensor_format
 
@@ -42,7 +42,7 @@ def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     return SensorImage(mosaic, form.white, first_red(form))
 
 
-def first_red(form: SensorFormat) -> tuple[int, int] | None:
+def first_red(form: FrameFormat) -> tuple[int, int] | None:
     """The first red pixel (x, y); None for a monochrome sensor."""
     if form.cfa is None:
         return None

@@ -17,7 +17,7 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
 from station.service.alpaca.image import image_bytes, sensor_image
@@ -45,7 +45,7 @@ def camera(at, saved):
 def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, served):
     assert camera.sensor() is None  # neither a photograph nor station.toml has shown it to the server
     exposure = camera.expose()
-    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 16383, 3.45)
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 16383, 3.45)
     (source,) = served.bench.simulated.folder.iterdir()
     theirs, ours = (sensor_image(list(read_frame(path).planes.values())) for path in (source, exposure.path))
     np.testing.assert_array_equal(ours.levels, theirs.levels)
