@@ -242,7 +242,7 @@ STRUCTURES = {
     "v4l2_fmtdesc": (kernel.FormatDescription, {"description": "description", "pixelformat": "pixel_format"}),
     "v4l2_frmsizeenum": (kernel.FrameSize, {"pixel_format": "pixel_format", "discrete": "size"}),
     "v4l2_format": (kernel.Format, {"fmt": "union"}),
-    "v4l2_pix_format": (kernel.Picture, {"bytesperline": "line_bytes", "sizeimage": "bytes"}),
+    "v4l2_pix_format": (kernel.PixelLayout, {"bytesperline": "line_bytes", "sizeimage": "bytes"}),
     "v4l2_requestbuffers": (kernel.BufferRequest, {"memory": "memory"}),
     "v4l2_buffer": (
         kernel.VideoBuffer,
@@ -252,7 +252,7 @@ STRUCTURES = {
         },
     ),
     "v4l2_queryctrl": (kernel.ControlRange, {"minimum": "low", "default_value": "default", "flags": "flags"}),
-    "v4l2_control": (kernel.Control, {"value": "value"}),
+    "v4l2_control": (kernel.ControlValue, {"value": "value"}),
 }  # fmt: skip
 REQUESTS = {
     "QUERYCAP": kernel.QUERYCAP, "ENUM_FMT": kernel.ENUM_FMT, "S_FMT": kernel.S_FMT, "REQBUFS": kernel.REQBUFS,
