@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,7 +15,7 @@ from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, Fra
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.options import Patience, positive
+from drivers.options import Patience, option, positive
 from drivers.wire.connection import line_condition, not_connected
 
 POLL_S = 0.05
@@ -35,10 +36,13 @@ class AlpacaCameraSettings:
     ----------
     exposure_s : exposure time until another is configured
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
+    gain, offset : in the camera's own unit, the offset being its black level; None keeps the camera's
     """
 
     exposure_s: Annotated[float, positive("0.1")] = 0.1
     patience_s: Patience = 30.0
+    gain: Annotated[int, option("0", least=0)] | None = None
+    offset: Annotated[int, option("0", least=0)] | None = None
 
 
 class AlpacaCamera:
@@ -74,7 +78,22 @@ class AlpacaCamera:
         self._frames.check()
         identity = self._link.open()
         self._body = Body("Alpaca", identity.model.removeprefix("Alpaca "))
+        try:
+            for name, value in (("Gain", self._wanted.gain), ("Offset", self._wanted.offset)):
+                if value is not None:
+                    self._set(name, value)
+        except BaseException:
+            self.close()
+            raise
         return identity
+
+    def _set(self, name: str, value: int) -> None:
+        """Set a number of the camera, and read it back. Raises DeviceError."""
+        with self._link.translated_errors():
+            setattr(self._link.device, name, value)
+            there = int(getattr(self._link.device, name))
+        if there != value:
+            raise Rejected(f"{self.address} has {name} {there} after {value} was set", "write one that it offers")
 
     def close(self) -> None:
         """Disconnect."""
@@ -169,7 +188,10 @@ class AlpacaCamera:
         if low < 0 or high > LARGEST or levels.size == 0:
             content = f"{levels.shape[1]} x {levels.shape[0]} numbers from {low} to {high}"
             raise FrameWrong(f"{self.address} sent {content}", f"set it to give numbers from 0 to {LARGEST}")
-        return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, self._reported_exposure_s(requested_s))
+        notes = {"gain": self._wanted.gain, "offset": self._wanted.offset}
+        comment = json.dumps({name: value for name, value in notes.items() if value is not None})
+        exposure_s = self._reported_exposure_s(requested_s)
+        return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
     def _reported_exposure_s(self, requested_s: float) -> float:
         """The exposure time reported by the camera, or else the requested one."""
