@@ -240,11 +240,11 @@ def inspect_raw(path: Path) -> ExposureMetadata:
         exposure.exposure_s,
         None if exposure.iso is None else round(exposure.iso),
         exposure.f_number,
-        sensor_format(planes, exposure.pixel_pitch_um),
+        frame_format(planes, exposure.pixel_pitch_um),
     )
 
 
-def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> FrameFormat:
+def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> FrameFormat:
     """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
     white, pitch = round(planes[0].white), planes[0].pitch
     rows, columns = (

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from drivers.interfaces import FrameFormat
 from procedures.raw import Plane
-from station.bench.opening import sensor_format
+from station.bench.opening import frame_format
 
 Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
@@ -34,7 +34,7 @@ class SensorImage:
 
 def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     """Reassemble the planes of a photograph to the sensor's mosaic."""
-    form = sensor_format(planes)
+    form = frame_format(planes)
     mosaic = np.zeros((form.rows, form.columns), np.uint16)
     for plane in planes:
         x, y = plane.origin
