@@ -48,6 +48,9 @@ BUILTIN: Mapping[str, str] = {
     "jrt": "drivers.rangefinder:JrtOptions",
     "bosch": "drivers.rangefinder:BoschOptions",
     "dmx": "drivers.light:DmxOptions",
+    "artnet": "drivers.artnet:ArtNetOptions",
+    "scpi_light": "drivers.scpi:ScpiLightOptions",
+    "scpi_probe": "drivers.scpi:ScpiProbeOptions",
     "grbl_light": "drivers.light:GrblLightOptions",
 }
 """Name -> module and model of options, as an entry point names them."""
