@@ -301,6 +301,13 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
     bench.rows()
 
 
+ROOM = {
+    "temperature": "MEAS:TEMP?", "temperature_uncertainty": 0.1,
+    "humidity": "MEAS:HUM?", "humidity_uncertainty": 2.0,
+}  # fmt: skip
+"""Quantities of the simulated bench's probe."""
+
+
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:
     """The configuration of the simulated bench, as in a station.toml."""
     letters = (("z_mm", "X", 3000.0), ("x_mm", "Y", 1500.0), ("y_mm", "Z", 1500.0))
@@ -326,5 +333,6 @@ def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: boo
         "fast_imu": {"driver": "fast", "port": address("fast_imu")},
         "rangefinder": {"driver": "jrt", "port": address("rangefinder")},
         "light": {"driver": "dmx", "port": address("light")},
+        "room": {"driver": "scpi_probe", "port": address("room"), **ROOM},
         **({"shaker": SHAKER} if shaker else {}),
     }
