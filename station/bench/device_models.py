@@ -37,6 +37,8 @@ BUILTIN: Mapping[str, str] = {
     "micromanager_camera": "drivers.micromanager.camera:MicroManagerCameraOptions",
     "micromanager_shutter": "drivers.micromanager.shutter:MicroManagerShutterOptions",
     "genicam": "drivers.genicam.camera:GenicamOptions",
+    "v4l2": "drivers.v4l2.camera:V4l2Options",
+    "rpicam": "drivers.rpicam:RpicamOptions",
     "alpaca_stage": "drivers.alpaca.stage:AlpacaStageOptions",
     "alpaca_camera": "drivers.alpaca.camera:AlpacaCameraOptions",
     "alpaca_light": "drivers.alpaca.switch:AlpacaLightOptions",
