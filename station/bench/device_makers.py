@@ -19,7 +19,7 @@ from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
-from drivers.imu import FastImu, WitImu
+from drivers.imu import CableLatency, FastImu, StrigImu, WitImu
 from drivers.interfaces import Device, Parser, Shutter
 from drivers.light import DmxLight, DmxParser, GrblLight, LampProperties
 from drivers.micromanager.camera import MicroManagerCamera
@@ -212,12 +212,23 @@ def _alpaca_shutter(
     return AlpacaShutter(line, clock=parts.clock)
 
 
-def _wit(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> WitImu:
-    return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
+def _wit(name: str, parts: MakerContext, *, port: str, baud: int = 115200, **latency: float) -> WitImu:
+    return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock, latency=_latency(latency))
 
 
-def _fast(name: str, parts: MakerContext, *, port: str, baud: int = 115200, **scale: float) -> FastImu:
-    return FastImu(parts.wire(name, port, FastParser, baud=baud), clock=parts.clock, **scale)
+def _fast(name: str, parts: MakerContext, *, port: str, baud: int = 115200, **options: float) -> FastImu:
+    latency, wire = _latency(options), parts.wire(name, port, FastParser, baud=baud)
+    return FastImu(wire, clock=parts.clock, latency=latency, **options)
+
+
+def _latency(options: dict[str, float]) -> CableLatency | None:
+    """The measured delay of a cable, taken out of the options; None where it is to be bounded by round trips."""
+    latency_s, within_s = options.pop("latency_s", None), options.pop("latency_within_s", 1e-3)
+    return None if latency_s is None else CableLatency(latency_s, within_s, "common event")
+
+
+def _strig_imu(name: str, parts: MakerContext, *, box: str) -> StrigImu:
+    return StrigImu(cast(StrigShutter, parts.made[box]), clock=parts.clock)
 
 
 def _jrt(name: str, parts: MakerContext, *, port: str, baud: int = 19200) -> JrtRangefinder:
@@ -245,6 +256,7 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "tmcl_stage": _tmcl_stage,
     "strig": _strig,
     "strig_shaker": _strig_shaker,
+    "strig_imu": _strig_imu,
     "strig_watchdog": _strig_watchdog,
     "rts": _rts,
     "relay": _relay,

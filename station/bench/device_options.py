@@ -170,6 +170,7 @@ SECONDS = Option(NumberOption("0.5", 0.0))
 POLL = Option(NumberOption("0.2", 0.0, 5.0, above=True))
 LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(NumberOption("1000", 0.0))}
 LINE = {"port": PORT, "baud": BAUD}
+LATENCY = {"latency_s": Option(NumberOption("0.012", 0.0)), "latency_within_s": Option(NumberOption("0.001", 0.0))}
 ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
 CORE = {
     "config": Option(Quoted('"microscope.cfg"', "the name of a configuration file in quotes"), required=True),
@@ -247,6 +248,10 @@ OPTIONS: dict[str, Options] = {
             "channel": Option(OneOf((0, 1)), required=True),
             "stroke": Option(NumberOption("2.0", 0.0, above=True), required=True),
             "direction": Option(OneOf((1, -1))),
+            "frequency_hz": Option(NumberOption("80", 0.0, above=True)),
+            "damping": Option(NumberOption("0.5", 0.0, above=True)),
+            "gain": Option(NumberOption("1", 0.0, above=True)),
+            "within_s": Option(NumberOption("0.0005", 0.0)),
         },
         (("name",), ("channel",)),
     ),
@@ -322,10 +327,12 @@ OPTIONS: dict[str, Options] = {
     ),
     "alpaca_light": Options({**ALPACA, "switch": Option(COUNTED, required=True), **LAMP}),
     "alpaca_shutter": Options({**ALPACA, "switch": Option(COUNTED, required=True)}),
-    "wit": Options(LINE),
+    "strig_imu": Options({"box": Option(DEVICE, required=True)}),
+    "wit": Options({**LINE, **LATENCY}),
     "fast": Options(
         {
             **LINE,
+            **LATENCY,
             "full_scale_g": Option(NumberOption("8", 0.0, above=True)),
             "full_scale_deg_s": Option(NumberOption("500", 0.0, above=True)),
         }
