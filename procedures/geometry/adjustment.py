@@ -230,6 +230,39 @@ def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class ModelDoubt:
+    """Independent errors of one standard deviation each, by terms that a camera model does not have.
+
+    Attributes
+    ----------
+    unknowns : (j, known) float64
+        Errors of the unknowns of the adjustment, in the order of its covariance.
+    terms : (j, k) float64
+        The missing terms, in the order of `model_doubt.missing_terms`.
+    """
+
+    unknowns: Array
+    terms: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ExtraTerms:
+    """The normal equations of further unknowns after elimination of all others.
+
+    Attributes
+    ----------
+    matrix : (k, k), right : (k,)
+        Information and right side.
+    response : (known, k)
+        Change of the other unknowns per unit of the further ones.
+    """
+
+    matrix: Array
+    right: Array
+    response: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result, with its covariance for the stated covariances of the points.
 
@@ -245,6 +278,8 @@ class Adjustment:
         Of the points alone.
     freedom : float
         Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
+    doubt : ModelDoubt or None
+        Effect of terms that the camera model does not have.
     """
 
     problem: AdjustmentProblem
@@ -253,6 +288,7 @@ class Adjustment:
     errors_variance: Array
     chi_square: float
     freedom: float
+    doubt: ModelDoubt | None = None
 
     @property
     def scale(self) -> float:
@@ -260,9 +296,26 @@ class Adjustment:
         return float(np.sqrt(self.chi_square / self.freedom))
 
     @property
+    def full_covariance(self) -> Array:
+        """Covariance of the unknowns, scaled by the square of the residual, with the doubt about the model."""
+        covariance = self.covariance * self.scale**2
+        return covariance if self.doubt is None else covariance + self.doubt.unknowns.T @ self.doubt.unknowns
+
+    @property
     def shared(self) -> int:
         """Number of camera parameters and shape terms; the poses follow in the covariance."""
         return len(self.state.camera.params) + len(self.state.terms_mm)
+
+
+def extra_terms(fit: Adjustment, extra: Sequence[Array]) -> ExtraTerms:
+    """Further unknowns at the state of an adjustment, by derivatives (n, 2, k) of the points of every view, in pixels."""
+    S, b = fit.problem.system(fit.state, extra).reduced()
+    known, k = len(fit.covariance), extra[0].shape[-1]
+    new = (np.arange(len(S)) >= known) & (np.arange(len(S)) < known + k)
+    cross = S[np.ix_(~new, new)]
+    eliminated = np.linalg.solve(S[np.ix_(~new, ~new)], np.column_stack([cross, b[~new]]))
+    matrix, right = S[np.ix_(new, new)] - cross.T @ eliminated[:, :-1], b[new] - cross.T @ eliminated[:, -1]
+    return ExtraTerms(matrix, right, -eliminated[:known, :-1])
 
 
 class NotConverged(Refused):

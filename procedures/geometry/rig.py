@@ -107,7 +107,7 @@ class RigPose:
 def posed_charts(geometry: Geometry) -> PosedCharts:
     """The charts of a calibrated camera."""
     first = geometry.adjustment.shared
-    covariance = geometry.adjustment.covariance[first:, first:] * geometry.residual_scale**2
+    covariance = geometry.adjustment.full_covariance[first:, first:]
     return PosedCharts(
         tuple(one.view.source for one in geometry.views), tuple(one.pose for one in geometry.views), covariance,
         geometry.shape.scale_uncertainty,

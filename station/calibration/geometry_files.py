@@ -102,7 +102,7 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
 def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
     return {
         f"{prefix}covariance.npy": npy(geometry.covariance),
-        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.covariance * geometry.residual_scale**2),
+        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.full_covariance),
         f"{prefix}chart.npy": npy(geometry.shape.deviations_mm),
         f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),
         f"{prefix}projection.csv": _projection(geometry),
