@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 E_co = TypeVar("E_co", covariant=True)
 T = TypeVar("T")
+PROBE_UNITS = {"temperature": "°C", "humidity": "%", "pressure": "hPa", "power": "W", "illuminance": "lx"}
+"""Quantities of probes, and the unit of each."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,17 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
+class SensorFormat:
+    """Size of a camera's frames, colours of their 2 x 2 tile (None: monochrome), largest number, pixel pitch."""
+
+    columns: int
+    rows: int
+    cfa: str | None
+    white: int
+    pixel_pitch_um: float | None = None
+
+
+@dataclass(frozen=True)
 class ExposedFile:
     """One RAW file on disk with the record of its exposure."""
 
@@ -98,6 +111,15 @@ class Distance:
     distance_mm: float
     measured_s: float
     quality: int | None = None
+
+
+@dataclass(frozen=True)
+class ProbeReading:
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty, None if unknown."""
+
+    value: float
+    unit: str
+    uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -193,6 +215,10 @@ class Shutter(Device, Protocol):
 class Camera(Device, Protocol):
     """A device that delivers one RAW file per request."""
 
+    def sensor(self) -> SensorFormat | None:
+        """The format of its frames; None while it is unknown. Raises DeviceError."""
+        ...
+
     def configure(self, settings: CameraSettings) -> None:
         """Apply, or expect, these settings. Raises DeviceError."""
         ...
@@ -239,6 +265,14 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """The level last set."""
+        ...
+
+
+class Probe(Device, Protocol):
+    """An instrument that measures quantities of the room or of the light."""
+
+    def read(self) -> Mapping[str, ProbeReading]:
+        """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
         ...
 
 

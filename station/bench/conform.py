@@ -30,32 +30,54 @@ from drivers.interfaces import Stage
 from drivers.transport import register_scheme
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.cable_faults import Faults
+from simulators.devices.gcs import GcsTwin
+from simulators.devices.newport import Esp301Twin, Smc100Twin
 from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
+from simulators.devices.thorlabs import AptTwin
+from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
+from station.bench.device_models import BUILTIN, drivers, options_of
 from station.bench.opening import make_bench, simulated_tables
-
-TOLERANCE = 0.01
-"""Tolerance of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
-REST_S = 1.5
-"""Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
-REPLY_S = 1.0
-"""A driver whose last order fell into silence so long before may know nothing else."""
-BUILT_IN = {"grbl": "stage", "zaber": "head"}
-"""Drivers whose twin is a device of the simulated bench."""
-FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
-OPERATIONS = ("move", "move", "stopped move", "emergency stop", "homing", "position", "connection")
 
 
 class Twin(SerialDevice, Protocol):
     """A simulated stage at byte level, with its axes by their names, and its main switch."""
 
-    axes: Mapping[str, Axis]
+    axes: dict[str, Axis]
 
     def power_cycle(self, now_s: float) -> None:
         """Off and on again: the reference is lost."""
         ...
+
+
+TOLERANCE = 0.01
+"""Tolerance of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
+REST_S = 1.5
+"""Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
+BUILT_IN = {"grbl": "stage", "zaber": "head"}
+"""Drivers whose twin is a device of the simulated bench."""
+TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
+    "esp301": (Esp301Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
+    "smc100": (Smc100Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
+    "apt": (
+        AptTwin,
+        {
+            "axes": [
+                {"name": "x_mm", "number": 1, "scale": 1 / 34304, "travel": [0.0, 50.0]},
+                {"name": "y_mm", "number": 2, "scale": 1 / 34304, "travel": [0.0, 25.0]},
+            ]
+        },
+    ),
+    "gcs": (GcsTwin, {"axes": [{"name": "x_mm", "number": "1"}, {"name": "y_mm", "number": "2"}]}),
+    "tmcl_stage": (
+        TmclModule,
+        {"baud": 9600, "axes": [{"name": "z_mm", "motor": 0, "travel": [0.0, 300.0], "unit_per_step": 1 / 320}]},
+    ),
+}
+"""Drivers with a twin of their own, and the rest of their table."""
+FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
+OPERATIONS = ("move", "move", "stopped move", "emergency stop", "homing", "position", "connection")
 
 
 class Broken(Exception):
@@ -149,7 +171,7 @@ class StageRig:
         return outcomes
 
     def interrupted(self, end: Callable[[], None], after_s: float) -> tuple[list[object], float]:
-        """A move across the travel that is ended after a while: outcomes, and seconds from the order to rest."""
+        """A move of each axis to its farther end, ended after a while: outcomes, and seconds from the end to rest."""
         start_s = end_s = 0.0
 
         def stop() -> None:
@@ -162,7 +184,7 @@ class StageRig:
             end_s = self.clock.now_s()
 
         middle = self.target(0.5)
-        far = float(all(value < middle[name] for name, value in self.truth().items()))
+        far = np.array([float(value < middle[name]) for name, value in self.truth().items()])
         outcomes = self.together(partial(self.stage.move_to, **self.target(far)), stop)
         return outcomes, end_s - start_s
 
@@ -315,10 +337,8 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
 
 def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
     """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
-    now_s = rig.clock.now_s()
-    faults = Faults() if rig.cable is None else rig.cable.faults
-    silent = any(begin_s <= now_s < end_s + REPLY_S for begin_s, end_s in faults.silent)
-    works = not silent and not faults.unplugged(now_s) and rig.stage.condition().word != "not connected"
+    plugged = rig.cable is None or not rig.cable.faults.unplugged(rig.clock.now_s())
+    works = plugged and rig.stage.condition().word != "not connected"
     if goal is not None and "reset" not in where:
         require(rig.at(goal), f"{where}: it reports success at {rig.truth()} instead of {goal}")
     rig.clock.sleep(REST_S)
@@ -375,6 +395,12 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
             yield TrialResult(name, False, f"{type(error).__name__}: {error.reason}")
 
 
+def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
+    """Twins of built-in and of added drivers."""
+    added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
+    return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
+
+
 @contextmanager
 def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
     """A driver at its twin. Raises BadConfiguration where it has none."""
@@ -383,15 +409,15 @@ def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
         table, cable = simulated_tables(bench.address, folder)[BUILT_IN[driver]], bench.cables[BUILT_IN[driver]]
         axes, clock, close = bench.world.axes, bench.clock, bench.close
     else:
-        entry = added_drivers().get(driver)
-        if entry is None or entry.twin is None:
-            there = [*BUILT_IN, *(name for name, one in added_drivers().items() if one.twin is not None)]
-            raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {', '.join(there)}")
-        twin, clock = entry.twin(), VirtualClock()
+        make, options = _twins().get(driver, (None, {}))
+        if make is None:
+            there = ", ".join([*BUILT_IN, *_twins()])
+            raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {there}")
+        twin, clock = make(), VirtualClock()
         cable, axes, close = Cable(twin, clock), twin.axes, partial(unplug, "conform/stage")
         register_scheme("simulators.devices")
         plug("conform/stage", cable)
-        table = {"driver": driver, "port": "sim://conform/stage"}
+        table = {"driver": driver, "port": "sim://conform/stage", **options}
     cycle = getattr(cable.device, "power_cycle", None) or getattr(cable.device, "restart", None)
     opened = make_bench({"stage": table}, folder=folder, clock=clock)
     try:

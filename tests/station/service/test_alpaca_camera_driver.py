@@ -17,12 +17,14 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings
+from drivers.interfaces import CameraSettings, SensorFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
 from station.service.alpaca.image import image_bytes, sensor_image
 
 from .alpaca_clients import beside
+
+FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
 
 @pytest.fixture
@@ -41,7 +43,9 @@ def camera(at, saved):
 
 
 def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, served):
+    assert camera.sensor() is None  # neither a photograph nor station.toml has shown it to the server
     exposure = camera.expose()
+    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 16383, 3.45)
     (source,) = served.bench.simulated.folder.iterdir()
     theirs, ours = (sensor_image(list(read_frame(path).planes.values())) for path in (source, exposure.path))
     np.testing.assert_array_equal(ours.levels, theirs.levels)
@@ -78,6 +82,7 @@ def slow_camera(served, monkeypatch):
         go_on.wait()
         return expose()
 
+    slow.go_on = go_on.set
     monkeypatch.setattr(served.bench.camera, "expose", slow)
     yield begun
     go_on.set()
@@ -89,6 +94,18 @@ def test_an_emergency_stop_ends_an_exposure(camera, slow_camera):
     camera.emergency_stop()
     thread.join()
     assert isinstance(outcome[0], EmergencyStopped)
+
+
+def test_an_exposure_that_another_client_aborted_ends_at_once(camera, client, slow_camera, served):
+    thread, outcome = beside(camera.expose)
+    slow_camera.wait()
+    begin_s = time.monotonic()
+    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2", **FORM)
+    served.bench.camera.expose.go_on()
+    thread.join()
+    assert isinstance(outcome[0], FrameMissing)
+    assert "was aborted at its server; expose again" in str(outcome[0])
+    assert time.monotonic() - begin_s < 10.0  # half of its patience
 
 
 def test_an_image_that_never_comes_is_an_error_within_the_deadline(at, saved, slow_camera):
