@@ -308,7 +308,7 @@ class Adjustment:
 
 
 def extra_terms(fit: Adjustment, extra: Sequence[Array]) -> ExtraTerms:
-    """Further unknowns at the state of an adjustment, by derivatives (n, 2, k) of the points of every view, in pixels."""
+    """Further unknowns at the state of an adjustment, by derivatives (n, 2, k) of every view's points, in pixels."""
     S, b = fit.problem.system(fit.state, extra).reduced()
     known, k = len(fit.covariance), extra[0].shape[-1]
     new = (np.arange(len(S)) >= known) & (np.arange(len(S)) < known + k)

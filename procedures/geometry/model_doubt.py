@@ -1,10 +1,10 @@
 """Doubt about a camera model: terms of real lenses that its formula does not have.
 
 Poses and parameters absorb most of a missing term: a thin prism looks like a shifted principal point with all charts
-turned, and the residual shows a tenth of it. Therefore decentring, thin prism and higher radial powers that the formula
-does not have are added to the unknowns, with a prior. In the directions a in which the data determine them
-independently, scaled to a prior of N(0, 1), let l be the information and z the significance. The Bayes factor for a term
-against its absence is
+turned, and the residual shows a tenth of it. Therefore terms of decentring, thin prism and higher radial powers that the
+formula does not have are added to the unknowns, with a prior. In the directions a in which the data determine them
+independently, scaled to a prior of N(0, 1), let l be the information and z the significance. The Bayes factor for a
+term against its absence is
 
     (1 + l)^(-1/2) exp(z^2 l / (2 (1 + l))),
 
@@ -14,7 +14,8 @@ What the data exclude thus adds nothing; what they cannot show adds the prior.
 
 References
 ----------
-Kass, Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995; Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999.
+Kass, Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
+Hoeting, Madigan, Raftery, Volinsky, Bayesian model averaging: a tutorial, Stat. Sci. 14, 1999.
 """
 
 from __future__ import annotations

@@ -94,8 +94,8 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
     for name in names:
         lens, models = LENSES[name], []
         of_parameters: dict[str, list[float]] = {}
-        of_pixels: dict[float, list[np.ndarray]] = {}
-        sizes: dict[float, list[float]] = {}
+        of_pixels: dict[str, list[np.ndarray]] = {}
+        sizes: dict[str, list[float]] = {}
         for draw in range(draws):
             taken, found = calibrated(lens, draw, views, noise)
             models.append(found.camera.model)
@@ -106,26 +106,25 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
                     of_parameters.setdefault(parameter, []).append((number.value - value) / number.uncertainty)
             pixels = found.camera.frame_grid(13, 9)
             pixels = pixels[enclosed(found.region, pixels)]
-            for distance in (found.maps[0].distance_mm, np.inf):
-                key = min(distance, 1e9)
+            for where, distance in (("the charts", found.maps[0].distance_mm), ("infinity", np.inf)):
                 poses = [one.pose for one in found.views]
-                error = fixed_to_charts(found.camera, poses, taken, lens, pixels, distance) - pixels
+                error = np.linalg.norm(
+                    fixed_to_charts(found.camera, poses, taken, lens, pixels, distance) - pixels, axis=1
+                )
                 stated = projection_uncertainty(found.adjustment, pixels, distance)
-                where = np.inf if np.isinf(distance) else 0.0
-                # per coordinate: the stated length has two
-                of_pixels.setdefault(where, []).append(np.linalg.norm(error, axis=1) / stated)
-                sizes.setdefault(where, []).append(float(np.sqrt(np.mean(np.sum(error**2, axis=1)))))
-                del key
-        known = ", ".join(f"{p} {np.sqrt(np.mean(np.square(z))):.2f}" for p, z in of_parameters.items())
+                of_pixels.setdefault(where, []).append(error / stated)
+                sizes.setdefault(where, []).append(rms(error))
         print(f"{name:15s} {draws} draws, {views} views; {', '.join(f'{m} {models.count(m)}' for m in set(models))}")
-        print(f"  z rms of {known}")
+        print(f"  z rms of {', '.join(f'{p} {rms(z):.2f}' for p, z in of_parameters.items())}")
         for where, z in of_pixels.items():
-            every = np.concatenate(z)
-            print(
-                f"  projection at {'infinity' if where else 'the charts'}: error {np.sqrt(np.mean(np.square(sizes[where]))):.4f} "
-                f"px, z rms {np.sqrt(np.mean(every**2)):.2f}, by draw {', '.join(f'{np.sqrt(np.mean(o**2)):.1f}' for o in z)}",
-                flush=True,
-            )
+            by_draw = ", ".join(f"{rms(one):.1f}" for one in z)
+            z_rms = rms(np.concatenate(z))
+            print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, z rms {z_rms:.2f}, by draw {by_draw}")
+
+
+def rms(values: np.ndarray | list[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 if __name__ == "__main__":
