@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.cameras import CameraModel
+from procedures.geometry.cameras import CameraModel, CameraSet
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
@@ -44,7 +44,7 @@ POSE = 6
 
 @dataclass(frozen=True, eq=False)
 class AdjustmentState:
-    """Camera, poses, and the shape of the chart.
+    """Camera, or cameras, poses of the chart in the camera of every view, and the shape of the chart.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class AdjustmentState:
         Error of each node in addition to the terms.
     """
 
-    camera: CameraModel
+    camera: CameraModel | CameraSet
     poses: tuple[Pose, ...]
     terms_mm: Array
     errors_mm: Array
@@ -124,14 +124,14 @@ class AdjustmentProblem:
     views: Sequence[ChartView]
     shape: ShapeModel
 
-    def flat_state(self, camera: CameraModel, poses: tuple[Pose, ...]) -> AdjustmentState:
+    def flat_state(self, camera: CameraModel | CameraSet, poses: tuple[Pose, ...]) -> AdjustmentState:
         """State with a chart that conforms to its plan."""
         return AdjustmentState(camera, poses, np.zeros(len(self.shape.prior_mm)), np.zeros_like(self.nodes))
 
     def view_residual(self, state: AdjustmentState, i: int) -> Array:
         """Observed minus projected points of a view, in standard deviations, (n, 2)."""
         view = self.views[i]
-        projected = state.camera.project(state.poses[i].apply(self._shaped(state, view)))
+        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self._shaped(state, view)))
         return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
 
     def view_residuals(self, state: AdjustmentState) -> list[Array]:
@@ -163,13 +163,13 @@ class AdjustmentProblem:
         )
 
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
-        """Derivatives of a view's points: (n, 2, p + q + 6) by camera, shape terms and pose; (n, 2, 3) by nodes."""
+        """Derivatives of a view's points: (n, 2, p + q + 6) by its camera, shape terms, pose; (n, 2, 3) by nodes."""
         pose, view = state.poses[i], self.views[i]
-        points = pose.apply(self._shaped(state, view))
-        by_points = state.camera.by_points(points)
+        camera, points = state.camera.part(view.camera)[0], pose.apply(self._shaped(state, view))
+        by_points = camera.by_points(points)
         by_nodes = by_points @ pose.R
         by_terms = by_nodes @ self.shape.terms[view.index]
-        return np.concatenate([state.camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
+        return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
     def _shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
@@ -215,7 +215,8 @@ class AdjustmentProblem:
             if extra:
                 J = np.concatenate([J, extra[i]], axis=-1)
             first = p + q + POSE * i
-            places = np.r_[: p + q, first : first + POSE, p + q + poses : p + q + poses + k]
+            own = state.camera.part(view.camera)[1]
+            places = np.r_[own, p : p + q, first : first + POSE, p + q + poses : p + q + poses + k]
             add_view(J, E, r, view.whitening, view.index, places, V, v, W)
             flat = J.reshape(-1, J.shape[-1])
             U[np.ix_(places, places)] += flat.T @ flat

@@ -261,11 +261,15 @@ def _fitted(
     trials: tuple[ModelTrial, ...], start: AdjustmentState, problem: AdjustmentProblem, parameters: GeometryParameters
 ) -> Geometry:
     """The chosen model, fitted with a prior of the node errors that is estimated from them."""
-    fit = fit_model(trials[0].model, start, problem)
+    return _geometry(concluded(fit_model(trials[0].model, start, problem)), trials, parameters)
+
+
+def concluded(fit: Adjustment) -> Adjustment:
+    """The adjustment with a prior of the node errors that is estimated from them, and the doubt about the models."""
     for _ in range(NODE_ERROR_ROUNDS):
         node_mm = estimated_node_errors(fit.state.errors_mm, fit.errors_variance)
-        fit = adjust(fit.state, replace(problem, shape=replace(problem.shape, node_mm=node_mm)))
-    return _geometry(replace(fit, doubt=find_doubt(fit)), trials, parameters)
+        fit = adjust(fit.state, replace(fit.problem, shape=replace(fit.problem.shape, node_mm=node_mm)))
+    return replace(fit, doubt=find_doubt(fit))
 
 
 def is_too_simple(geometry: Geometry) -> bool:

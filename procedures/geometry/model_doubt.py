@@ -1,8 +1,8 @@
 """Doubt about a camera model: terms of real lenses that its formula does not have.
 
 Poses and parameters absorb most of a missing term: a thin prism looks like a shifted principal point with all charts
-turned, and the residual shows a tenth of it. Therefore terms of decentring, thin prism and higher radial powers that the
-formula does not have are added to the unknowns, with a prior. In the directions a in which the data determine them
+turned, and the residual shows a tenth of it. Therefore the missing terms of decentring, thin prism and higher radial
+powers are added to the unknowns, with a prior. In the directions a in which the data determine them
 independently, scaled to a prior of N(0, 1), let l be the information and z the significance. The Bayes factor for a
 term against its absence is
 
@@ -25,7 +25,6 @@ import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment, ModelDoubt, extra_terms
 from procedures.geometry.cameras import SPLINE, CameraModel
-from procedures.geometry.views import ChartView
 
 Array = npt.NDArray[np.float64]
 
@@ -34,6 +33,8 @@ ASYMMETRIC = 1e-3
 higher powers are as large at the corner."""
 RADIAL = 3e-3
 """Prior standard deviation of a radial term, relative to the radius, at the frame's corner."""
+LARGEST_EXPONENT = 500.0
+"""Bound of an exponent, above which a probability is 1."""
 ASPECT = 1e-3
 """Prior standard deviation of the relative difference of the focal lengths along x and y."""
 
@@ -77,20 +78,24 @@ def _known_orders(names: set[str], kind: str) -> int:
 
 
 def find_doubt(fit: Adjustment) -> ModelDoubt | None:
-    """The doubt about the model of an adjustment; None where the model has all terms."""
-    extra = [_seen(fit.state.camera, view) for view in fit.problem.views]
-    if not extra[0].shape[-1]:
+    """The doubt about the models of an adjustment; None where they have all terms."""
+    views = fit.problem.views
+    of_views = [missing_terms(fit.state.camera.part(view.camera)[0], view.points) for view in views]
+    counts = {view.camera: one.shape[-1] for view, one in zip(views, of_views, strict=True)}
+    firsts = {camera: sum(k for other, k in counts.items() if other < camera) for camera in counts}
+    if not any(counts.values()):
         return None
+    extra = []
+    for view, one in zip(views, of_views, strict=True):
+        columns = np.zeros((len(view), 2, sum(counts.values())))
+        columns[..., firsts[view.camera] : firsts[view.camera] + one.shape[-1]] = one
+        extra.append(columns)
     terms = extra_terms(fit, extra)
     information, directions = np.linalg.eigh(terms.matrix / fit.scale**2)
     information = np.maximum(information, 0.0)
     right = directions.T @ terms.right / fit.scale**2  # z times the root of the information
     gain = right**2 / (1 + information)
-    odds = np.exp(np.minimum(gain / 2, 500.0)) / np.sqrt(1 + information)
+    odds = np.exp(np.minimum(gain / 2, LARGEST_EXPONENT)) / np.sqrt(1 + information)
     spread = np.sqrt(odds / (1 + odds) * (gain + 1) / (1 + information))
     loads = directions * spread
     return ModelDoubt((terms.response @ loads).T, loads.T)
-
-
-def _seen(camera: CameraModel, view: ChartView) -> Array:
-    return missing_terms(camera, view.points)

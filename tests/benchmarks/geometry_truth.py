@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
@@ -36,7 +37,9 @@ from simulated_views import (  # noqa: E402
 )
 
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry  # noqa: E402
+from procedures.geometry.rig import estimate_rig, rig_camera  # noqa: E402
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty  # noqa: E402
+from procedures.geometry.views import Pose  # noqa: E402
 
 SIZE = (3000, 2000)
 
@@ -122,6 +125,42 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
             print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, z rms {z_rms:.2f}, by draw {by_draw}")
 
 
+def rig(draws: int, views: int, noise: float) -> None:
+    """Errors of a second and a third camera over stated: six a camera and draw, no more than 2.5 are accepted."""
+    wide = replace(LENSES["prism"], focal_px=(2300.0, 2301.0), centre=(1488.0, 1012.0))
+    lenses = (LENSES["tangential"], wide, LENSES["fisheye"])
+    stands = [
+        Pose(np.eye(3), np.zeros(3)),
+        Pose(Rotation.from_rotvec([0.02, 0.08, 0.01]).as_matrix(), np.array([-60.0, 3.0, 8.0])),
+        Pose(Rotation.from_rotvec([-0.05, 0.03, 0.3]).as_matrix(), np.array([40.0, -30.0, 5.0])),
+    ]
+    every = []
+    for draw in range(draws):
+        rng = np.random.default_rng(1000 + draw)
+        shoot = Shoot(lenses[0], count=views, noise_px=noise, print_mm=0.02, bend_mm=0.3, width_px=1000.0, every=2)
+        nodes, poses = printed(shoot, rng), true_poses(shoot)
+        cameras = []
+        for lens, stand in zip(lenses, stands, strict=True):
+            stood = [Pose(stand.R @ one.R, stand.R @ one.t + stand.t) for one in poses]
+            photographs = seen(replace(shoot, camera=lens), stood, nodes, rng)
+            outcome = calibrate_geometry(photographs, lens.size, GeometryParameters(CELL_MM, 0.0), plan(shoot))
+            cameras.append(rig_camera(outcome.result()))
+        outcome = estimate_rig(cameras)
+        found = outcome.result()
+        for i, (pose, truth) in enumerate(zip(found.poses, stands[1:], strict=True)):
+            turn = pose.R @ truth.R.T
+            error = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), pose.t - turn @ truth.t])
+            own = found.covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
+            every.append(error / np.sqrt(np.diag(own)))
+            models = ", ".join(one.camera.model for one in cameras)
+            chi_square = error @ np.linalg.solve(own, error) / 6
+            print(
+                f"draw {draw}, camera {i + 2}: z {every[-1].round(2)}, error {error.round(5)}, chi2/6 {chi_square:.2f}"
+            )
+            print(f"  {outcome.verdict}, {models}", flush=True)
+    print(f"largest {np.abs(every).max():.2f}, rms {np.sqrt(np.mean(np.square(every), axis=0)).round(2)}")
+
+
 def rms(values: np.ndarray | list[float]) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -137,3 +176,5 @@ if __name__ == "__main__":
     given = parser.parse_args()
     if "lenses" in given.what:
         lenses(given.lens or list(LENSES), given.draws, given.views, given.noise)
+    if "rig" in given.what:
+        rig(given.draws, given.views, given.noise)
