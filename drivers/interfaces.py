@@ -61,7 +61,7 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
-class SensorFormat:
+class FrameFormat:
     """Size of a camera's frames, colours of their 2 x 2 tile (None: monochrome), largest number, pixel pitch."""
 
     columns: int
@@ -215,7 +215,7 @@ class Shutter(Device, Protocol):
 class Camera(Device, Protocol):
     """A device that delivers one RAW file per request."""
 
-    def sensor(self) -> SensorFormat | None:
+    def sensor(self) -> FrameFormat | None:
         """The format of its frames; None while it is unknown. Raises DeviceError."""
         ...
 

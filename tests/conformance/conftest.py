@@ -31,6 +31,7 @@ from drivers.protocols.imu import FastParser, WitParser
 from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.scpi import ProbeChannel, ScpiLight, ScpiParser, ScpiProbe, SupplySettings
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.thorlabs import AptParser, AptStage
@@ -41,6 +42,7 @@ from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.gcs import GcsTwin
 from simulators.devices.grbl import GrblController
 from simulators.devices.newport import Esp301Twin, Smc100Twin
+from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule
@@ -227,10 +229,26 @@ RANGEFINDERS: dict[str, Callable[..., Any]] = {
     "jrt": lambda wire, clock, *_: JrtRangefinder(wire("rangefinder", JrtParser, baud=19200), clock=clock),
     "bosch": lambda wire, clock, *_: BoschRangefinder(wire("bosch", BoschParser), clock=clock),
 }
+
+
+def _instrument(make: Callable[..., Any]) -> Callable[..., Any]:
+    """A SCPI instrument on the bench."""
+
+    def made(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any:
+        if bench is not None:
+            bench.cables["instrument"] = cable = Cable(ScpiTwin(bench.world), bench.clock)
+            plug(f"{bench.name}/instrument", cable)
+        return make(wire("instrument", ScpiParser, baud=9600), clock)
+
+    return made
+
+
 LIGHTS: dict[str, Callable[..., Any]] = {
+    "scpi_light": _instrument(lambda line, clock: ScpiLight(line, SupplySettings(full=2.0), clock=clock)),
     "dmx": lambda wire, clock, *_: DmxLight(wire("light", DmxParser), clock=clock),
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
+PROBES = {"scpi_probe": _instrument(lambda line, _: ScpiProbe(line, (ProbeChannel("temperature", "MEAS:TEMP?", 0.2),)))}
 CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera, "gphoto_camera": _gphoto_camera}
 SHAKERS: dict[str, Callable[..., Any]] = {"strig_shaker": _shaker, "strig_shaker_host": _shaker}
 KINDS = {
@@ -240,6 +258,7 @@ KINDS = {
     "rangefinder": RANGEFINDERS,
     "light": LIGHTS,
     "camera": CAMERAS,
+    "probe": PROBES,
 }
 ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
 """All that have a line of their own; a shaker has its shutter's."""
@@ -359,6 +378,7 @@ shutter_rig = _fixture("shutter")
 imu_rig = _fixture("imu")
 rangefinder_rig = _fixture("rangefinder")
 light_rig = _fixture("light")
+probe_rig = _fixture("probe")
 camera_rig = _fixture("camera")
 shaker_rig = _fixture("shaker")
 device_rig = _fixture("device")
