@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected
+from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected, WasReset
 from drivers.protocols.zaber import FLAGS, REJECTIONS, ZaberParser, checksum
 from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
@@ -135,10 +135,11 @@ def test_somebody_elses_move_is_noticed(homed, bench, chain):
     assert isinstance(moved, MoveFailed)
 
 
-def test_an_answer_without_checksum_is_not_trusted_once_they_are_on(homed, chain):
-    chain.devices[1].checksum = False
-    with pytest.raises(NoAnswer):
+def test_answers_without_checksum_once_they_are_on_are_those_of_a_device_that_was_reset(homed, chain):
+    chain.restart(homed.clock.now_s())
+    with pytest.raises(WasReset, match=r"device 1 at .* was switched off and on"):
         homed.position()
+    assert not homed.condition().usable
 
 
 def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
