@@ -130,10 +130,10 @@ def test_clean_photographs_pass(pitch: int, rng: np.random.Generator) -> None:
     assert verdicts.count(Verdict.PASS) >= 56
 
 
-@pytest.mark.parametrize("bits", [8, 16])
-def test_a_picture_without_noise_passes_with_the_uncertainty_of_its_processing(bits: int) -> None:
+@pytest.mark.parametrize(("bits", "contrast"), [(8, 1.0), (16, 1.0), (8, 0.2)])
+def test_a_picture_without_noise_passes_with_the_uncertainty_of_its_processing(bits: int, contrast: float) -> None:
     most = 2**bits - 1
-    light = edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE)
+    light = 0.1 + contrast * (edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE) - 0.1)
     outcome = estimate_edge(
         Plane("Y", (np.rint(light * most) / most).astype(np.float32), 1 / most), Roi(0, 0, *light.shape[::-1])
     )
