@@ -106,6 +106,15 @@ def test_amount_of_a_weak_mask_is_estimated_and_smoothing_is_negative(rng: np.ra
     assert scores([cv2.GaussianBlur(one, (0, 0), 0.4) for one in noise])[1].score < -5
 
 
+@pytest.mark.parametrize("radius", [0.6, 1.5])
+def test_a_mask_is_estimated_by_its_own_radius(radius: float, rng: np.random.Generator) -> None:
+    picture = masked(rng.standard_normal((600, 600)), 0.05, radius)
+    (found,) = mask_scores([Variogram.of(picture, np.ones(picture.shape, dtype=bool))], [radius])
+    # its Gaussian is sampled, its correlations are linear in the amount: to a tenth
+    assert found.amount == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
+    assert found.score > 4
+
+
 def test_what_is_fitted_as_well_is_no_mask(rng: np.random.Generator) -> None:
     noise = rng.standard_normal((400, 400)) + 0.5 * cv2.GaussianBlur(rng.standard_normal((400, 400)), (0, 0), 1.2) * 4
     f = np.linspace(0.01, 0.5, 50)
