@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -77,6 +79,13 @@ def test_table_counts_and_names(done):
     assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
     assert "8 of 8, " in done.result.stderr
     assert "left:" in done.result.stderr
+
+
+@pytest.mark.slow
+def test_page_links_to_what_is_there(done):
+    links = {unquote(one) for one in re.findall(r'href="(results/[^"]+)"', (done.out / "report.html").read_text())}
+    assert links == {f"{row['folder']}/result.json" for row in done.rows if row["folder"]}
+    assert all((done.out / link).is_file() for link in links)
 
 
 @pytest.mark.slow
