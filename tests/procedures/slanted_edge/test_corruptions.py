@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -217,3 +218,12 @@ def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None
         amount = modes[name][seen] / (mtf[seen] * gain)
         # the sampled Gaussian is cut off at four standard deviations
         np.testing.assert_allclose(amount, amount.mean(), rtol=2e-3)
+
+
+def test_light_that_a_wide_mask_takes_from_beside_the_edge_is_measured(rng: np.random.Generator) -> None:
+    # 5 % hide in the fall of the edge spread function, but not in its shape
+    outcome = measured(unsharp(0.05, 3.0)(picture(rng)))
+    causes = " ".join([outcome.reason, *(one.reason for one in outcome.other_causes)])
+    found = re.search(r"([\d.]+)% of the light is missing beside the edge", causes)
+    assert found, causes
+    assert 0.03 < float(found[1]) / 100 < 0.07
