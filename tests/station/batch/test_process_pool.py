@@ -173,6 +173,13 @@ def test_work_of_a_cluster_ends_its_process_only_if_it_exceeds_its_time(monkeypa
         timer.reset_mock()
 
 
+@pytest.mark.parametrize(("error", "words"), [(OSError("refused"), "refused"), (KeyError("op"), "KeyError: 'op'")])
+def test_what_does_not_answer_as_a_cluster_is_named_with_its_address(error, words):
+    pytest.importorskip("distributed")
+    with pytest.raises(BadParameter, match=f"no cluster answers at tcp://here:1: {words}"):
+        dask_pool._connected(Mock(side_effect=error), "tcp://here:1", None)
+
+
 def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
     def future(status, error=None):
         return SimpleNamespace(status=status, result=lambda: 4, exception=lambda: error)

@@ -27,7 +27,7 @@ from station.__main__ import main
 from station.batch.batch_folder import owned
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
-from station.batch.run import run_batch
+from station.batch.run import _against, run_batch
 from station.calibration.folder_photographs import Item, find_frames, singly
 
 SLOW_FIXTURES = {"done"}
@@ -371,3 +371,10 @@ def test_usage_is_exit_2_and_leaves_nothing(tmp_path, monkeypatch, words, senten
     done = CliRunner().invoke(main, ["batch", *words, "--out", "out"], prog_name="station")
     assert (done.exit_code, Path("out").exists()) == (2, False)
     assert sentence in done.stderr
+
+
+def test_only_limits_that_are_not_met_are_told():
+    limits = [{"verdict": verdict, "words": words} for verdict, words in
+              (("meets", "a"), ("undecided", "b"), ("does not meet", "c"))]  # fmt: skip
+    assert _against(SimpleNamespace(limits=limits)) == "b; c"
+    assert _against(SimpleNamespace(limits=limits[:1])) == ""
