@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -20,7 +21,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused
 from station.batch import dask_pool, process_pool
-from station.batch.allowance import Allowance
+from station.batch.allowance import Allowance, limited_memory
 from station.batch.dask_pool import run_on_cluster
 from station.batch.process_pool import (
     DEATHS_IN_A_ROW,
@@ -143,6 +144,26 @@ def test_item_that_takes_too_much_memory_gets_an_error_and_the_next_ones_their_o
     allowance = Allowance(memory_bytes=1 << 30)
     found = run(errands, tmp_path, count=4, jobs=1, allowance=allowance, greedy=(1,))
     assert found == {0: 0, 1: -1, 2: 4, 3: 9}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds to a limit of address space")
+@pytest.mark.parametrize("hard", [None, 1 << 40, 1 << 20])
+def test_limit_of_memory_is_beside_what_is_taken_and_within_the_systems(monkeypatch, hard):
+    import resource
+
+    most, limits = resource.RLIM_INFINITY if hard is None else hard, []
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (1 << 50, most))
+    monkeypatch.setattr(resource, "setrlimit", lambda which, limit: limits.append((which, limit)))
+    status = Path("/proc/self/status").read_text()
+    taken = 1024 * int(re.search(r"VmSize:\s*(\d+) kB", status)[1])
+    with limited_memory(1 << 30):
+        ((which, (soft, unchanged)),) = limits
+    assert (which, unchanged) == (resource.RLIMIT_AS, most)
+    # what was allocated since it was read is far below a hundredth of the limit
+    assert soft == pytest.approx(taken + (1 << 30) if most != 1 << 20 else 1 << 20, rel=0.01)
+    assert limits[1] == (resource.RLIMIT_AS, (1 << 50, most))
+    with limited_memory(None):
+        assert len(limits) == 2
 
 
 def test_share_of_memory_is_smaller_for_more_processes_and_never_too_small():
