@@ -173,7 +173,7 @@ class AptAxis(PolledAxis):
     """An axis of driver "apt": its number is its bay, 0 where there are none."""
 
     number: Annotated[int, option("0", least=0, most=10)]
-    scale: Annotated[float, option("2.915e-5")]
+    scale: Annotated[float, option("2.915e-5", "a number other than 0", holds=bool)]
     travel: Interval
 
 
