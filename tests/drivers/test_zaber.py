@@ -179,3 +179,25 @@ def test_every_rejection_has_a_name_and_a_remedy(reason):
 def test_an_unknown_axis_is_named_with_those_that_are(homed):
     with pytest.raises(BadConfiguration, match="axes are pan_deg, tilt_deg"):
         homed.move_to(roll_deg=1.0)
+
+
+def test_a_question_is_asked_three_times(homed, bench):
+    now_s = bench.clock.now_s()
+    bench.cables["head"].faults.silent = ((now_s, now_s + 60.0),)
+    before = len(sent(homed))
+    with pytest.raises(NoAnswer):
+        homed.position()
+    assert len(sent(homed)) == before + 3
+
+
+def test_a_stop_that_an_axis_refuses_is_sent_once_more_and_every_axis_gets_it(homed, monkeypatch):
+    orders = []
+
+    def refuse(device, axis, command, **options):
+        orders.append((device, command))
+        raise Rejected(f"device {device} refused", "look", "BADDATA")
+
+    monkeypatch.setattr(homed, "_send", refuse)
+    with pytest.raises(Rejected, match="device 1 refused"):
+        homed.stop()
+    assert orders == [(1, "stop")] * 2 + [(2, "stop")] * 2
