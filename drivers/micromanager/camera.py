@@ -8,11 +8,12 @@ from typing import Any, Literal
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, FrameWrong, Rejected
+from drivers.errors import FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
+from drivers.one_frame import OneFrame
 from drivers.wire.connection import line_condition, not_connected
 
 REMEDY = "check its power and cable, then connect it again"
@@ -28,7 +29,7 @@ class MicroManagerCamera:
         self.settings = CameraSettings()
         self._shared, self._label, self._frames, self._cfa = core, device, frames, cfa
         self._core: Any = None
-        self._stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
 
     @property
     def address(self) -> str:
@@ -89,8 +90,8 @@ class MicroManagerCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph; one interrupted by an emergency stop is kept in the folder. Raises DeviceError."""
-        core, stops, requested_s = self._open(), self._stops, self.clock.now_s()
-        with self._shared.in_a_row, translated_errors(self.address, REMEDY):
+        core, requested_s = self._open(), self.clock.now_s()
+        with self._one_frame, self._shared.in_a_row, translated_errors(self.address, REMEDY):
             core.setCameraDevice(self._label)
             begun_s = self.clock.now_s()
             core.snapImage()
@@ -99,8 +100,7 @@ class MicroManagerCamera:
             frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
         body = Body("Micro-Manager", identity_text(core, self._label))
         saved = self._frames.keep(frame, body, self.settings, requested_s, times)
-        if self._stops != stops:
-            raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+        self._one_frame.check()
         return saved
 
     def _plane(self, core: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
@@ -115,7 +115,7 @@ class MicroManagerCamera:
 
     def emergency_stop(self) -> None:
         """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
-        self._stops += 1
+        self._one_frame.stop()
 
 
 @dataclass(frozen=True, kw_only=True)
