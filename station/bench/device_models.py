@@ -28,6 +28,7 @@ BUILTIN: Mapping[str, str] = {
     "gcs": "drivers.gcs:GcsOptions",
     "strig": "drivers.shutter:StrigOptions",
     "strig_shaker": "drivers.shaker:ShakerOptions",
+    "strig_imu": "drivers.imu:StrigImuOptions",
     "strig_watchdog": "drivers.watchdog:WatchdogOptions",
     "rts": "drivers.shutter:RtsOptions",
     "relay": "drivers.shutter:RelayOptions",
