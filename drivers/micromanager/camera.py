@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -14,20 +14,34 @@ from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameForm
 from drivers.making import FrameOptions, MakerContext
 from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
 from drivers.one_frame import OneFrame
+from drivers.options import option
 from drivers.wire.connection import line_condition, not_connected
 
+GAIN_ROUNDING = 0.01
+"""Allowed relative deviation from the requested gain."""
 REMEDY = "check its power and cable, then connect it again"
 
 
 class MicroManagerCamera:
-    """A Camera of a Micro-Manager configuration; `cfa` holds the colours of its tile, None for a monochrome sensor."""
+    """A Camera of a Micro-Manager configuration.
+
+    cfa : colours of its tile, None for a monochrome sensor
+    gain : in the adapter's own unit, None keeps the configuration's
+    """
 
     def __init__(
-        self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, clock: Clock | None = None
+        self,
+        core: Core,
+        device: str,
+        frames: DngFolder,
+        *,
+        cfa: str | None = None,
+        gain: float | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
         self.settings = CameraSettings()
-        self._shared, self._label, self._frames, self._cfa = core, device, frames, cfa
+        self._shared, self._label, self._frames, self._cfa, self._gain = core, device, frames, cfa, gain
         self._core: Any = None
         self._one_frame = OneFrame(lambda: self.address)
 
@@ -43,12 +57,23 @@ class MicroManagerCamera:
         core = self._shared.join(self)
         try:
             check_device(core, self._label, (CAMERA,), "camera", self._shared.config.name)
+            if self._gain is not None:
+                self._set_gain(core, self._gain)
         except BaseException:
             self._shared.leave(self)
             raise
         self._core = core
         model = f"Micro-Manager {identity_text(core, self._label)}"
         return Identity(model, core.getVersionInfo(), "", self.address)
+
+    def _set_gain(self, core: Any, gain: float) -> None:
+        """Set the gain, and read it back. Raises Rejected."""
+        remedy = "write a gain that its property Gain takes, or remove it"
+        with translated_errors(self.address, remedy):
+            core.setProperty(self._label, "Gain", f"{gain:g}")
+            there = float(core.getProperty(self._label, "Gain"))
+        if abs(there - gain) > GAIN_ROUNDING * abs(gain):
+            raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
 
     def close(self) -> None:
         """Leave the configuration."""
@@ -123,9 +148,12 @@ class MicroManagerCameraOptions(FrameOptions, CoreOptions):
     """Options of driver "micromanager_camera"."""
 
     device: Label
+    gain: Annotated[float, option("0")] | None = None
     mosaic: Literal["none", "RGGB", "BGGR", "GRBG", "GBRG"] = "none"
 
     def make(self, parts: MakerContext) -> MicroManagerCamera:
         """The camera."""
         cfa = None if self.mosaic == "none" else self.mosaic
-        return MicroManagerCamera(self.core(parts), self.device, self.frames(parts), cfa=cfa, clock=parts.clock)
+        return MicroManagerCamera(
+            self.core(parts), self.device, self.frames(parts), cfa=cfa, gain=self.gain, clock=parts.clock
+        )
