@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
 from procedures.outcome import BadParameter
-from procedures.slanted_edge.estimate import EdgeOutcome, orientation
-from procedures.slanted_edge.strip import Roi
-from station.calibration.edges import EdgeRecord, PhotographEdges, edge_measurement, measure_edges
 from station.common.progress import Progress, silent
 from station.common.uncertainty_text import stated
 from station.procedure.base import Inputs, Procedure
@@ -24,6 +21,8 @@ from station.results.units import convert_quantity
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
+    from procedures.slanted_edge.estimate import EdgeOutcome
+    from station.calibration.edges import EdgeRecord, PhotographEdges
     from station.reports.report import Report
 
 
@@ -77,6 +76,9 @@ class SlantedEdge(Procedure[EdgeSettings]):
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The edge of a region, or all edges that are found."""
+        from procedures.slanted_edge.strip import Roi  # here: mathematics, slow to load
+        from station.calibration.edges import PhotographEdges, edge_measurement, measure_edges
+
         region = settings.region
         frame = settings.read(paths[0])
         roi = None if region is None else Roi(*region)
@@ -114,6 +116,8 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     """Place, verdict, direction and MTF50 of an edge."""
+    from procedures.slanted_edge.estimate import orientation
+
     roi, edge, result = outcome.roi, outcome.value, record.result
     place = "" if roi is None else f" at {roi.x},{roi.y},{roi.width},{roi.height}"
     words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"

@@ -7,19 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from procedures.field.conclusion import conclude
-from procedures.field.measuring import measure
 from procedures.field.photosite import ASSUMED, Photosite
 from procedures.outcome import BadParameter, Miss
 from procedures.pattern import BLOCK, BLOCKS
-from procedures.pattern_psf.estimate import PatternParameters
 from procedures.reading.exposure import Exposure
-from procedures.whole_camera.from_field import whole_camera
-from station.calibration.field import field_pixels, field_results
 from station.calibration.field_photographs import check_noted, focus_positions
-from station.calibration.sensor_models import read_models
-from station.calibration.vignetting import read_vignetting
-from station.calibration.whole_camera import other_parts
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, beside
 from station.procedure.optics import INSIST
@@ -117,6 +109,14 @@ class Field(PsfProcedure[FieldSettings]):
         self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The field of every plane."""
+        from procedures.field.conclusion import conclude
+        from procedures.field.measuring import measure
+        from procedures.pattern_psf.estimate import PatternParameters
+        from procedures.whole_camera.from_field import whole_camera
+        from station.calibration.field import field_pixels, field_results
+        from station.calibration.sensor_models import read_models
+        from station.calibration.vignetting import read_vignetting
+        from station.calibration.whole_camera import other_parts
         from station.reports.field.field_files import FieldParts, field_measurement  # here: it draws, slow to load
 
         parameters, source, photosite = PatternParameters(**settings.sampling()), settings.source, settings.photosite
