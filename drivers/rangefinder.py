@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Condition, Distance, Identity, Transport
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.options import Baud
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import line_condition, opened
@@ -242,17 +242,14 @@ class BoschRangefinder:
 class JrtOptions(LineOptions):
     """Options of driver "jrt"."""
 
+    makes = JrtRangefinder
+    parser = JrtParser
     baud: Baud = 19200
-
-    def make(self, parts: MakerContext) -> JrtRangefinder:
-        """The rangefinder."""
-        return JrtRangefinder(parts.wire(self.port, JrtParser, baud=self.baud), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoschOptions(LineOptions):
     """Options of driver "bosch"."""
 
-    def make(self, parts: MakerContext) -> BoschRangefinder:
-        """The rangefinder."""
-        return BoschRangefinder(parts.wire(self.port, BoschParser, baud=self.baud), clock=parts.clock)
+    makes = BoschRangefinder
+    parser = BoschParser
