@@ -76,6 +76,7 @@ class PsfProcedure(Procedure[P]):
     schema = PSF
     has_mtf = True
     usual_page = False
+    drawn_by = "psf_page:psf_page"
 
     def measurement(
         self, frames: Sequence[RawFrame], results: Iterable[PlaneResult], asked: Mapping[str, Any], settings: P,
@@ -102,9 +103,3 @@ class PsfProcedure(Procedure[P]):
 
         whole: PsfPhotographs = measurement.result
         return measurement_report(measurement, self.name, title=self.title, frames=whole.frames)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The HTML page with PSF, MTF, uncertainties and diagnostics."""
-        from station.reports.psf_page import psf_page  # here: it draws, which is slow to load
-
-        return psf_page(self.report(measurement)).encode()

@@ -65,6 +65,7 @@ class Correct(Procedure[CorrectSettings]):
     inputs = Inputs.SEVERAL
     Settings = CorrectSettings
     results_key = "result"
+    drawn_by = "correction_page:correction_page"
     method = "joint demosaicking and deconvolution through the measured PSF field, regularized"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -105,12 +106,6 @@ class Correct(Procedure[CorrectSettings]):
             files={} if value is None else correction_files(value, results.metadata), exposure=results.frame.exposure,
             result=results,
         ).compared(terms)  # fmt: skip
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Before and after."""
-        from station.reports.correction_page import correction_page  # here: it draws, which is slow to load
-
-        return correction_page(self.report(measurement), measurement.result)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """The photographs that were not used."""

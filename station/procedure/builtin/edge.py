@@ -70,6 +70,7 @@ class SlantedEdge(Procedure[EdgeSettings]):
     schema = "station/mtf/1"
     has_mtf = True
     usual_page = False
+    drawn_by = "edges.edge_page:edge_page"
     subject = "edge"
 
     def measure(
@@ -100,12 +101,6 @@ class SlantedEdge(Procedure[EdgeSettings]):
             measurement.result.frame, path=Path(measurement.head.input[0].path)
         )  # in a session, relative to it
         return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Every edge with its place, its spread and its MTF."""
-        from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
-
-        return edge_page(self.report(measurement), measurement.result).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""

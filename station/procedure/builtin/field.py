@@ -104,6 +104,7 @@ class Field(PsfProcedure[FieldSettings]):
     argument = "FOLDER..."
     Settings = FieldSettings
     usual_page = True
+    drawn_by = "field.field_page:field_page"
 
     def measure(
         self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
@@ -162,12 +163,6 @@ class Field(PsfProcedure[FieldSettings]):
         result = measurement.result.result
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
         return replace(report, planes=[with_medians(one, result) for one in measurement.planes])
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Maps, PSFs and curves over the frame."""
-        from station.reports.field.field_page import field_page  # here: it draws, which is slow to load
-
-        return field_page(self.report(measurement), measurement).encode()
 
 
 PROCEDURE = Field()

@@ -64,6 +64,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
     at one focus are a good number."""
     inputs = Inputs.PHOTOGRAPHS
     Settings = GeometrySettings
+    drawn_by = "geometry_page:geometry_page"
     method = "bundle adjustment of camera, poses and chart, each point weighted by its covariance"
 
     def measure(
@@ -82,12 +83,6 @@ class CameraGeometry(Procedure[GeometrySettings]):
         read = [one for one in shoots[0].records if one.sha256]
         head = RecordHead(self.name, files_read(read), given)
         return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The page: accuracy over the frame, lens, chart and views."""
-        from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
-
-        return geometry_page(self.report(measurement)).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, and from how many views."""

@@ -28,6 +28,7 @@ class Restore(Procedure[RestoreSettings]):
     Settings = RestoreSettings
     schema = RESTORATION
     results_key = "result"
+    drawn_by = "restoration_page:restoration_page"
     method = "joint estimation of picture and depth by regularized least squares over the blur's masks"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -45,12 +46,6 @@ class Restore(Procedure[RestoreSettings]):
         from station.procedure.restoring import restored  # here: mathematics, slow to load
 
         return restored(self.name, paths, settings, terms, progress)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Before, after, depth, residual, and the picture refocused."""
-        from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
-
-        return restoration_page(self.report(measurement), measurement.result).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """The comparison with the ground truth."""

@@ -85,6 +85,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
     take the bracket again, and run it again."""
     inputs = Inputs.FOLDER
     Settings = TiltSettings
+    drawn_by = "tilt_page:tilt_page"
     method = "plane through the heights of best focus at the charts' places, by generalised least squares"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -114,12 +115,6 @@ class TiltOfSensor(Procedure[TiltSettings]):
         }  # fmt: skip
         head = RecordHead(self.name, tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames), given)
         return tilt_measurement(head, name, result, measured.misses).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The surface of best focus, the screws and their turns."""
-        from station.reports.tilt_page import tilt_page  # here: it draws, which is slow to load
-
-        return tilt_page(self.report(measurement)).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Each screw, the shim, and whether to turn at all."""
