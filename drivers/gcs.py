@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from drivers.errors import NoAnswer, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.options import PollInterval, axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
@@ -134,11 +134,8 @@ class GcsAxis(PolledAxis):
 class GcsOptions(LineOptions):
     """Options of driver "gcs"."""
 
+    makes = GcsStage
+    parser = GcsParser
     axes: Annotated[tuple[GcsAxis, ...], axes("number")]
     poll_s: PollInterval = 0.1
     reference: Literal["FRF", "FNL", "FPL"] = "FRF"
-
-    def make(self, parts: MakerContext) -> GcsStage:
-        """The stage."""
-        wire = parts.wire(self.port, GcsParser, baud=self.baud)
-        return GcsStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, reference=self.reference)

@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.options import Interval, PollInterval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
@@ -181,11 +181,8 @@ class AptAxis(PolledAxis):
 class AptOptions(LineOptions):
     """Options of driver "apt"."""
 
+    makes = AptStage
+    parser = AptParser
     axes: Annotated[tuple[AptAxis, ...], axes("number")]
     poll_s: PollInterval = 0.1
     cycle_s: Annotated[float, positive("102.4e-6")] = 2048 / 6e6
-
-    def make(self, parts: MakerContext) -> AptStage:
-        """The stage."""
-        wire = parts.wire(self.port, AptParser, baud=self.baud)
-        return AptStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, cycle_s=self.cycle_s)
