@@ -11,13 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
 from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
-from drivers.protocols.imu import SampleBatch, TextMessage, WitFrame
+from drivers.making import DriverOptions, LineOptions, MakerContext
+from drivers.options import STRIG_BOX, device, option, positive
+from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
 from drivers.shutter import DRIFT, Sample, StrigShutter
 from drivers.wire.connection import line_condition, opened
 
@@ -382,3 +385,52 @@ class StrigImu:
 
     def emergency_stop(self) -> None:
         """No-op: the box is stopped by its shutter."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CableOptions(LineOptions):
+    """Options of a unit on a cable of its own: the measured delay of its samples; by default round trips bound it."""
+
+    latency_s: Annotated[float | None, option("0.012", least=0)] = None
+    latency_within_s: Annotated[float, option("0.001", least=0)] = 1e-3
+
+    @property
+    def latency(self) -> CableLatency | None:
+        """The measured delay."""
+        if self.latency_s is None:
+            return None
+        return CableLatency(self.latency_s, self.latency_within_s, "common event")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrigImuOptions(DriverOptions):
+    """Options of driver "strig_imu"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+
+    def make(self, parts: MakerContext) -> StrigImu:
+        """The IMU."""
+        return StrigImu(parts.other(self.box), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WitOptions(CableOptions):
+    """Options of driver "wit"."""
+
+    def make(self, parts: MakerContext) -> WitImu:
+        """The IMU."""
+        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FastOptions(CableOptions):
+    """Options of driver "fast"."""
+
+    full_scale_g: Annotated[float, positive("8")] = 8.0
+    full_scale_deg_s: Annotated[float, positive("500")] = 500.0
+
+    def make(self, parts: MakerContext) -> FastImu:
+        """The IMU."""
+        wire = parts.wire(self.port, FastParser, baud=self.baud)
+        scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
+        return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 E_co = TypeVar("E_co", covariant=True)
 T = TypeVar("T")
+PROBE_UNITS = {"temperature": "°C", "humidity": "%", "pressure": "hPa", "power": "W", "illuminance": "lx"}
+"""Quantities of probes, and the unit of each."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,17 @@ class CameraSettings:
     exposure_s: float | None = None
     iso: int | None = None
     f_number: float | None = None
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """Size of a camera's frames, colours of their 2 x 2 tile (None: monochrome), largest number, pixel pitch."""
+
+    columns: int
+    rows: int
+    cfa: str | None
+    white: int
+    pixel_pitch_um: float | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +150,15 @@ class Distance:
     distance_mm: float
     measured_s: float
     quality: int | None = None
+
+
+@dataclass(frozen=True)
+class ProbeReading:
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty, None if unknown."""
+
+    value: float
+    unit: str
+    uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -232,6 +254,10 @@ class Shutter(Device, Protocol):
 class Camera(Device, Protocol):
     """A device that delivers one RAW file per request."""
 
+    def sensor(self) -> FrameFormat | None:
+        """The format of its frames; None while it is unknown. Raises DeviceError."""
+        ...
+
     def configure(self, settings: CameraSettings) -> None:
         """Apply, or expect, these settings. Raises DeviceError."""
         ...
@@ -278,6 +304,14 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """The level last set."""
+        ...
+
+
+class Probe(Device, Protocol):
+    """An instrument that measures quantities of the room or of the light."""
+
+    def read(self) -> Mapping[str, ProbeReading]:
+        """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
         ...
 
 

@@ -38,7 +38,7 @@ from procedures.numbers import (
 )
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
-from procedures.sensor.measured import IntervalNumber, from_draws, measured
+from procedures.sensor.measured import IntervalNumber, from_draws, measured, positive
 
 Array = npt.NDArray[np.float64]
 
@@ -188,7 +188,7 @@ def _between(
     number = measured(value, own, unit, method, n)
     ends = (number.low - value * (1 - low**power), number.high + value * (high**power - 1))
     spread = float(np.hypot(own, value * (high**power - low**power) / np.sqrt(12)))
-    return IntervalNumber(value, unit, spread, method, n, *ends)
+    return positive(IntervalNumber(value, unit, spread, method, n, *ends))
 
 
 def _decibels(number: IntervalNumber) -> IntervalNumber:
@@ -229,8 +229,8 @@ def dark_current_numbers(curves: Curves, transfer: Transfer) -> Mapping[str, Int
     by_variance = line(times, curves.dark_variance)[1] / transfer.gain**2
     return {
         DARK_CURRENT: from_draws(by_mean, "e-/s", "slope of the dark mean over exposure, over K", n,
-                                 extra=abs(float(by_mean[0])) * bent),
+                                 extra=abs(float(by_mean[0])) * bent, signed=True),
         DARK_CURRENT_BY_VARIANCE: from_draws(by_variance, "e-/s",
                                              "slope of the dark variance over exposure, over K squared", n,
-                                             extra=2 * abs(float(by_variance[0])) * bent),
+                                             extra=2 * abs(float(by_variance[0])) * bent, signed=True),
     }  # fmt: skip

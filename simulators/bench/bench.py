@@ -28,6 +28,7 @@ from simulators.devices.grbl_state import Outputs
 from simulators.devices.imu import FastModule, WitModule, box_reading
 from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.devices.ports import PtyPort, TcpPort
+from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.devices.shutter import RtsLine, StrigBox
 from simulators.devices.zaber import ZaberChain
@@ -35,7 +36,7 @@ from simulators.world.clock import FastClock, VirtualClock
 from simulators.world.world import SinusoidalDrive, World, WorldParameters
 
 _numbers = itertools.count(1)
-CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light")
+CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light", "room")
 Develop = Callable[[Opening], bytes]
 UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.00049609375}
 
@@ -61,7 +62,10 @@ class Setup:
 
 
 class SimulatedBench:
-    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/4 box, body, shaker, two IMUs and lasers, a lamp."""
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/4 box, body, shaker, two IMUs and lasers, a lamp.
+
+    A probe measures the room.
+    """
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
@@ -108,6 +112,7 @@ class SimulatedBench:
             "rangefinder": JrtModule(self.world, seeds[2]),
             "bosch": BoschModule(self.world, seeds[3]),
             "light": DmxWidget(self.world),
+            "room": ScpiTwin(self.world),
         }
 
     @cached_property

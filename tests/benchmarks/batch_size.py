@@ -44,9 +44,9 @@ def made_up(n: int, rng: np.random.Generator) -> ItemRow:
         for plane in ("G1", "G2")
     }  # fmt: skip
     noted = {"camera": f"camera {n % 3}", "f_number": 4.0, "iso": 100.0, "exposure_s": 0.02}
-    digest = f"{n:064x}"
+    digest, folder = f"{n:064x}", f"results/IMG_{n:06d}-{n:016x}"
     return ItemRow((f"/shoot/{n // 1000:03d}/IMG_{n:06d}.DNG",), "pass" if n % 50 else "refused",
-                   "" if n % 50 else "the chart was not found", sha256=(digest,), folder=f"results/IMG_{n:06d}-{n:016x}",
+                   "" if n % 50 else "the chart was not found", sha256=(digest,), folder=folder,
                    planes=planes if n % 50 else {}, duration_s=1.0, noted=noted)  # fmt: skip
 
 
