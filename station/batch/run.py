@@ -158,10 +158,8 @@ def _stored(out: Path) -> Iterator[StoredRows]:
     """The rows in a file of lines."""
     try:
         rows = StoredRows(out / LINES)
-        try:
+        with closing(rows):
             yield rows
-        finally:
-            rows.close()
     except OSError as error:
         raise unwritable(out, error) from error
 

@@ -32,50 +32,40 @@ class StoredRows(Sequence[ItemRow]):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = path.open("w+b")
+        self._out = path.open("wb")
         self._at: dict[int, int] = {}
         self._end = 0
-        self._order: list[int] | None = None
+        self._sorted: list[int] | None = None
 
     def add(self, number: int, row: ItemRow) -> None:
         """Write the row of an item."""
         data = line_of(row)
-        self._file.seek(self._end)
-        self._file.write(data)
-        self._file.flush()
-        self._at[number], self._end, self._order = self._end, self._end + len(data), None
+        self._out.write(data)
+        self._out.flush()
+        self._at[number], self._end, self._sorted = self._end, self._end + len(data), None
 
     def close(self) -> None:
-        """Release the file; it is opened again when a row is read."""
-        self._file.close()
+        """No more rows are added."""
+        self._out.close()
 
-    def _positions(self) -> list[int]:
-        if self._order is None:
-            self._order = [self._at[number] for number in sorted(self._at)]
-        return self._order
-
-    def _line(self, position: int) -> bytes:
-        if self._file.closed:
-            self._file = self._path.open("r+b")
-        self._file.seek(position)
-        return self._file.readline()
+    def _lines(self, numbers: Sequence[int]) -> Iterator[bytes]:
+        with self._path.open("rb") as file:
+            for number in numbers:
+                file.seek(self._at[number])
+                yield file.readline()
 
     def write_sorted(self, path: Path) -> None:
         """Write the lines in the order of the items."""
         with path.open("wb") as file:
-            for position in self._positions():
-                file.write(self._line(position))
+            file.writelines(self._lines(self._numbers))
 
     def replaced(self) -> None:
-        """Its file is now the sorted one."""
-        self._file.close()
+        """Its file is now the sorted one, and no rows are added any more."""
+        self.close()
         with self._path.open("rb") as file:
-            ends = [len(line) for line in file]
-        starts = [0, *ends]
-        for i in range(1, len(starts)):
-            starts[i] += starts[i - 1]
-        self._at = dict(zip(sorted(self._at), starts, strict=False))
-        self._order, self._end = None, starts[-1]
+            begin = 0
+            for number, line in zip(self._numbers, file, strict=True):
+                self._at[number], begin = begin, begin + len(line)
 
     def __len__(self) -> int:
         return len(self._at)
@@ -88,11 +78,21 @@ class StoredRows(Sequence[ItemRow]):
 
     def __getitem__(self, index: int | slice) -> ItemRow | tuple[ItemRow, ...]:
         if isinstance(index, slice):
-            return tuple(self[i] for i in range(*index.indices(len(self))))
-        return row_of_record(json.loads(self._line(self._positions()[index])))
+            return tuple(self._rows(self._numbers[index]))
+        return next(self._rows([self._numbers[index]]))
 
     def __iter__(self) -> Iterator[ItemRow]:
-        return (self[i] for i in range(len(self)))
+        return self._rows(self._numbers)
+
+    def _rows(self, numbers: Sequence[int]) -> Iterator[ItemRow]:
+        return (row_of_record(json.loads(line)) for line in self._lines(numbers))
+
+    @property
+    def _numbers(self) -> list[int]:
+        """The numbers of the items in their order, sorted when one has been added."""
+        if self._sorted is None:
+            self._sorted = sorted(self._at)
+        return self._sorted
 
 
 @dataclass

@@ -128,6 +128,11 @@ class Soak:
 
         self.world.body.close = closing  # type: ignore[method-assign]
 
+    def cut_power(self, now_s: float) -> None:
+        """Switch the stage off and on again."""
+        device: Any = self.world.cables["stage"].device
+        device.restart(now_s)
+
     # --- one operation
 
     def operate(self, n: int) -> None:
@@ -158,7 +163,7 @@ class Soak:
         elif fault in FAULTS:
             disturb(self.world.cables[cable], fault, self.clock.now_s() + self.rng.uniform(0.0, 15.0), self.rng)
             if fault == "reset":
-                restart = self.world.devices["shutter"].restart if cable == "shutter" else self.rig.power_cycle
+                restart = self.world.devices["shutter"].restart if cable == "shutter" else self.cut_power
                 works.append(
                     self.rig.later(
                         self.rng.uniform(0.0, 20.0),
@@ -312,9 +317,9 @@ def soaked(folder: Path, seed: int, firmware: FirmwareInSimavr | None = None) ->
     bench = make_bench(tables, folder=incoming, clock=world.clock)
     cable = world.cables["stage"]
     if firmware is None:
-        rig = StageRig(bench.stage, world.clock, world.world.axes, cable, cable.device.restart)  # type: ignore[attr-defined]
+        rig = StageRig(bench.stage, world.clock, world.world.axes, cable)
     else:
-        rig = FirmwareRig(bench.stage, world.clock, {}, cable, lambda now_s: firmware.restart(now_s, 0.5))
+        rig = FirmwareRig(bench.stage, world.clock, {}, cable)
     try:
         bench.connect()
         bench.stage.home()
