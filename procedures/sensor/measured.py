@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -48,13 +48,20 @@ def from_draws(values: Array, unit: str, method: str, n: int, *, extra: float = 
     return measured(float(values[0]), uncertainty, unit, method, n)
 
 
+def bounded(number: IntervalNumber) -> IntervalNumber:
+    """The number, which is not negative; where its interval reaches 0 only the upper end is known, and it says so."""
+    if number.low > 0:
+        return number
+    return replace(number, method=f"{number.method}; only its upper bound is known", low=0.0)
+
+
 def root(variance: float, uncertainty: float, scale: float, unit: str, method: str, n: int) -> IntervalNumber:
     """The square root of a variance, times a scale; 0 for a negative variance, and the root of its interval."""
     low, high = variance - CONFIDENT * uncertainty, max(variance + CONFIDENT * uncertainty, uncertainty)
     ends = np.sqrt(np.maximum([variance, low, high], 0)) * scale
     value = float(ends[0])
     spread = uncertainty * scale / (2 * np.sqrt(variance)) if variance > uncertainty else np.sqrt(uncertainty) * scale
-    return IntervalNumber(value, unit, float(spread), method, n, float(ends[1]), float(ends[2]))
+    return bounded(IntervalNumber(value, unit, float(spread), method, n, float(ends[1]), float(ends[2])))
 
 
 def with_share(number: IntervalNumber, share: float) -> IntervalNumber:
