@@ -94,9 +94,10 @@ def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, r
         value, uncertainty = core_variance(recording.dark_stack)
         spatial = _drawn([value], [uncertainty**2], rng, len(mean) - 1)[:, 0]
     for i, level in enumerate(recording.darks):
-        variances = np.array([level.mean_variance, level.variance_variance, uncertainty**2])
-        variances += finite_pixels(level.variance, float(spatial[0]), level.samples)
-        before = unrounded((mean[:, i], variance[:, i], spatial), variances, rng)
+        more = finite_pixels(level.variance, float(spatial[0]), level.samples)
+        scatter = np.sqrt(more)[:, None] * np.column_stack([np.zeros(3), rng.standard_normal((3, len(mean) - 1))])
+        variances = np.array([level.mean_variance, level.variance_variance, uncertainty**2]) + more
+        before = unrounded(tuple(np.array([mean[:, i], variance[:, i], spatial]) + scatter), variances, rng)
         mean[:, i], variance[:, i] = before.mean, before.temporal
         pixels = np.sqrt(before.spatial)
     return pixels
