@@ -46,7 +46,6 @@ BUILTIN: Mapping[str, str] = {
     "alpaca_shutter": "drivers.alpaca.switch:AlpacaShutterOptions",
     "wit": "drivers.imu:WitOptions",
     "fast": "drivers.imu:FastOptions",
-    "strig_imu": "drivers.imu:StrigImuOptions",
     "jrt": "drivers.rangefinder:JrtOptions",
     "bosch": "drivers.rangefinder:BoschOptions",
     "dmx": "drivers.light:DmxOptions",
