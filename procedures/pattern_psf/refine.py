@@ -247,6 +247,34 @@ def refine(
     return replace(fit, converged=bool(step_px < 10 * TOLERANCE_PX), scores=_scores(fit, system_matrix), slopes=slopes)
 
 
+def linear_system(
+    fit: ChartFit, chart: Chart, raster: Raster, window: Window, k: int, far: Array32
+) -> tuple[Array32, Array, Array]:
+    """The columns of a fit at its solution, divided by the noise.
+
+    Returns
+    -------
+    shared : (m, k^2 + q) float32
+        Of the PSF and the tail.
+    own : (m, p - q) float64
+        Of the other nuisance parameters.
+    gram : (k^2 + q, k^2 + q) float64
+        Gram matrix of the first without the second, with the tail's priors.
+    """
+    q, n, o, equations = len(SHAPES), k * k, fit.observation, fit.equations
+    model = _Model(whole_chart(chart), raster, window, k, far)
+    u = model.read(fit.registration, tail_border(k))
+    shared = model.system(o, u, q)
+    _, Z = _linearised(fit, shared[:, :n], model, model.far(fit, u))
+    Z = Z * o.weight[:, None]
+    shared[:, n:] = Z[:, -q:]
+    AZ, ZZ = equations.AZ, equations.ZZ
+    AA = equations.G + AZ @ equations.E
+    joined = np.block([[AA, AZ[:, -q:]], [AZ[:, -q:].T, ZZ[-q:, -q:]]])
+    others = np.vstack([AZ[:, :-q], ZZ[-q:, :-q]])
+    return shared, Z[:, :-q], joined - others @ np.linalg.solve(ZZ[:-q, :-q], others.T)
+
+
 def fit_by_marks(
     observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int
 ) -> ChartFit:
