@@ -49,8 +49,8 @@ class Diagnostics:
         Number of isolated samples excluded although their neighbours fit: hot or dead pixels.
     saturated, flatness, contrast, noise : float
         Clipped share of the white blocks, smallest over largest white, white minus black, and noise over that contrast.
-    response_curvature : float
-        beta of the response m + beta (m^2 - m).
+    response_curvature, response_uncertainty : float
+        beta of the response m + beta (m^2 - m), and its standard uncertainty.
     ink_spread : float
         Displacement of the printed edges from black towards white, in cells.
     printed_edges_rms : float
@@ -96,6 +96,7 @@ class Diagnostics:
     contrast: float
     noise: float
     response_curvature: float
+    response_uncertainty: float
     ink_spread: float
     printed_edges_rms: float
     s_over_t: float
@@ -165,6 +166,7 @@ def diagnose(
         contrast=light.contrast,
         noise=float(np.sqrt(light.variance_white) / light.contrast),
         response_curvature=float(fit.light[RESPONSE]),
+        response_uncertainty=_variance_of(fit, GEOMETRY + RESPONSE) ** 0.5 * fit.residual_std,
         ink_spread=-float(fit.light[SPREAD]),
         printed_edges_rms=fit.edge_rms,
         s_over_t=float(psf.s * pixels_per_cell),
@@ -194,12 +196,17 @@ def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
         return 0.0
     expected = prior.energy(s, round(len(fit.h) ** 0.5))
     known, fitted = (prior.share * expected) ** 2, float(fit.light[TAIL])
-    equations, place = fit.equations, GEOMETRY + TAIL
-    through = equations.E[place]
-    c = float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
+    c = _variance_of(fit, GEOMETRY + TAIL)
     alone = c / max(1 - c / known, 1e-9)
     away = fitted + alone * (fitted - expected) / known - expected
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))
+
+
+def _variance_of(fit: ChartFit, place: int) -> float:
+    """Variance of a nuisance parameter, for unit noise."""
+    equations = fit.equations
+    through = equations.E[place]
+    return float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
 
 
 def _neighbour_correlation(fit: ChartFit) -> float:

@@ -379,7 +379,6 @@ def _result(
 ) -> PatternPsf:
     """Assemble the reported values from the final fit."""
     fit, psf, o = final.fit, final.solution.psf, final.fit.observation
-    x, y = o.points[0]
     return PatternPsf(
         psf=psf,
         n=len(o),
@@ -397,7 +396,7 @@ def _result(
         diagnostics=asdict(d),
         marks=corners,
         residual=fit.residual_image,
-        residual_origin=(int(x) - int(o.columns[0]), int(y) - int(o.rows[0])),
+        residual_origin=(o.window.x, o.window.y),
         correspondences=correspondences(fit),
         shared=final.solution.shared,
     )

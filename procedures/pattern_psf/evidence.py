@@ -14,7 +14,6 @@ from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_sc
 from procedures.corruption.scores import Part, Strength, strengths
 from procedures.numerics.kernel_tail import far_light
 from procedures.pattern import Chart
-from procedures.pattern_psf.observation import noise_window
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.rasterise import band_limited_chart
 from procedures.pattern_psf.refine import TILES, ChartFit, linear_system
@@ -76,7 +75,7 @@ def _strengths(
     """Strengths of the directions, each by itself, in noise region and frame together."""
     raster, o = band_limited_chart(chart, fit.registration, s), fit.observation
     whole = WholeChart.of(fit, samples, light, raster, k)
-    window = noise_window(fit.registration, samples.shape)
+    window = o.window
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
     shared, own, gram = linear_system(fit, chart, raster, window, k, far)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import OPEN, Trial
+from procedures.corruption.family import threshold
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
@@ -32,7 +33,7 @@ MAX_RESIDUAL_CORRELATION = 0.3
 MAX_NOISE_CORRELATION = 0.25
 """Noise correlation of neighbouring samples above which the picture was processed."""
 MAX_CURVATURE = 0.15
-"""Curvature of the response above which the picture is not linear."""
+"""Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
 MAX_INK_SPREAD = 0.25
 """Ink spread, in cells, above which the model of thin outlines fails."""
 MAX_SUPPORT_CUT = 0.15
@@ -258,8 +259,8 @@ def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
         Check("black", d.crushed, MAX_BLACK_CLIPPING, doubtful,
               f"black is clipped: {d.crushed:.0%} of its samples have one value",
               "raise the black level (offset) of the camera" if raw else "use the RAW file, or raise the black level"),
-        Check("response", abs(d.response_curvature), MAX_CURVATURE, doubtful,
-              f"the response is not linear: its curvature is {d.response_curvature:.2f}"
+        Check("response", abs(d.response_curvature), MAX_CURVATURE + threshold() * d.response_uncertainty, doubtful,
+              f"the response is not linear: its curvature is {d.response_curvature:.2f} ± {d.response_uncertainty:.2f}"
               + ("" if raw else ", as of a tone curve"),
               less if raw else "use the RAW file, or a linear picture"),
         Check("ink spread", abs(d.ink_spread), MAX_INK_SPREAD, doubtful,

@@ -20,7 +20,7 @@ from procedures.pattern_psf.chart_finding import chart_frame
 from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.marks import find_saddles
 
-MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
+MIN_WIDTH, MAX_WIDTH = 45.0, 300.0
 """Widths of the noise region that the estimator accepts, in pixels."""
 TOLERANCE = 1.06
 """Tolerance of a width, as a factor: the width of a tilted chart varies."""
@@ -261,7 +261,7 @@ def one_chart(sightings: list[ChartSighting]) -> ChartSighting:
     if not sightings:
         raise Refused(
             "no chart in the photograph",
-            "photograph the whole chart, in focus and evenly lit, with its noise region 60 to 300 pixels wide",
+            "photograph the whole chart, in focus and evenly lit, with its noise region 45 to 300 pixels wide",
         )
     if len(sightings) > 1:
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in sightings))
