@@ -8,19 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
-from drivers.frames import ExposureMetadata, Inspect, KnownSensor, check_settings, is_raw, sha256_of
-from drivers.interfaces import (
-    CameraSettings,
-    Condition,
-    ExposedFile,
-    Identity,
-    SensorFormat,
-    Shutter,
-    ShutterTimes,
-)  # fmt: skip
+from drivers.frames import (
+    ExposureMetadata,
+    Inspect,
+    KnownSensor,
+    SensorText,
+    check_settings,
+    is_raw,
+    sensor_format,
+    sha256_of,
+)
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, Shutter, ShutterTimes
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import SHUTTER, FolderName, PollInterval, Seconds, device, positive
 
 Stamp = tuple[int, int]  # size, modification time in ns
 
@@ -33,12 +37,12 @@ class Tether:
     `bulb`: the contact is held for the whole exposure.
     """
 
-    pulse_s: float = 0.1
-    focus_s: float = 0.0
+    pulse_s: Annotated[float, positive("0.1")] = 0.1
+    focus_s: Seconds = 0.0
     bulb: bool = False
-    rest_s: float = 0.5
-    patience_s: float = 20.0
-    poll_s: float = 0.1
+    rest_s: Seconds = 0.5
+    patience_s: Annotated[float, positive("20")] = 20.0
+    poll_s: PollInterval = 0.1
 
 
 @dataclass
@@ -215,3 +219,18 @@ class FolderCamera:
         """Open the contacts and stop waiting for a frame; one that still comes stays in the folder."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "expose again")
         self._shutter.emergency_stop()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(Tether, DriverOptions):
+    """Options of driver "folder"."""
+
+    folder: FolderName
+    shutter: Annotated[str, device(SHUTTER, '"shutter"')]
+    sensor: SensorText | None = None
+
+    def make(self, parts: MakerContext) -> FolderCamera:
+        """The camera."""
+        box, place = parts.other(self.shutter), parts.folder / self.folder
+        sensor = sensor_format(self.sensor)
+        return FolderCamera(place, box, parts.inspect, tether=self, sensor=sensor, clock=parts.clock)

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.errors import FrameWrong
 from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.options import option
 
 TIFF_LIKE = frozenset((".3fr", ".arw", ".cr2", ".dng", ".erf", ".iiq", ".kdc", ".nef", ".nrw", ".pef", ".srw"))
 OTHERS = frozenset((".cr3", ".crw", ".dcr", ".mef", ".mos", ".mrw", ".orf", ".raf", ".raw", ".rw2", ".x3f"))
@@ -29,6 +31,24 @@ class ExposureMetadata:
 
 # Decodes a RAW file and returns its metadata; any exception means that the file is incomplete or damaged.
 Inspect = Callable[[Path], ExposureMetadata]
+
+
+SensorText = Annotated[
+    str,
+    option(
+        '"6000x4000 RGGB 14"', "size, colours of the 2 x 2 tile or grey, and bits in quotes",
+        pattern=r"^\d{1,5}x\d{1,5} (RGGB|BGGR|GRBG|GBRG|grey) ([89]|1[0-6])\Z",
+    ),
+]  # fmt: skip
+
+
+def sensor_format(text: str | None) -> SensorFormat | None:
+    """The format written as "6000x4000 RGGB 14"."""
+    if text is None:
+        return None
+    size, colours, bits = text.split()
+    columns, rows = map(int, size.split("x"))
+    return SensorFormat(columns, rows, None if colours == "grey" else colours, 2 ** int(bits) - 1)
 
 
 class KnownSensor:

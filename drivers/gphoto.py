@@ -15,12 +15,14 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frames import Inspect, KnownSensor, check_settings, is_raw, sha256_of
+from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, Shutter
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
 
 T = TypeVar("T")
@@ -381,3 +383,22 @@ def read_choice(text: str) -> float | None:
         return float(over) / float(under or 1)
     except (ValueError, ZeroDivisionError):
         return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GphotoOptions(DriverOptions):
+    """Options of driver "gphoto"."""
+
+    folder: FolderName
+    model: Annotated[str, text('"Canon EOS R5"')] = ""
+    port: Annotated[str, text('"usb:001,004"', "libgphoto2's name of a port in quotes")] = ""
+    shutter: Annotated[str, device(SHUTTER, '"shutter"')] | None = None
+    sensor: SensorText | None = None
+
+    def make(self, parts: MakerContext) -> GphotoCamera:
+        """The camera."""
+        box, sensor = parts.other(self.shutter) if self.shutter else None, sensor_format(self.sensor)
+        return GphotoCamera(
+            parts.folder / self.folder, parts.inspect, model=self.model, port=self.port, shutter=box, sensor=sensor,
+            clock=parts.clock,
+        )  # fmt: skip

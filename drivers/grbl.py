@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from functools import partial
+from typing import Annotated, ClassVar, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -26,8 +28,21 @@ from drivers.errors import (
 from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
+from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.protocols.grbl import DOOR_MESSAGE, HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.options import ENABLED_STAGE, GRBL_STAGE, PollInterval, axes
+from drivers.protocols.grbl import (
+    DOOR_MESSAGE,
+    HOLD,
+    JOG_CANCEL,
+    MOTORS_HELD,
+    PAUSES,
+    RESET,
+    RESUMABLE,
+    RESUME,
+    Event,
+    GrblParser,
+)
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
 
@@ -321,3 +336,19 @@ class GrblStage:
         self.link.preempt(
             HOLD + RESET, EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then home")
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrblOptions(LineOptions):
+    """Options of driver "grbl"."""
+
+    provides: ClassVar[tuple[str, ...]] = (GRBL_STAGE, ENABLED_STAGE)
+    axes: Annotated[tuple[GrblAxis, ...], axes("letter")]
+    poll_s: PollInterval = 0.2
+    reset_on_open: Literal["expect", "avoid"] = "expect"
+
+    def make(self, parts: MakerContext) -> GrblStage:
+        """The stage."""
+        dtr = False if self.reset_on_open == "avoid" else None
+        wire = parts.wire(self.port, GrblParser, baud=self.baud, dtr=dtr)
+        return GrblStage(wire, self.axes, clock=parts.clock, reset_on_open=self.reset_on_open, poll_s=self.poll_s)

@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, NoAnswer, Rejected
 from drivers.interfaces import Condition, Identity, ImuBlock, Transport
-from drivers.protocols.imu import SampleBatch, TextMessage, WitFrame
+from drivers.making import LineOptions, MakerContext
+from drivers.options import positive
+from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
 from drivers.wire.connection import line_condition, opened
 
 G_M_S2 = 9.80665
@@ -244,3 +247,26 @@ class FastImu:
     def emergency_stop(self) -> None:
         """Harmless: only ends the waits."""
         self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WitOptions(LineOptions):
+    """Options of driver "wit"."""
+
+    def make(self, parts: MakerContext) -> WitImu:
+        """The IMU."""
+        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FastOptions(LineOptions):
+    """Options of driver "fast"."""
+
+    full_scale_g: Annotated[float, positive("8")] = 8.0
+    full_scale_deg_s: Annotated[float, positive("500")] = 500.0
+
+    def make(self, parts: MakerContext) -> FastImu:
+        """The IMU."""
+        wire = parts.wire(self.port, FastParser, baud=self.baud)
+        scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
+        return FastImu(wire, clock=parts.clock, **scale)

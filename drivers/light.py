@@ -9,10 +9,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped
 from drivers.interfaces import Condition, Identity, Transport
+from drivers.making import DriverOptions, MakerContext, OutputOptions
+from drivers.options import Port, Seconds, distinct, option
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.protocols.grbl_link import GrblLink
 from drivers.wire.connection import line_condition, opened
@@ -69,8 +74,8 @@ def check_level(level: float) -> float:
 class LampProperties:
     """Properties of a lamp: warm-up time, and modulation frequency (0: none)."""
 
-    warm_up_s: float = 0.0
-    pwm_hz: float = 0.0
+    warm_up_s: Seconds = 0.0
+    pwm_hz: Annotated[float, option("1000", least=0)] = 0.0
 
     def flickers(self, exposure_s: float, allowed: float = 0.01) -> bool:
         """Whether exposures of this length can differ by more than `allowed` of their light, i.e. by one cycle."""
@@ -214,3 +219,28 @@ class GrblLight:
         """Reset the controller, which switches the output off."""
         self._level = 0.0
         self.link.preempt(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DmxOptions(LampProperties, DriverOptions):
+    """Options of driver "dmx"."""
+
+    port: Port
+    channels: Annotated[
+        tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
+        option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
+    ] = (1,)
+
+    def make(self, parts: MakerContext) -> DmxLight:
+        """The lamp."""
+        return DmxLight(parts.wire(self.port, DmxParser), self.channels, panel=self, clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrblLightOptions(LampProperties, OutputOptions):
+    """Options of driver "grbl_light"."""
+
+    def make(self, parts: MakerContext) -> GrblLight:
+        """The lamp."""
+        link, own = self.link(parts)
+        return GrblLight(link, panel=self, clock=parts.clock, owns_link=own)

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 from drivers.errors import Alarm, BadConfiguration, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Travel
+from drivers.making import LineOptions, MakerContext
+from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
@@ -161,3 +164,45 @@ class Smc100Stage(Esp301Stage):
         """Only a controller without reference searches for it: one that has it is sent to its zero."""
         _, state = self._ask(axis, f"{axis.number}TS", "([0-9A-F]{4})([0-9A-F]{2})")
         self._order(axis, "PA0" if state >= "28" else "OR", allowed)
+
+
+@dataclass(frozen=True)
+class Esp301Axis(PolledAxis):
+    """An axis of an ESP301."""
+
+    number: Annotated[int, option("1", least=1, most=3)] = 1
+
+
+@dataclass(frozen=True)
+class Smc100Axis(PolledAxis):
+    """An axis of SMC100 controllers on one line."""
+
+    number: Annotated[int, option("1", least=1, most=31)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Esp301Options(LineOptions):
+    """Options of driver "esp301"."""
+
+    axes: Annotated[tuple[Esp301Axis, ...], axes("number")]
+    baud: Baud = 921600
+    poll_s: PollInterval = 0.1
+
+    def make(self, parts: MakerContext) -> Esp301Stage:
+        """The stage."""
+        wire = parts.wire(self.port, NewportParser, baud=self.baud)
+        return Esp301Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smc100Options(LineOptions):
+    """Options of driver "smc100"."""
+
+    axes: Annotated[tuple[Smc100Axis, ...], axes("number")]
+    baud: Baud = 57600
+    poll_s: PollInterval = 0.1
+
+    def make(self, parts: MakerContext) -> Smc100Stage:
+        """The stage."""
+        wire = parts.wire(self.port, NewportParser, baud=self.baud)
+        return Smc100Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)

@@ -11,13 +11,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, NamedTuple, TypeVar
+from typing import Annotated, Generic, NamedTuple, TypeVar
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, MoveFailed, NoAnswer, WasReset
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.options import AxisName, interval, option, positive
 from drivers.wire.connection import anything, not_connected, opened
 from drivers.wire.in_step import InStepLine
 from drivers.wire.outgoing import URGENT_S
@@ -51,13 +52,13 @@ class PolledAxis:
     tolerance : of positions
     """
 
-    name: str
+    name: AxisName
     number: int | str = 1
-    scale: float = 1.0
-    zero: float = 0.0
-    travel: tuple[float, float] | None = None
-    speed_per_s: float | None = None
-    tolerance: float = 0.002
+    scale: Annotated[float, option("1.0")] = 1.0
+    zero: Annotated[float, option("0.0")] = 0.0
+    travel: Annotated[tuple[float, float], interval("[0.0, 100.0]")] | None = None
+    speed_per_s: Annotated[float, positive("10")] | None = None
+    tolerance: Annotated[float, positive("0.002")] = 0.002
 
     def to_device(self, value: float) -> float:
         """The controller's number of a position."""

@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
 from drivers.interfaces import Condition, Identity, ShakePath
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import STRIG_BOX, AxisName, axes, device, positive
 from drivers.shutter import KEEP_ALIVE_S, StrigShutter
 from drivers.wire.connection import line_condition
 
@@ -30,10 +33,10 @@ class ShakerAxis:
     `direction` -1: the axis moves down when the channel's value rises.
     """
 
-    name: str
-    channel: int
-    stroke: float
-    direction: int = 1
+    name: AxisName
+    channel: Literal[0, 1]
+    stroke: Annotated[float, positive("2.0")]
+    direction: Literal[1, -1] = 1
 
     def to_steps(self, offset: float) -> int:
         """The channel's value of an offset."""
@@ -144,3 +147,15 @@ class StrigShaker:
     def emergency_stop(self) -> None:
         """Rest at once, and open the shutter, which is on the same box."""
         self._box.emergency_stop()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShakerOptions(DriverOptions):
+    """Options of driver "strig_shaker"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+    axes: Annotated[tuple[ShakerAxis, ...], axes("channel")]
+
+    def make(self, parts: MakerContext) -> StrigShaker:
+        """The shaker."""
+        return StrigShaker(parts.other(self.box), self.axes, clock=parts.clock)

@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import ClassVar
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
+from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
+from drivers.options import SHUTTER, STRIG_BOX, Port
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 from drivers.protocols.grbl_link import GrblLink
 from drivers.wire.connection import anything, line_condition, opened
@@ -364,3 +367,38 @@ class RelayShutter:
     def emergency_stop(self) -> None:
         """Reset the controller, which opens its relay."""
         self.link.preempt(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrigOptions(LineOptions):
+    """Options of driver "strig"."""
+
+    provides: ClassVar[tuple[str, ...]] = (SHUTTER, STRIG_BOX)
+
+    def make(self, parts: MakerContext) -> StrigShutter:
+        """The shutter box."""
+        return StrigShutter(parts.wire(self.port, StrigParser, baud=self.baud), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RtsOptions(DriverOptions):
+    """Options of driver "rts"."""
+
+    provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
+    port: Port
+
+    def make(self, parts: MakerContext) -> RtsShutter:
+        """The shutter."""
+        return RtsShutter(parts.wire(self.port, NullParser, rts=False), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelayOptions(OutputOptions):
+    """Options of driver "relay"."""
+
+    provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
+
+    def make(self, parts: MakerContext) -> RelayShutter:
+        """The shutter."""
+        link, own = self.link(parts)
+        return RelayShutter(link, clock=parts.clock, owns_link=own)

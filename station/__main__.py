@@ -32,6 +32,7 @@ COMMANDS = {
     "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
+    "refocus": ("procedure_command", "refocus", "Change aperture and focus of a restored picture afterwards."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat
+from drivers.making import FrameOptions, MakerContext
+from drivers.options import Patience, positive
 from drivers.wire.connection import line_condition, not_connected
 
 POLL_S = 0.05
@@ -34,8 +37,8 @@ class AlpacaCameraSettings:
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
     """
 
-    exposure_s: float = 0.1
-    patience_s: float = 30.0
+    exposure_s: Annotated[float, positive("0.1")] = 0.1
+    patience_s: Patience = 30.0
 
 
 class AlpacaCamera:
@@ -187,3 +190,12 @@ def _shifted(offset: tuple[int, int]) -> str:
     """Colours of the 2 x 2 tile at the first pixel, for a mosaic whose red is at this offset."""
     x, y = offset
     return "".join(TILE[(row + y) % 2][(column + x) % 2] for row in (0, 1) for column in (0, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaCameraOptions(AlpacaCameraSettings, FrameOptions, NumberedOptions):
+    """Options of driver "alpaca_camera"."""
+
+    def make(self, parts: MakerContext) -> AlpacaCamera:
+        """The camera."""
+        return AlpacaCamera(self.at, self.device, self.frames(parts), self, clock=parts.clock)

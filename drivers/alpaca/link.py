@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote, urlencode, urlsplit
 
 import numpy as np
@@ -22,6 +22,8 @@ import numpy.typing as npt
 
 from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
+from drivers.making import DriverOptions
+from drivers.options import Count, option
 from drivers.wire.connection import not_connected
 
 PREEMPT_S, PREEMPT_TRIES = 10.0, 3
@@ -212,3 +214,31 @@ def _client(address: str, kind: str, number: int) -> Any:
         raise BadConfiguration("alpyca is not installed", remedy) from error
     classes = {"camera": camera.Camera, "focuser": focuser.Focuser, "switch": switch.Switch}
     return classes[kind](address, number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServerOptions(DriverOptions):
+    """A server."""
+
+    server: Annotated[
+        str,
+        option(
+            '"192.168.1.20:11111"', "address and port of a server in quotes",
+            pattern=r"^(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}\Z",
+        ),
+    ]  # fmt: skip
+    password_variable: Annotated[
+        str, option('"STATION_TOKEN"', "the name of a variable of the environment", pattern=r"^[A-Za-z_]\w*\Z")
+    ] = ""
+
+    @property
+    def at(self) -> AlpacaAddress:
+        """Its address."""
+        return AlpacaAddress(self.server, self.password_variable)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedOptions(ServerOptions):
+    """A device of a server, by its number."""
+
+    device: Count = 0

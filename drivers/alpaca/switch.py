@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
+from typing import ClassVar
 
-from drivers.alpaca.link import AlpacaAddress, AlpacaLink
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, NumberedOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
 from drivers.light import LampProperties, LastLevel, check_level
+from drivers.making import MakerContext
+from drivers.options import SHUTTER, Count
 from drivers.wire.connection import line_condition, not_connected
 
 SET = "setswitch"
@@ -182,3 +186,35 @@ class AlpacaShutter:
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.preempt_off()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwitchOptions(NumberedOptions):
+    """A switch of a device."""
+
+    switch: Count
+
+    @property
+    def line(self) -> AlpacaSwitch:
+        """The switch."""
+        return AlpacaSwitch(self.at, self.device, self.switch)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaLightOptions(LampProperties, SwitchOptions):
+    """Options of driver "alpaca_light"."""
+
+    def make(self, parts: MakerContext) -> AlpacaLight:
+        """The lamp."""
+        return AlpacaLight(self.line, panel=self, clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaShutterOptions(SwitchOptions):
+    """Options of driver "alpaca_shutter"."""
+
+    provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
+
+    def make(self, parts: MakerContext) -> AlpacaShutter:
+        """The shutter."""
+        return AlpacaShutter(self.line, clock=parts.clock)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
-from drivers.micromanager.core import CAMERA, Core, check_device, identity_text, translated_errors
+from drivers.making import FrameOptions, MakerContext
+from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
 from drivers.wire.connection import line_condition, not_connected
 
 REMEDY = "check its power and cable, then connect it again"
@@ -114,3 +116,16 @@ class MicroManagerCamera:
     def emergency_stop(self) -> None:
         """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
         self._stops += 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class MicroManagerCameraOptions(FrameOptions, CoreOptions):
+    """Options of driver "micromanager_camera"."""
+
+    device: Label
+    mosaic: Literal["none", "RGGB", "BGGR", "GRBG", "GBRG"] = "none"
+
+    def make(self, parts: MakerContext) -> MicroManagerCamera:
+        """The camera."""
+        cfa = None if self.mosaic == "none" else self.mosaic
+        return MicroManagerCamera(self.core(parts), self.device, self.frames(parts), cfa=cfa, clock=parts.clock)

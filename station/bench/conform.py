@@ -30,18 +30,21 @@ from drivers.interfaces import Stage
 from drivers.transport import register_scheme
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.cable_faults import Faults
+from simulators.devices.gcs import GcsTwin
 from simulators.devices.newport import Esp301Twin, Smc100Twin
 from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
+from simulators.devices.thorlabs import AptTwin
+from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
+from station.bench.device_models import BUILTIN, drivers, options_of
 from station.bench.opening import make_bench, simulated_tables
 
 
 class Twin(SerialDevice, Protocol):
     """A simulated stage at byte level, with its axes by their names, and its main switch."""
 
-    axes: Mapping[str, Axis]
+    axes: dict[str, Axis]
 
     def power_cycle(self, now_s: float) -> None:
         """Off and on again: the reference is lost."""
@@ -57,6 +60,20 @@ BUILT_IN = {"grbl": "stage", "zaber": "head"}
 TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
     "esp301": (Esp301Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
     "smc100": (Smc100Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
+    "apt": (
+        AptTwin,
+        {
+            "axes": [
+                {"name": "x_mm", "number": 1, "scale": 1 / 34304, "travel": [0.0, 50.0]},
+                {"name": "y_mm", "number": 2, "scale": 1 / 34304, "travel": [0.0, 25.0]},
+            ]
+        },
+    ),
+    "gcs": (GcsTwin, {"axes": [{"name": "x_mm", "number": "1"}, {"name": "y_mm", "number": "2"}]}),
+    "tmcl_stage": (
+        TmclModule,
+        {"baud": 9600, "axes": [{"name": "z_mm", "motor": 0, "travel": [0.0, 300.0], "unit_per_step": 1 / 320}]},
+    ),
 }
 """Drivers with a twin of their own, and the rest of their table."""
 FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
@@ -380,7 +397,8 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
 
 def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
     """Twins of built-in and of added drivers."""
-    return {**TWINS, **{name: (one.twin, {}) for name, one in added_drivers().items() if one.twin is not None}}
+    added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
+    return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
 
 
 @contextmanager

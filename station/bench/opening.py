@@ -41,17 +41,16 @@ from drivers.interfaces import (
     Shutter,
     Stage,
 )
-from drivers.micromanager.core import Core
+from drivers.making import DriverOptions, MakerContext
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
-from station.bench.device_check import TableCheck
-from station.bench.device_makers import MAKERS, MakerContext, maker_of
-from station.bench.device_options import REFERS, named
+from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
+from station.common.models import TableSource, read_model
 from station.common.toml_lines import key_lines
 
 
@@ -207,7 +206,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    TableCheck(devices, path.name, key_lines(text)).check()
+    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
     return devices
 
 
@@ -215,22 +214,20 @@ def make_bench(
     tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
 ) -> Bench:
     """The configured devices, not yet connected; relative folders refer to `folder`. Raises BadConfiguration."""
-    TableCheck(tables).check()
+    devices = read_devices(tables)
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}
-    cores: dict[Path, Core] = {}
-    for name in sorted(tables, key=lambda name: _depth(tables, name)):
-        options = {key: value for key, value in tables[name].items() if key != "driver"}
-        parts = MakerContext(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
-        made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
+    shared: dict[object, Any] = {}
+    for name in sorted(devices, key=lambda name: _depth(devices, name)):
+        parts = MakerContext(name, made, folder, clock, inspect_raw, wire_log, transcripts, shared)
+        made[name] = devices[name].make(parts)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 
-def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
+def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:
     """Number of devices that must be created before this one, in sequence."""
-    others = [other for key in REFERS for other in named(tables[name], key)]
-    return max((1 + _depth(tables, other) for other in others), default=0)
+    return max((1 + _depth(devices, other) for _, other, _ in named(devices[name])), default=0)
 
 
 def inspect_raw(path: Path) -> ExposureMetadata:
@@ -291,9 +288,9 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
     """Add a simulated bench's shaker, or remove it. The mapping is replaced, as other threads may iterate over it."""
     devices, drivers = dict(bench.devices), dict(bench.drivers)
     if wanted and "shaker" not in devices:
+        parts = MakerContext("shaker", devices, Path(), bench.clock, inspect_raw)
         options = {key: value for key, value in SHAKER.items() if key != "driver"}
-        parts = MakerContext(devices, Path(), bench.clock, inspect_raw)
-        devices["shaker"] = MAKERS[SHAKER["driver"]]("shaker", parts, **options)
+        devices["shaker"] = read_model(options_of(SHAKER["driver"]), options, TableSource()).make(parts)
         drivers["shaker"] = SHAKER["driver"]
     elif not wanted and "shaker" in devices:
         del devices["shaker"], drivers["shaker"]

@@ -26,9 +26,10 @@ from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS
 from station.common.log import log, log_json_option
+from station.common.models import ModelField, TableSource, fields_of, read_model
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import SettingField, fields_of, read_settings, to_record
+from station.procedure.settings import to_record
 
 if TYPE_CHECKING:
     from station.results.measurement import Measurement
@@ -114,7 +115,7 @@ class ListCommand(click.Command):
         return super().parse_args(ctx, spelled)
 
 
-def _option(one: SettingField) -> Any:
+def _option(one: ModelField) -> Any:
     """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
@@ -123,7 +124,12 @@ def _option(one: SettingField) -> Any:
     if one.kind is bool:
         return click.option(*flags, is_flag=True, default=None, help=one.description)
     return click.option(
-        *flags, type=_type(one), multiple=one.several, required=one.required, help=shown, metavar=one.metavar or None
+        *flags,
+        type=_type(one),
+        multiple=one.several,
+        required=one.required,
+        help=shown,
+        metavar=one.extra("metavar") or None,
     )
 
 
@@ -141,7 +147,7 @@ class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some re
             self.fail(f"give a whole number, or {self.word}; got {value!r}", param, ctx)
 
 
-def _type(one: SettingField) -> click.ParamType[Any]:
+def _type(one: ModelField) -> click.ParamType[Any]:
     if one.word:
         return NumberOr(one.word)
     if one.choices:
@@ -168,7 +174,7 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
     from station.batch.procedure_file import BatchProcedure
     from station.cli.batch import carry_out
 
-    terms, settings = terms_of(given), read_settings(procedure.Settings, chosen)
+    terms, settings = terms_of(given), read_model(procedure.Settings, chosen, TableSource())
     settings.check()
     batch = BatchProcedure(procedure, settings, terms)
     carry_out(batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], as_json=given["as_json"])
@@ -183,7 +189,7 @@ def _results(
     from station.results.result_files import ResultFolder
 
     out, terms, overlays = given["out"], terms_of(given), given.get("overlays", ())
-    settings = read_settings(procedure.Settings, chosen)
+    settings = read_model(procedure.Settings, chosen, TableSource())
     settings.check()
     overlays, details = procedure.read_overlays(overlays, terms), details_of(given)
     if procedure.inputs is Inputs.PHOTOGRAPHS:

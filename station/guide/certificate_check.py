@@ -10,10 +10,10 @@ from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
 from station.common.durable_files import holds, read_own
+from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
 from station.guide.recompute import recompute
 from station.procedure.registry import procedure_named
-from station.procedure.settings import read_settings
 from station.reports.certificate import record_digest
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
@@ -142,7 +142,7 @@ def _again(
 ) -> Measurement:
     """The measurement computed again."""
     procedure = procedure_named(name)
-    model = read_settings(procedure.Settings, settings)
+    model = read_model(procedure.Settings, settings, TableSource())
     return next(iter(procedure.measurements(arguments, model, Terms(Unit(parameters.get("unit", Unit.CYCLES))))))
 
 

@@ -16,13 +16,15 @@ from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable
 from station.guide.catalogue import entry_named, plan_named
+from station.guide.drift import drift_lines
 from station.guide.session_result import SessionResult, compute
 from station.procedure.registry import procedure_named
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
-from station.reports.report import METHODS, Report, ReportLine, ReportShot
+from station.reports.report import METHODS, Report, ReportLine, ReportShot, environment_lines
 from station.reports.report_page import measurement_page
+from station.results.environment import environment_of
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.reader import read_record
@@ -132,7 +134,8 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
         frames=result.frames,
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_operator_inputs(state, result), *_conditions(state)],
+        conditions=[*_operator_inputs(state, result), *_conditions(state), *environment_lines(_environment(state))],
+        drift=drift_lines(state, result.planes),
         devices=list(_devices(record)),
         specification=terms_of_session(record.folder).specification.title,
         made=last.at[:16].replace("T", " ") + " UTC",
@@ -180,6 +183,10 @@ def _conditions(state: SessionState) -> Iterator[ReportLine]:
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
         words, unit = _unit_of(printable(name))
         yield ReportLine(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
+
+
+def _environment(state: SessionState) -> dict[str, Any] | None:
+    return environment_of(shot.snapshot for shot in state.counting())
 
 
 def _unit_of(name: str) -> tuple[str, str]:

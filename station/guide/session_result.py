@@ -15,6 +15,7 @@ from procedures.plan import Estimate, Known, Plan
 from procedures.raw import ImuRecord, RawFrame, ShakerPath, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
+from station.results.environment import environment_of
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder
@@ -166,7 +167,11 @@ def _head(
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
     provenance = {key: one.record() for key, one in provenance_of(plan, state.facts, frames).items()}
     return RecordHead(
-        plan.name, files, {**state.facts, **({"whose_word": provenance} if provenance else {})}, specification
+        plan.name,
+        files,
+        {**state.facts, **({"whose_word": provenance} if provenance else {})},
+        specification,
+        environment=environment_of(shot.snapshot for shot in state.counting()),
     )
 
 

@@ -22,6 +22,7 @@ BUILTIN: Mapping[str, str] = {
     "geometry": "station.procedure.builtin.geometry:PROCEDURE",
     "pattern": "station.procedure.builtin.pattern:PROCEDURE",
     "rays": "station.procedure.builtin.rays:PROCEDURE",
+    "refocus": "station.procedure.builtin.refocus:PROCEDURE",
     "restore": "station.procedure.builtin.restore:PROCEDURE",
     "rig": "station.procedure.builtin.rig:PROCEDURE",
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",

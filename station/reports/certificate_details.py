@@ -11,13 +11,12 @@ lens_serial = "1234567"
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-from procedures.outcome import BadParameter
+from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
-from station.common.toml_table import TomlTable
 
 DETAILS = "certificate.toml"
 """Name of the file that is used if none is given."""
@@ -59,15 +58,14 @@ class CertificateDetails:
         """
         if path is None and not Path(DETAILS).is_file():
             return cls()
-        path = path or Path(DETAILS)
-        table = TomlTable.read(path)
-        texts = {one.name: printable(table.get(one.name, str, "")) for one in fields(cls)}
-        table.end()
-        if texts["logo"]:
-            texts["logo"] = str(path.parent / texts["logo"])
-            if not Path(texts["logo"]).is_file():
-                raise BadParameter(f"{printable(path)}: there is no logo {texts['logo']}", "correct its path")
-        return cls(**texts)
+        given, source = TableSource.read(path or Path(DETAILS))
+        details = read_model(cls, given, source)
+        if not details.logo:
+            return details
+        logo = (path or Path(DETAILS)).parent / details.logo
+        if not logo.is_file():
+            source.refuse(("logo",), f"names {printable(logo)}, which does not exist", "correct its path")
+        return replace(details, logo=str(logo))
 
     @property
     def lines(self) -> list[list[str]]:
@@ -81,4 +79,4 @@ class CertificateDetails:
             "Issued": self.issued,
             "Traceability of the scale": self.traceability,
         }
-        return [[name, text] for name, text in named.items() if text]
+        return [[name, printable(text)] for name, text in named.items() if text]

@@ -33,7 +33,7 @@ MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
 RESULT_KEYS = ("result", "rig")
 """Entries of records with one result instead of planes."""
-OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "duration_s")
+OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "environment", "duration_s")
 NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
 PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
 """Entries of a plane that are attributes of its result."""

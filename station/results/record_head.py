@@ -45,6 +45,8 @@ class RecordHead:
         Paths and settings as given, by which the result can be computed again.
     specification, batch, field : mapping or None
         Entries of records that have them.
+    environment : mapping or None
+        Readings of the bench's probes during the photographs, by probe and quantity.
     duration_s : float or None
         How long it took; None where the same files have to come of it again.
     """
@@ -55,6 +57,7 @@ class RecordHead:
     specification: Mapping[str, Any] | None = None
     batch: Mapping[str, Any] | None = None
     field: Mapping[str, Any] | None = None
+    environment: Mapping[str, Any] | None = None
     duration_s: float | None = None
     arguments: Sequence[str] | None = None
     settings: Mapping[str, Any] | None = None
@@ -70,6 +73,7 @@ class RecordHead:
             "specification": self.specification,
             "batch": self.batch,
             "field": self.field,
+            "environment": self.environment,
             "duration_s": self.duration_s,
         }
         return {name: value for name, value in entries.items() if value is not None}

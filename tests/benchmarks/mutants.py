@@ -4,9 +4,9 @@
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
 into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
-processes are invisible to coverage: a line without a test is tried with the tests of its file. A mutant is killed too
-if a test takes more than ten times as long as before. Printed are the share killed with its 95 % interval
-(Clopper-Pearson) and the survivors as a difference.
+processes are invisible to coverage: a line without a test is tried with the tests of its file, and every line with the
+tests of its file's name. A mutant is killed too if a test takes more than ten times as long as before. Printed are the
+share killed with its 95 % interval (Clopper-Pearson), the survivors as a difference, and what was too slow.
 
 With --keep, a later run of an area takes the sources as they were in the first, with the tests of today, and tries only
 the mutants that survived.
@@ -25,6 +25,7 @@ import importlib
 import json
 import os
 import random
+import resource
 import select
 import shutil
 import signal
@@ -41,7 +42,10 @@ from scipy.stats import beta
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("station", "drivers", "procedures", "simulators", "tests", "pyproject.toml", "README.md", "CHANGELOG.md")
-PRELOADED = ("cv2", "msgspec", "numba", "pytest", "scipy.optimize", "scipy.ndimage", "scipy.signal")
+PRELOADED = (
+    "cv2", "h5py", "hypothesis", "matplotlib.pyplot", "msgspec", "numba", "pytest", "rawpy", "scipy.ndimage",
+    "scipy.optimize", "scipy.signal", "textual.app",
+)  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
@@ -85,8 +89,10 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 USES_LOOPS = b"numerics.compiled import"
 SLOWER = 10.0
 GRACE_S = 20.0
-MOST_TESTS_S = 60.0
-"""Tests of one mutant take at most this long by the times of the first run; further ones are not tried."""
+MOST_TESTS_S = 25.0
+"""Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
+AGAIN = 6
+"""As many times longer for a mutant that is tried again."""
 
 
 @dataclass(frozen=True)
@@ -171,14 +177,14 @@ def _own_changes(node: Any) -> Iterator[tuple[Any, str]]:
 
 
 class Recorder:
-    """Plugin of pytest: which test executes which line of the sources, and how long it takes."""
+    """Plugin of pytest: which test executes which line of the sources, and its seconds of processor, at least 10 ms."""
 
     def __init__(self, sources: Sequence[str]) -> None:
         import coverage
 
         include = [f"{source}{end}" for source in sources for end in ("", "/**")]
         self.coverage = coverage.Coverage(data_file=None, source=None, include=include, config_file=False)
-        self.seconds, self.failed, self.lines = dict[str, float](), list[str](), dict[str, Any]()
+        self.begin_s, self.seconds, self.failed, self.lines = 0.0, dict[str, float](), list[str](), dict[str, Any]()
 
     def pytest_sessionstart(self) -> None:
         self.coverage.start()
@@ -186,9 +192,12 @@ class Recorder:
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.coverage.switch_context(nodeid)
+        self.begin_s = _processor_s()
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        self.seconds[nodeid] = max(_processor_s() - self.begin_s, 0.01)
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             self.failed.append(report.nodeid)
 
@@ -197,6 +206,11 @@ class Recorder:
         data = self.coverage.get_data()
         for file in data.measured_files():
             self.lines[Path(file).relative_to(Path.cwd()).as_posix()] = data.contexts_by_lineno(file)
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of the programs that it has waited for."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 class Announcer:
@@ -213,7 +227,7 @@ class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
     def __init__(self, name: str, folder: Path) -> None:
-        self.name, self.folder = name, folder
+        self.name, self.folder, self.most_tests_s = name, folder, MOST_TESTS_S
         self.sources, self.tests = AREAS[name]
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
@@ -255,6 +269,7 @@ class Area:
         code = 70
         try:
             os.setsid()
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             os.chdir(self.folder)
             with log.open("wb") as file:
                 os.dup2(file.fileno(), 1)
@@ -278,14 +293,16 @@ class Area:
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, the fastest first; those of its file where none or only an import does."""
+        """The tests that execute its line, or its file where none does, and those of its name; the fastest first."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
         tests = tests or {test for line in lines.values() for test in line if test in self.seconds}
+        named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
+        tests |= {test for test in self.seconds if named in test}
         chosen, total_s = [], 0.0
         for test in sorted(tests or self.seconds, key=lambda test: self.seconds[test]):
             total_s += self.seconds[test]
-            if chosen and total_s > MOST_TESTS_S:
+            if chosen and total_s > self.most_tests_s:
                 break
             chosen.append(test)
         return chosen
@@ -298,11 +315,15 @@ class Area:
         file.write_bytes(mutant.apply(original))
         (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
         listen, announce = os.pipe()
-        words = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--nightly", "@chosen.txt"]
+        words = ["-x", "--nightly", "@chosen.txt"]
         child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
         os.close(announce)
         try:
-            return not self._in_time(listen, 6 * GRACE_S if has_loops else GRACE_S) or _wait(child) != 0
+            # a test may have to make what another one made in the first run
+            if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
+                print(f"  too slow: {described(mutant, self.folder)}", flush=True)
+                return True
+            return _wait(child) != 0
         finally:
             _end(child)
             os.close(listen)
@@ -341,13 +362,14 @@ def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> in
     if same_loops:
         compiled = importlib.import_module("procedures.numerics.compiled")
         compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
-    return int(pytest.main([*words], plugins=[plugin]))
+    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
+    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
 
 
 def _record(sources: Sequence[str], tests: Sequence[str], out: Path) -> int:
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
-    code = _pytest(["-q", "-n", "0", *tests], recorder)
+    code = _pytest(tests, recorder)
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
@@ -381,6 +403,7 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
     if kept.exists():
         state = json.loads(kept.read_text())
         mutants, total = [Mutant(**one) for one in state["survivors"]], state["total"]
+        area.most_tests_s = AGAIN * MOST_TESTS_S
     else:
         mutants = area.mutants(count, random.Random(f"{seed} {name}"))
         total = len(mutants)
@@ -406,6 +429,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copies, records and survivors; by default none")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # no mutant stays in a kept copy
     for module in PRELOADED:
         __import__(module)
     with tempfile.TemporaryDirectory() as passing:

@@ -18,10 +18,13 @@ import pytest
 from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
 from drivers.frames import ExposureMetadata
+from drivers.gcs import GcsParser, GcsStage
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.imu import FastImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
+from drivers.newport import Esp301Stage, NewportParser, Smc100Stage
+from drivers.polled_stage import PolledAxis
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
@@ -30,12 +33,16 @@ from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.thorlabs import AptParser, AptStage
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.gcs import GcsTwin
 from simulators.devices.grbl import GrblController
+from simulators.devices.newport import Esp301Twin, Smc100Twin
 from simulators.devices.serial_device import Cable, plug, unplug
+from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 
@@ -138,6 +145,20 @@ def _toy(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any
     return ToyStage(wire("stage", ToyParser), clock)
 
 
+def _polled(
+    stage: Callable[..., Any], parser: Any, twin: Callable[..., Any], **axis: Any
+) -> Callable[..., Any]:  # fmt: skip
+    """One axis of a polled stage, in the place of the bench's own."""
+
+    def make(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any:
+        if bench is not None:
+            bench.cables["stage"] = cable = Cable(twin({"x_mm": bench.world.axes["x_mm"]}), bench.clock)
+            plug(f"{bench.name}/stage", cable)
+        return stage(wire("stage", parser, baud=twin.baud), [PolledAxis("x_mm", **axis)], clock=clock)
+
+    return make
+
+
 def _variant(variant: str) -> Callable[..., GrblStage]:
     def make(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GrblStage:
         if bench is not None:
@@ -184,6 +205,10 @@ STAGES: dict[str, Callable[..., Any]] = {
     "FluidNC": _variant("FluidNC"),
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
     "tmcl": _tmcl,
+    "esp301": _polled(Esp301Stage, NewportParser, Esp301Twin),
+    "smc100": _polled(Smc100Stage, NewportParser, Smc100Twin),
+    "apt": _polled(AptStage, AptParser, AptTwin, scale=1 / 34304, travel=(0.0, 300.0)),
+    "gcs": _polled(GcsStage, GcsParser, GcsTwin, number="1"),
     "toy-stage": _toy,
 }
 GRBLS = {name: STAGES[name] for name in ("grbl", "grblHAL", "FluidNC")}

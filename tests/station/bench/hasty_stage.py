@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
+from drivers.making import LineOptions
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.newport import NewportParser
 from drivers.wire.connection import anything, not_connected, opened
 from simulators.devices.newport import Esp301Twin
 from simulators.world.motion import Axis
-from station.bench.device_options import LINE, DriverEntry, Options
 
 
 class HastyStage:
@@ -102,8 +103,10 @@ class HastyStage:
         self._transport.preempt(b"\rST\r", error)
 
 
-def make(name, parts, *, port, baud=921600):
-    return HastyStage(parts.wire(name, port, NewportParser, baud=baud), parts.clock)
+@dataclass(frozen=True, kw_only=True)
+class HastyOptions(LineOptions):
+    baud: int = 921600
+    twin = staticmethod(lambda: Esp301Twin({"x_mm": Axis(0.0, 100.0, 37.0)}))
 
-
-DRIVER = DriverEntry(make, Options(LINE), lambda: Esp301Twin({"x_mm": Axis(0.0, 100.0, 37.0)}))
+    def make(self, parts):
+        return HastyStage(parts.wire(self.port, NewportParser, baud=self.baud), parts.clock)

@@ -14,9 +14,8 @@ import pytest
 
 from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
-from station.bench import device_options
+from station.bench import device_models
 from station.bench.conform import FAULTS, Broken, at_twin, soak
-from station.bench.device_check import TableCheck
 
 PACKAGE = Path(__file__).with_name("toy_package")
 ROOT = Path(__file__).resolve().parents[3]
@@ -39,9 +38,9 @@ def driver(monkeypatch):
     """The package in this process; its module."""
     monkeypatch.syspath_prepend(str(PACKAGE))
     importlib.invalidate_caches()
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
     yield importlib.import_module("toy_stage")
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
 
 
 def test_it_is_one_short_file():
@@ -78,8 +77,8 @@ def test_an_unknown_driver_is_refused(station):
 
 
 def test_its_table_is_checked_like_a_built_in_one(driver):
-    TableCheck({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}}).check()
-    assert device_options.options_of("toy-stage").keys == driver.OPTIONS
+    device_models.read_devices({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}})
+    assert device_models.options_of("toy-stage") is driver.ToyOptions
 
 
 def go_on(self):

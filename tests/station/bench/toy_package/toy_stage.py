@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import itertools
 from binascii import crc_hqx
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 from toy_twin import ToyTwin
 
@@ -17,11 +18,11 @@ from drivers.clock import Clock
 from drivers.errors import Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions, MakerContext
+from drivers.options import positive
 from drivers.polled_stage import REPLY_S, AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
-from station.bench.device_makers import MakerContext
-from station.bench.device_options import LINE, DriverEntry, NumberOption, Option, Options
 
 TRIES = 5
 
@@ -87,12 +88,12 @@ class ToyStage(PolledStage[Reply]):
         self._order(f"go {value:.4f}", allowed=allowed)
 
 
-OPTIONS: Mapping[str, Option] = {**LINE, "tolerance_mm": Option(NumberOption("0.002", 0.0, above=True))}
+@dataclass(frozen=True, kw_only=True)
+class ToyOptions(LineOptions):
+    """The keys of its table in station.toml."""
 
+    twin = ToyTwin
+    tolerance_mm: Annotated[float, positive("0.002")] = 0.002
 
-def make(name: str, parts: MakerContext, *, port: str, baud: int = 115200, **options: Any) -> ToyStage:
-    """The stage of a table in station.toml."""
-    return ToyStage(parts.wire(name, port, ToyParser, baud=baud), parts.clock, **options)
-
-
-DRIVER = DriverEntry(make, Options(OPTIONS), ToyTwin)
+    def make(self, parts: MakerContext) -> ToyStage:
+        return ToyStage(parts.wire(self.port, ToyParser, baud=self.baud), parts.clock, self.tolerance_mm)
