@@ -17,6 +17,7 @@ BORDER = 40
 """Pixels around the picture that wide filters need."""
 WIDE_PX = (3.0, 6.0)
 """Radii of wide unsharp masks, in pixels."""
+WIDE_NAMES = tuple(f"{radius:g} px" for radius in WIDE_PX)
 VEIL_PX = 20.0
 """Radius of a veil."""
 GHOST_PX = 3.0
@@ -59,7 +60,9 @@ def filters(picture: Array) -> dict[str, Array]:
 
 def wide_masks(picture: Array) -> dict[str, Array]:
     """Directions of unsharp masks wider than a PSF, and of a veil, which is the opposite of one."""
-    return {f"{r:g}": mask(picture, r) for r in WIDE_PX} | {VEIL: -mask(picture, VEIL_PX)}
+    return {name: mask(picture, r) for name, r in zip(WIDE_NAMES, WIDE_PX, strict=True)} | {
+        VEIL: -mask(picture, VEIL_PX)
+    }
 
 
 def variations(picture: Array, x: Array, y: Array) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_PX, ZOOM
+from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
 from procedures.corruption.family import (
     FILTERED,
     GHOSTED,
@@ -29,6 +29,8 @@ Array = npt.NDArray[np.float64]
 
 MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
+WIDE_MODEL = 0.01
+"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 VARIED = 2.0
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
 WIDE_PRESENT = 0.5
@@ -40,13 +42,15 @@ PRINT_CELLS = 0.075
 def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
     scores = {name: one.score for name, one in evidence.strengths.items()}
-    wide = [scores[f"{radius:g}"] for radius in WIDE_PX]
+    wide = [
+        one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
+    ]
     checks = [
         SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
         SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
         FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
         SELECTIVE.check(scores[THRESHOLD], raw=raw),
-        WIDE.check(max(wide), raw=raw, places=len(wide)),
+        *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
         GHOSTED.check(scores[GHOST], raw=raw),
         VEILED.check(scores[VEIL], raw=raw),
     ]
@@ -68,7 +72,7 @@ def modes_of(evidence: Evidence, f: Array, registration: Registration, *, raw: b
     }
     if raw:
         return modes
-    fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[f"{WIDE_PX[0]:g}"]
+    fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]
     parts = [
         nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0),
         nuisance(wide.unseen, wide.uncertainty, WIDE_PRIOR, WIDE_PRESENT) * _mask(square, WIDE_PX[0]),

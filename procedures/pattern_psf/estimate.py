@@ -273,11 +273,11 @@ def _estimate(
     )
     psf = final.solution.psf
     quality = assess(psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
-    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
-    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
+    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
+    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     diagnostics = diagnose(
         final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
     )

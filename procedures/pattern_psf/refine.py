@@ -125,6 +125,14 @@ class ChartFit:
         return 1 - float(residual @ residual) / self.freedom / float(np.var(self.observation.y))
 
     @property
+    def neighbour_correlation(self) -> float:
+        """Largest correlation of the residual at lag one, along rows or columns."""
+        grid, variance = self.residual_image, float(np.var(self.residual))
+        products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
+        lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
+        return max(lags, key=abs)
+
+    @property
     def cut(self) -> float:
         """Share of the PSF's energy outside its support, by the tail's amplitude."""
         outside = float(self.light[TAIL:] @ tail_sums(round(len(self.h) ** 0.5)))
