@@ -22,7 +22,7 @@ from drivers.frames import (
     sensor_format,
     sha256_of,
 )
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, Shutter, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter, ShutterTimes
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import SHUTTER, FolderName, PollInterval, Seconds, device, positive
 
@@ -64,7 +64,7 @@ class FolderCamera:
         inspect: Inspect,
         *,
         tether: Tether | None = None,
-        sensor: SensorFormat | None = None,
+        sensor: FrameFormat | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
@@ -106,8 +106,8 @@ class FolderCamera:
             return Condition("the folder is gone", False, "create it again")
         return Condition(f"{len(self._hashes)} frames")
 
-    def sensor(self) -> SensorFormat | None:
-        """As configured, or that of the newest file in the folder."""
+    def sensor(self) -> FrameFormat | None:
+        """The configured format, or that of the newest file in the folder."""
         return self._sensor.read()
 
     def configure(self, settings: CameraSettings) -> None:

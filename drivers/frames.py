@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from drivers.errors import FrameWrong
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.options import option
 
 TIFF_LIKE = frozenset((".3fr", ".arw", ".cr2", ".dng", ".erf", ".iiq", ".kdc", ".nef", ".nrw", ".pef", ".srw"))
@@ -26,7 +26,7 @@ class ExposureMetadata:
     exposure_s: float | None = None
     iso: int | None = None
     f_number: float | None = None
-    sensor: SensorFormat | None = None
+    sensor: FrameFormat | None = None
 
 
 # Decodes a RAW file and returns its metadata; any exception means that the file is incomplete or damaged.
@@ -42,22 +42,22 @@ SensorText = Annotated[
 ]  # fmt: skip
 
 
-def sensor_format(text: str | None) -> SensorFormat | None:
+def sensor_format(text: str | None) -> FrameFormat | None:
     """The format written as "6000x4000 RGGB 14"."""
     if text is None:
         return None
     size, colours, bits = text.split()
     columns, rows = map(int, size.split("x"))
-    return SensorFormat(columns, rows, None if colours == "grey" else colours, 2 ** int(bits) - 1)
+    return FrameFormat(columns, rows, None if colours == "grey" else colours, 2 ** int(bits) - 1)
 
 
 class KnownSensor:
     """The sensor format of a body whose files come into a folder: as configured, or that of its newest file."""
 
-    def __init__(self, folder: Path, inspect: Inspect, configured: SensorFormat | None) -> None:
+    def __init__(self, folder: Path, inspect: Inspect, configured: FrameFormat | None) -> None:
         self._folder, self._inspect, self._format = folder, inspect, configured
 
-    def read(self) -> SensorFormat | None:
+    def read(self) -> FrameFormat | None:
         """The format; None while there is no file that decodes."""
         if self._format is None and self._folder.is_dir():
             files = sorted(filter(is_raw, self._folder.iterdir()), key=lambda path: path.stat().st_mtime_ns)

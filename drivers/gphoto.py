@@ -20,7 +20,7 @@ from typing import Annotated, Any, TypeVar
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, Shutter
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
@@ -103,7 +103,7 @@ class GphotoCamera:
         shutter: Shutter | None = None,
         pulse_s: float = 0.1,
         patience_s: float = 20.0,
-        sensor: SensorFormat | None = None,
+        sensor: FrameFormat | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
@@ -183,8 +183,8 @@ class GphotoCamera:
         """Whether the body is open."""
         return line_condition(self._camera is not None)
 
-    def sensor(self) -> SensorFormat | None:
-        """As configured, or that of the newest file fetched."""
+    def sensor(self) -> FrameFormat | None:
+        """The configured format, or that of the newest file fetched."""
         return self._sensor.read()
 
     def configure(self, settings: CameraSettings) -> None:

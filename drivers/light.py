@@ -26,6 +26,10 @@ PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
 LONGEST = 600
 REPLY_S = 1.0
+Channels = Annotated[
+    tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
+    option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
+]
 
 
 @dataclass(frozen=True)
@@ -82,29 +86,34 @@ class LampProperties:
         return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
 
 
-class LastLevel:
-    """The level last set, and whether the lamp has warmed up since."""
+class Lamp:
+    """What lamps have in common: their properties, the level last set, and whether they have warmed up since."""
 
-    def __init__(self, panel: LampProperties, clock: Clock) -> None:
-        self.level = 0.0
-        self._panel, self._clock, self._since_s = panel, clock, -float("inf")
+    def __init__(self, panel: LampProperties | None, clock: Clock | None) -> None:
+        self.clock = clock or SystemClock()
+        self.panel = panel or LampProperties()
+        self._level, self._since_s = 0.0, -float("inf")
 
-    def set(self, level: float) -> None:
+    def _remember(self, level: float) -> None:
         """Record the level; setting the same level again is no change."""
-        if level != self.level:
-            self.level, self._since_s = level, self._clock.now_s()
+        if level != self._level:
+            self._level, self._since_s = level, self.clock.now_s()
+
+    def level(self) -> float:
+        """The level last set."""
+        return self._level
 
     def steady(self) -> bool:
         """Whether it has warmed up since the level was changed."""
-        return self._clock.now_s() - self._since_s >= self._panel.warm_up_s
+        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
 
     @property
-    def word(self) -> str:
+    def _word(self) -> str:
         """The level, and whether it has warmed up."""
-        return f"{100 * self.level:.0f} %" + ("" if self.steady() else ", warming up")
+        return f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up")
 
 
-class DmxLight:
+class DmxLight(Lamp):
     """A Light on some channels of a DMX line."""
 
     def __init__(
@@ -115,11 +124,9 @@ class DmxLight:
         panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.clock = clock or SystemClock()
-        self.panel = panel or LampProperties()
+        super().__init__(panel, clock)
         self._transport = transport
         self._channels = tuple(channels)
-        self._last = LastLevel(self.panel, self.clock)
 
     @property
     def address(self) -> str:
@@ -145,7 +152,7 @@ class DmxLight:
 
     def condition(self) -> Condition:
         """Level, and whether it has warmed up."""
-        return line_condition(self._transport.is_open, self._last.word)
+        return line_condition(self._transport.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the widget still answers. Raises DeviceError."""
@@ -155,15 +162,7 @@ class DmxLight:
             slots[channel - 1] = value
         self._transport.write(frame(SEND, b"\0" + bytes(slots)))
         self._ask(PARAMETERS, b"\0\0")  # DMX is one-way: check at least that the widget answers
-        self._last.set(level)
-
-    def level(self) -> float:
-        """The level last set."""
-        return self._last.level
-
-    def steady(self) -> bool:
-        """Whether it has warmed up since the level was changed."""
-        return self._last.steady()
+        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on; waits end."""
@@ -226,10 +225,7 @@ class DmxOptions(LampProperties, DriverOptions):
     """Options of driver "dmx"."""
 
     port: Port
-    channels: Annotated[
-        tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
-        option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
-    ] = (1,)
+    channels: Channels = (1,)
 
     def make(self, parts: MakerContext) -> DmxLight:
         """The lamp."""

@@ -46,9 +46,13 @@ class MakerContext:
 
     def wire(self, port: str, parser: Callable[[], Parser[Any]], **options: Any) -> SerialTransport[Any]:
         """The line to a device, with its transcript."""
+        return SerialTransport(port, parser, clock=self.clock, transcript=self.transcript(), **options)
+
+    def transcript(self) -> Transcript:
+        """The transcript of the device's line."""
         log = self.wire_log / f"wire-{self.name}.txt" if self.wire_log else None
-        self.transcripts[self.name] = transcript = Transcript(file=log)
-        return SerialTransport(port, parser, clock=self.clock, transcript=transcript, **options)
+        self.transcripts[self.name] = Transcript(file=log)
+        return self.transcripts[self.name]
 
     def other(self, name: str) -> Any:
         """A device made before."""

@@ -13,11 +13,14 @@ import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frame_files.dng_folder import DngFolder
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 
 PROGRAMS = ("rpicam-still", "libcamera-still")
@@ -44,10 +47,10 @@ class RpicamSettings:
     patience_s : time limit of a photograph in addition to three times its exposure: the sensor starts first
     """
 
-    exposure_s: float = 0.01
-    gain: float = 1.0
-    bits: int | None = None
-    patience_s: float = 20.0
+    exposure_s: Annotated[float, positive("0.01")] = 0.01
+    gain: Annotated[float, option("1.0", least=1)] = 1.0
+    bits: Annotated[int, option("12", least=8, most=16)] | None = None
+    patience_s: Annotated[float, positive("20")] = 20.0
 
 
 class RpicamCamera:
@@ -67,7 +70,7 @@ class RpicamCamera:
         self.settings = CameraSettings(self._wanted.exposure_s, round(ISO_PER_GAIN * self._wanted.gain))
         self._frames, self._number, self._program = frames, number, program
         self._path = ""
-        self._sensor: SensorFormat | None = None
+        self._sensor: FrameFormat | None = None
         self._one_frame = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._stops = 0
@@ -98,7 +101,7 @@ class RpicamCamera:
         return Identity(f"Raspberry Pi {match[2]}", version, match[5], self.address)
 
     def _ask(self, path: str, *words: str) -> str:
-        """What the program answers to a short request. Raises NoAnswer, LineLost."""
+        """The answer of the program to a short request. Raises NoAnswer, LineLost."""
         try:
             done = subprocess.run([path, *words], capture_output=True, text=True, timeout=LISTED_S, check=False)
         except subprocess.TimeoutExpired as error:
@@ -109,16 +112,14 @@ class RpicamCamera:
             raise _failure(path, done.stderr)
         return done.stdout
 
-    def _deepest(self, entry: str) -> SensorFormat:
+    def _deepest(self, entry: str) -> FrameFormat:
         """The raw mode with the configured bits, or the most, at its largest size. Raises BadConfiguration."""
         marks = list(MODE.finditer(entry))
         modes = []
         for mark, after in zip(marks, [*marks[1:], None], strict=True):
             sizes = SIZE.findall(entry[mark.end() : after.start() if after else len(entry)])
             columns, rows = max(((int(x), int(y)) for x, y in sizes), key=lambda size: size[0] * size[1])
-            modes.append(
-                SensorFormat(columns, rows, mark[1], 2 ** int(mark[2]) - 1, self._frames.optics.pixel_pitch_um)
-            )
+            modes.append(FrameFormat(columns, rows, mark[1], 2 ** int(mark[2]) - 1, self._frames.optics.pixel_pitch_um))
         usable = [mode for mode in modes if self._wanted.bits in (None, mode.white.bit_length())]
         if not usable:
             offered = ", ".join(f"{mode.white.bit_length()}" for mode in modes) or "no raw mode"
@@ -134,7 +135,7 @@ class RpicamCamera:
         """Whether it was found."""
         return line_condition(self._sensor is not None)
 
-    def sensor(self) -> SensorFormat:
+    def sensor(self) -> FrameFormat:
         """The raw mode in which it photographs. Raises LineLost."""
         if self._sensor is None:
             raise not_connected(self.address)
@@ -182,8 +183,8 @@ class RpicamCamera:
         """Run the program to its end. Raises FrameMissing, LineLost, EmergencyStopped."""
         limit_s = 3 * float(self.settings.exposure_s or 0.0) + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
-        with tempfile.TemporaryFile() as said:
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
+        with tempfile.TemporaryFile() as log_file:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log_file)
             self._process = process
             try:
                 while (code := process.poll()) is None:
@@ -200,8 +201,8 @@ class RpicamCamera:
             if self._stops != stops:
                 raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
             if code:
-                said.seek(0)
-                raise _failure(command[0], said.read().decode("utf-8", "replace"))
+                log_file.seek(0)
+                raise _failure(command[0], log_file.read().decode("utf-8", "replace"))
 
     def emergency_stop(self) -> None:
         """End the program, and with it the exposure."""
@@ -212,8 +213,25 @@ class RpicamCamera:
                 process.kill()
 
 
-def _failure(path: str, said: str) -> LineLost:
+def _failure(path: str, log: str) -> LineLost:
     """The error for a program that failed, with its own words."""
-    lines = [line for line in said.splitlines() if "ERROR" in line] or said.splitlines() or ["no reason given"]
+    lines = [line for line in log.splitlines() if "ERROR" in line] or log.splitlines() or ["no reason given"]
     words = lines[-1].replace("ERROR:", "").strip(" *")
     return LineLost(f"{path} failed: {words}", "close other programs that use the camera, and check its cable")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RpicamOptions(RpicamSettings, DriverOptions):
+    """Options of driver "rpicam"."""
+
+    folder: FolderName
+    camera: Count = 0
+    program: Annotated[str, text('"rpicam-still"', "the name or path of a program in quotes")] = ""
+
+    pixel_pitch_um: Annotated[float, positive("1.55")] | None = None
+
+    def make(self, parts: MakerContext) -> RpicamCamera:
+        """The camera."""
+        optics = OpticsMetadata(pixel_pitch_um=self.pixel_pitch_um)
+        frames = DngFolder(parts.folder / self.folder, parts.inspect, optics, clock=parts.clock)
+        return RpicamCamera(frames, self.camera, self, program=self.program, clock=parts.clock)

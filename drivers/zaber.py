@@ -20,6 +20,7 @@ from drivers.errors import (
     MoveFailed,
     NoAnswer,
     Rejected,
+    WasReset,
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
@@ -137,13 +138,26 @@ class ZaberStage:
         self._ids = number = (self._ids + 1) % 100
         body = f"{device} {axis} {number} {command}".rstrip().encode()
 
+        unchecked: list[Reply] = []
+
         def answer(event: Event) -> Reply | None:
             if not isinstance(event, Reply) or (event.device, event.number) != (device, number):
                 return None
-            # with checksums enabled, an answer without one was damaged at its colon
-            return event if event.checked or device not in self._checking else None
+            # with checksums enabled, an answer without one was damaged at its colon, or the device was reset
+            if event.checked or device not in self._checking:
+                return event
+            unchecked.append(event)
+            return None
 
-        reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries, allowed)
+        order = b"/" + body + b":" + checksum(body) + b"\n"
+        try:
+            reply = self._transport.request(order, answer, REPLY_S, tries, allowed)
+        except NoAnswer as error:
+            if len(unchecked) < 2:
+                raise
+            reset = WasReset(f"device {device} at {self.address} was switched off and on, or reset", HOME)
+            self.trust.lose(reset)
+            raise reset from error
         if not reply.accepted:
             reason, remedy = REJECTIONS.get(reply.data, (f"it answered {reply.data}", "see the device's manual"))
             raise Rejected(f"{self.address} device {device} refused {command!r}: {reason}", remedy, reply.data)

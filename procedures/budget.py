@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of
+from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
 from procedures.psf import Psf
-from procedures.quality import Quality, assess
+from procedures.quality import KNOTS, Quality, assess
 
 Array = npt.NDArray[np.float64]
 Budget = Mapping[str, float]
@@ -48,11 +48,11 @@ def combined(budget: Budget) -> float:
 
 
 def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
-    """Replace the uncertainties of the numbers by those of the parts; the term "choice" is kept.
+    """Replace the uncertainties of numbers and curves by those of the parts; the term "choice" is kept.
 
     Parameters
     ----------
-    parts : mapping of a number's name to its terms
+    parts : mapping of a number's name to its terms; for the curves, their values at the frequencies `KNOTS`
     """
     budgets = {}
     for name, terms_before in quality.budgets.items():
@@ -60,7 +60,30 @@ def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
         terms["choice"] = terms_before["choice"]
         budgets[name] = {term: terms.get(term, 0.0) for term in TERMS}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
-    return replace(quality, numbers=numbers, budgets=budgets)
+    curves = {name: _curve_budget(quality, name, parts) for name in quality.curve_budgets}
+    return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=curves)
+
+
+def knot_budgets(quality: Quality) -> dict[str, Budget]:
+    """Budgets of the curves at the frequencies `KNOTS`, by the names of the MTF there."""
+    return {
+        name_at(quality.frequencies[i], direction): {term: float(curve[i]) for term, curve in terms.items()}
+        for direction, terms in quality.curve_budgets.items()
+        for i in range(len(quality.frequencies))[KNOTS]
+    }
+
+
+def _curve_budget(quality: Quality, direction: str, parts: Mapping[str, Budget]) -> dict[str, Array]:
+    """Terms of a curve: its noise times the terms over the noise, interpolated between the knots."""
+    before = quality.curve_budgets[direction]
+    f, noise = quality.frequencies[KNOTS], np.maximum(before["noise"][KNOTS], 1e-300)
+    terms = [parts.get(name_at(one, direction), {"noise": u}) for one, u in zip(f, noise, strict=True)]
+    curve = {
+        term: before["noise"] * np.interp(quality.frequencies, f, [one.get(term, 0.0) for one in terms] / noise)
+        for term in TERMS
+        if term != "choice"
+    }
+    return {**curve, "choice": before["choice"]}
 
 
 def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Quality:
@@ -72,18 +95,18 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
         Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
         deviation.
     """
-    budgets = {name: {**terms} for name, terms in quality.budgets.items()}
-    curves = {way: getattr(quality, f"mtf_{way}") for way in ("horizontal", "vertical", "radial")}
-    squares = {way: getattr(quality, f"mtf_{way}_uncertainty") ** 2 for way in curves}
+    budgets, of_curves = (
+        {name: {**terms} for name, terms in whole.items()} for whole in (quality.budgets, quality.curve_budgets)
+    )
+    curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
     for term, change in modes.items():
         moved = _moved_samples(psf, quality.frequencies, change)
         for way, mtf in curves.items():
-            squares[way] = squares[way] + (mtf * change) ** 2
+            of_curves[way][term] = np.hypot(of_curves[way].get(term, 0.0), mtf * change)
         for name, terms in budgets.items():
             terms[term] = math.hypot(terms.get(term, 0.0), _change_of(name, quality, curves, change, moved))
-    bands = {f"mtf_{way}_uncertainty": np.sqrt(square) for way, square in squares.items()}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
-    return replace(quality, numbers=numbers, budgets=budgets, **bands)
+    return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=of_curves)
 
 
 def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change: Array, moved: Array) -> float:
@@ -110,30 +133,14 @@ def _moved_samples(psf: Psf, f: Array, change: Array) -> Array:
 
 
 def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:
-    """Add the MTF at further frequencies (cycles per pixel of the plane).
-
-    Their budgets have the proportions of the MTF at Nyquist along the same direction, scaled by the uncertainty from
-    the PSF's covariance.
-    """
+    """Add the MTF at further frequencies, in cycles per pixel of the plane, with the budgets of the curves."""
     n = next((one.n for one in quality.numbers.values()), 0)
     fresh = assess(psf, n=n, at=at)
     numbers, budgets = dict(quality.numbers), dict(quality.budgets)
     for name, number in fresh.numbers.items():
         if (frequency := frequency_of(name)) is None or name in numbers:
             continue
-        reference = MTF_NYQUIST[frequency[1]]
-        terms_before, whole = fresh.budgets[name]["noise"], fresh.budgets[reference]["noise"]
-        terms = {term: value * terms_before / max(whole, 1e-300) for term, value in quality.budgets[reference].items()}
-        budgets[name] = {**terms, "choice": fresh.budgets[name]["choice"]}
+        terms = quality.curve_budgets[frequency[1]].items()
+        budgets[name] = {term: float(np.interp(frequency[0], quality.frequencies, curve)) for term, curve in terms}
         numbers[name] = replace(number, uncertainty=combined(budgets[name]))
     return replace(quality, numbers=numbers, budgets=budgets, at=tuple(at))
-
-
-def with_convergence(quality: Quality, share: float) -> Quality:
-    """Add the relative change of MTF50 and similar numbers that is expected if k is raised to the term "choice"."""
-    budgets = {}
-    for name, terms in quality.budgets.items():
-        move = share * quality.numbers[name].value if name.startswith(FREQUENCIES) else 0.0
-        budgets[name] = {**terms, "choice": float((terms["choice"] ** 2 + move**2) ** 0.5)}
-    numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
-    return replace(quality, numbers=numbers, budgets=budgets)

@@ -31,6 +31,7 @@ COMMANDS = {
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
+    "sharpen": ("procedure_command", "sharpen", "Sharpen photographs: the way is chosen, stated and taken."),
     "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "refocus": ("procedure_command", "refocus", "Change aperture and focus of a restored picture afterwards."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),

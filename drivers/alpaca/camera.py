@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,9 +13,9 @@ from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptio
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.options import Patience, positive
+from drivers.options import Patience, option, positive
 from drivers.wire.connection import line_condition, not_connected
 
 POLL_S = 0.05
@@ -35,10 +36,13 @@ class AlpacaCameraSettings:
     ----------
     exposure_s : exposure time until another is configured
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
+    gain, offset : in the camera's own unit, the offset being its black level; None keeps the camera's
     """
 
     exposure_s: Annotated[float, positive("0.1")] = 0.1
     patience_s: Patience = 30.0
+    gain: Annotated[int, option("0", least=0)] | None = None
+    offset: Annotated[int, option("0", least=0)] | None = None
 
 
 class AlpacaCamera:
@@ -74,7 +78,22 @@ class AlpacaCamera:
         self._frames.check()
         identity = self._link.open()
         self._body = Body("Alpaca", identity.model.removeprefix("Alpaca "))
+        try:
+            for name, value in (("Gain", self._wanted.gain), ("Offset", self._wanted.offset)):
+                if value is not None:
+                    self._set(name, value)
+        except BaseException:
+            self.close()
+            raise
         return identity
+
+    def _set(self, name: str, value: int) -> None:
+        """Set a number of the camera, and read it back. Raises DeviceError."""
+        with self._link.translated_errors():
+            setattr(self._link.device, name, value)
+            there = int(getattr(self._link.device, name))
+        if there != value:
+            raise Rejected(f"{self.address} has {name} {there} after {value} was set", "write one that it offers")
 
     def close(self) -> None:
         """Disconnect."""
@@ -84,7 +103,7 @@ class AlpacaCamera:
         """Whether it is connected."""
         return line_condition(self._link.is_open)
 
-    def sensor(self) -> SensorFormat | None:
+    def sensor(self) -> FrameFormat | None:
         """The camera's size and colours, None if its server does not know them yet. Raises DeviceError."""
         device = self._link.device
         try:
@@ -97,7 +116,7 @@ class AlpacaCamera:
         if colours not in (MONOCHROME, RGGB):
             raise BadConfiguration(f"{self.address} is not a monochrome or Bayer camera", "use one that is")
         cfa = None if colours == MONOCHROME else _shifted(offset)
-        return SensorFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
+        return FrameFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
 
     def configure(self, settings: CameraSettings) -> None:
         """Use the exposure time from now on; the other settings belong to the lens and are only checked in the file."""
@@ -169,7 +188,10 @@ class AlpacaCamera:
         if low < 0 or high > LARGEST or levels.size == 0:
             content = f"{levels.shape[1]} x {levels.shape[0]} numbers from {low} to {high}"
             raise FrameWrong(f"{self.address} sent {content}", f"set it to give numbers from 0 to {LARGEST}")
-        return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, self._reported_exposure_s(requested_s))
+        notes = {"gain": self._wanted.gain, "offset": self._wanted.offset}
+        comment = json.dumps({name: value for name, value in notes.items() if value is not None})
+        exposure_s = self._reported_exposure_s(requested_s)
+        return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
     def _reported_exposure_s(self, requested_s: float) -> float:
         """The exposure time reported by the camera, or else the requested one."""

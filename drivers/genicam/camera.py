@@ -13,7 +13,7 @@ from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, Fram
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import load, translated_errors
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.options import option, positive, text
 from drivers.wire.connection import not_connected
@@ -185,12 +185,12 @@ class GenicamCamera:
 
     # --- photographing
 
-    def sensor(self) -> SensorFormat:
+    def sensor(self) -> FrameFormat:
         """The camera's region, in its pixel format. Raises DeviceError."""
         self._require()
         with translated_errors(self.address, REMEDY):
             _, _, columns, rows = self._camera.get_region()
-        return SensorFormat(columns, rows, self._form.cfa, self._form.white, self._frames.optics.pixel_pitch_um)
+        return FrameFormat(columns, rows, self._form.cfa, self._form.white, self._frames.optics.pixel_pitch_um)
 
     def configure(self, settings: CameraSettings) -> None:
         """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
 from drivers.wire.connection import line_condition, not_connected
@@ -63,13 +63,13 @@ class MicroManagerCamera:
             raise not_connected(self.address)
         return core
 
-    def sensor(self) -> SensorFormat:
+    def sensor(self) -> FrameFormat:
         """The current camera's region of interest. Raises DeviceError."""
         core = self._open()
         with self._shared.in_a_row, translated_errors(self.address, REMEDY):
             core.setCameraDevice(self._label)
             size, white = (int(core.getImageWidth()), int(core.getImageHeight())), 2 ** int(core.getImageBitDepth()) - 1
-        return SensorFormat(*size, self._cfa, white, self._frames.optics.pixel_pitch_um)
+        return FrameFormat(*size, self._cfa, white, self._frames.optics.pixel_pitch_um)
 
     def configure(self, settings: CameraSettings) -> None:
         """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""

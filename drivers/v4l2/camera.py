@@ -13,13 +13,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from ctypes import c_int
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, SensorFormat, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
+from drivers.making import FrameOptions, MakerContext
+from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import line_condition, not_connected
 
@@ -67,12 +69,14 @@ class V4l2Settings:
     patience_s : time limit of a frame in addition to its exposure
     """
 
-    pixel_format: str = ""
-    columns: int | None = None
-    rows: int | None = None
-    gain: int | None = None
-    discard: int = 2
-    patience_s: float = 5.0
+    pixel_format: Annotated[
+        str, option('"Y16"', "the four characters of a grey or raw format", pattern=r"^[A-Za-z0-9 ]{3,4}\Z")
+    ] = ""
+    columns: Annotated[int, option("1280", least=1)] | None = None
+    rows: Annotated[int, option("960", least=1)] | None = None
+    gain: Annotated[int, option("0")] | None = None
+    discard: Annotated[int, option("2", least=0, most=100)] = 2
+    patience_s: Annotated[float, positive("5")] = 5.0
 
 
 @contextmanager
@@ -108,7 +112,7 @@ class V4l2Camera:
         self._file: int | None = None
         self._body = Body("", "")
         self._form = FORMATS["GREY"]
-        self._picture = v4l2.Picture()
+        self._picture = v4l2.PixelLayout()
         self._controls: dict[int, v4l2.ControlRange] = {}
         self._one_frame = threading.Lock()
         self._stops = 0
@@ -149,14 +153,14 @@ class V4l2Camera:
         return argument
 
     def _identify(self) -> Identity:
-        found = self._call(v4l2.QUERYCAP, v4l2.Capability())
-        has_own = found.capabilities & v4l2.HAS_DEVICE_CAPS
-        abilities = found.device_caps if has_own else found.capabilities
+        capability = self._call(v4l2.QUERYCAP, v4l2.Capability())
+        has_own = capability.capabilities & v4l2.HAS_DEVICE_CAPS
+        abilities = capability.device_caps if has_own else capability.capabilities
         if not (abilities & v4l2.CAN_CAPTURE and abilities & v4l2.CAN_STREAM):
             raise BadConfiguration(f"{self.address} streams no pictures", "name the device file of a camera")
-        driver, card = found.driver.decode("utf-8", "replace"), found.card.decode("utf-8", "replace")
+        driver, card = capability.driver.decode("utf-8", "replace"), capability.card.decode("utf-8", "replace")
         self._body = Body(driver, card)
-        version = ".".join(str(found.version >> shift & 0xFF) for shift in (16, 8, 0))
+        version = ".".join(str(capability.version >> shift & 0xFF) for shift in (16, 8, 0))
         return Identity(card, f"{driver} {version}", "", self.address)
 
     def _listed(self, request: int, make: Any) -> Iterator[Any]:
@@ -174,7 +178,7 @@ class V4l2Camera:
         number = int.from_bytes(self._form.name.ljust(4).encode(), "little")
         columns, rows = self._size(number)
         wanted = v4l2.Format(type=v4l2.CAPTURE)
-        wanted.picture = v4l2.Picture(width=columns, height=rows, pixel_format=number, field=1)
+        wanted.picture = v4l2.PixelLayout(width=columns, height=rows, pixel_format=number, field=1)
         self._picture = self._call(v4l2.S_FMT, wanted).picture
         there = (self._picture.width, self._picture.height, self._picture.pixel_format)
         if there != (columns, rows, number):
@@ -216,11 +220,11 @@ class V4l2Camera:
 
     def _set(self, number: int, value: int) -> int:
         """Set a control; returns what it is set to."""
-        self._call(v4l2.S_CTRL, v4l2.Control(id=number, value=value))
+        self._call(v4l2.S_CTRL, v4l2.ControlValue(id=number, value=value))
         return self._get(number)
 
     def _get(self, number: int) -> int:
-        return int(self._call(v4l2.G_CTRL, v4l2.Control(id=number)).value)
+        return int(self._call(v4l2.G_CTRL, v4l2.ControlValue(id=number)).value)
 
     def _gain_control(self) -> int:
         number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
@@ -247,12 +251,12 @@ class V4l2Camera:
         """Whether it is connected."""
         return line_condition(self._file is not None)
 
-    def sensor(self) -> SensorFormat:
+    def sensor(self) -> FrameFormat:
         """The frames' size, and their format. Raises DeviceError."""
         if self._file is None:
             raise not_connected(self.address)
         size, form = (self._picture.width, self._picture.height), self._form
-        return SensorFormat(*size, form.cfa, form.white, self._frames.optics.pixel_pitch_um)
+        return FrameFormat(*size, form.cfa, form.white, self._frames.optics.pixel_pitch_um)
 
     # --- photographing
 
@@ -377,3 +381,20 @@ def _times(buffer: v4l2.VideoBuffer, exposure_s: float) -> ShutterTimes | None:
 def four_characters(number: int) -> str:
     """The name of a format by its number."""
     return number.to_bytes(4, "little").decode("latin-1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class V4l2Options(V4l2Settings, FrameOptions):
+    """Options of driver "v4l2"."""
+
+    device: Annotated[str, text('"/dev/video0"', "the name of a device file in quotes")] = "/dev/video0"
+
+    def problem(self) -> tuple[str, str] | None:
+        """Where only one side of the frame is given."""
+        if (self.columns is None) != (self.rows is None):
+            return "has only one of columns and rows", "write both, or none"
+        return None
+
+    def make(self, parts: MakerContext) -> V4l2Camera:
+        """The camera."""
+        return V4l2Camera(self.frames(parts), self.device, self, clock=parts.clock)

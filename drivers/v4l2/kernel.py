@@ -49,7 +49,7 @@ class FrameSize(ctypes.Structure):
     _fields_ = [("index", U32), ("pixel_format", U32), ("type", U32), ("size", _Stepwise), ("reserved", U32 * 2)]
 
 
-class Picture(ctypes.Structure):
+class PixelLayout(ctypes.Structure):
     """struct v4l2_pix_format."""
 
     _fields_ = [
@@ -62,7 +62,7 @@ class Picture(ctypes.Structure):
 
 
 class _PictureUnion(ctypes.Union):
-    _fields_ = [("picture", Picture), ("pointer", ctypes.c_void_p), ("raw", U8 * 200)]
+    _fields_ = [("picture", PixelLayout), ("pointer", ctypes.c_void_p), ("raw", U8 * 200)]
 
 
 class Format(ctypes.Structure):
@@ -117,7 +117,7 @@ class ControlRange(ctypes.Structure):
     ]  # fmt: skip
 
 
-class Control(ctypes.Structure):
+class ControlValue(ctypes.Structure):
     """struct v4l2_control."""
 
     _fields_ = [("id", U32), ("value", S32)]
@@ -141,8 +141,8 @@ QBUF = request_number(BOTH, 15, VideoBuffer)
 DQBUF = request_number(BOTH, 17, VideoBuffer)
 STREAMON = request_number(WRITE, 18, ctypes.c_int)
 STREAMOFF = request_number(WRITE, 19, ctypes.c_int)
-G_CTRL = request_number(BOTH, 27, Control)
-S_CTRL = request_number(BOTH, 28, Control)
+G_CTRL = request_number(BOTH, 27, ControlValue)
+S_CTRL = request_number(BOTH, 28, ControlValue)
 QUERYCTRL = request_number(BOTH, 36, ControlRange)
 ENUM_FRAMESIZES = request_number(BOTH, 74, FrameSize)
 

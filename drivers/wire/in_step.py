@@ -19,7 +19,7 @@ from drivers.wire.connection import anything
 E = TypeVar("E")
 T = TypeVar("T")
 QUESTIONS = 12
-"""How often the question is given; a device that lost a byte may need some of them to find a beginning again."""
+"""A device that lost a byte may need some questions to find a beginning again."""
 
 
 class OutOfStep(Exception):
@@ -28,7 +28,7 @@ class OutOfStep(Exception):
 
 @dataclass(frozen=True)
 class Question(Generic[E]):
-    """Bytes whose reply `recognise` tells from every other; `pad` precedes all but the first."""
+    """Bytes whose reply `recognise` accepts alone; `pad` precedes all but the first."""
 
     data: bytes
     recognise: Callable[[E], object | None]
@@ -38,8 +38,8 @@ class Question(Generic[E]):
 class InStepLine(Generic[E]):
     """Requests of one line; thread-safe. `owed` is the question of the device that owes a reply."""
 
-    def __init__(self, transport: Transport[E], reply_s: float) -> None:
-        self._transport, self._reply_s = transport, reply_s
+    def __init__(self, transport: Transport[E], reply_s: float, questions: int = QUESTIONS) -> None:
+        self._transport, self._reply_s, self._questions = transport, reply_s, questions
         self.owed: Question[E] | None = None
 
     def request(
@@ -89,7 +89,7 @@ class InStepLine(Generic[E]):
                 self.owed = None
             return value
 
-        for attempt in range(QUESTIONS):
+        for attempt in range(self._questions):
             with suppress(NoAnswer):
                 self._transport.request(question.pad * bool(attempt) + question.data, hear, self._reply_s)
                 return

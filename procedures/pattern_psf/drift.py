@@ -28,7 +28,7 @@ FEWEST = 4
 
 
 @dataclass(frozen=True)
-class Series:
+class DriftSeries:
     """One number of every photograph, with its standard uncertainty; `unit` in words."""
 
     values: Array
@@ -44,7 +44,7 @@ class Slope:
     uncertainty: float
 
 
-def slope_of(x: Array, series: Series) -> Slope | None:
+def slope_of(x: Array, series: DriftSeries) -> Slope | None:
     """The slope against x (n,); None with fewer than `FEWEST` photographs, or where x does not vary.
 
     Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.3.
@@ -60,7 +60,7 @@ def slope_of(x: Array, series: Series) -> Slope | None:
     return Slope(slope, float(max(scatter, known) / np.sqrt(spread)))
 
 
-def chart_series(shots: Sequence[PatternPsf], pitch: int) -> Mapping[str, Series]:
+def chart_series(shots: Sequence[PatternPsf], pitch: int) -> Mapping[str, DriftSeries]:
     """Position, width and sharpness of the chart's image in photographs of one plane, by their names.
 
     pitch : sensor pixels per pixel of the plane
@@ -72,12 +72,12 @@ def chart_series(shots: Sequence[PatternPsf], pitch: int) -> Mapping[str, Series
     sharp = [[shot.quality.numbers[one] for one in (MTF50_HORIZONTAL, MTF50_VERTICAL)
               if one in shot.quality.numbers] for shot in shots]  # fmt: skip
     series = {
-        "position, to the right": Series(places[:, 0], errors[:, 0], "px"),
-        "position, down": Series(places[:, 1], errors[:, 1], "px"),
-        "width of the chart's image": Series(sizes, np.zeros(len(sizes)), "px"),
+        "position, to the right": DriftSeries(places[:, 0], errors[:, 0], "px"),
+        "position, down": DriftSeries(places[:, 1], errors[:, 1], "px"),
+        "width of the chart's image": DriftSeries(sizes, np.zeros(len(sizes)), "px"),
     }
     if all(len(both) == 2 for both in sharp):
         mean = np.array([np.mean([one.value for one in both]) for both in sharp])
-        u = np.array([np.hypot(*(one.uncertainty for one in both)) / 2 for both in sharp])
-        series["focus, as MTF50"] = Series(mean, u, "cycles/pixel")
+        u = np.array([np.linalg.norm([one.uncertainty for one in both]) / 2 for both in sharp])
+        series["focus, as MTF50"] = DriftSeries(mean, u, "cycles/pixel")
     return series

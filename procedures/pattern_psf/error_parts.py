@@ -80,7 +80,7 @@ def error_parts(
     checked: tuple[str, ...],
     groups: Mapping[str, slice],
 ) -> ErrorParts:
-    """Split the uncertainties of all numbers into their parts.
+    """Split the uncertainties of all numbers, and of the curves at their knots, into their parts.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def error_parts(
     groups : GROUPS, or CALIBRATED
     """
     names = list(quality.gradients)
-    gradients = _by_fitted(np.array([quality.gradients[name] for name in names]), fit, psf)
-    freed, weights = _freed(fit.equations, gradients, groups)
-    whole = np.array([quality.budgets[name]["noise"] ** 2 for name in names])
+    by_psf = np.array([quality.gradients[name] for name in names])
+    freed, weights = _freed(fit.equations, _by_fitted(by_psf, fit, psf), groups)
+    whole = np.einsum("ij,ij->i", by_psf @ psf.parameter_covariance, by_psf)
     added = {"noise": freed["noise"]}
     last = freed["noise"]
     for group in groups:
@@ -114,7 +114,8 @@ def error_parts(
         if name in checked
         for one in _variations(name, quality.numbers[name].value, changes[:, i], float(np.sqrt(last[i] * scale)))
     ]
-    return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
+    mismatch = {name: float(ratio[i]) for i, name in enumerate(names) if name in quality.numbers}
+    return ErrorParts(parts, mismatch, tuple(variations))
 
 
 def _by_fitted(gradients: Array, fit: ChartFit, psf: Psf) -> Array:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_convergence, with_modes, with_parts
+from procedures.budget import with_modes, with_parts
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
@@ -272,12 +272,15 @@ def _estimate(
         attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
     psf = final.solution.psf
-    quality = assess(psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
+    unconverged = remaining_change(tried)
+    quality = assess(
+        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged
+    )
+    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
+    quality = with_parts(quality, parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
-    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
-    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     diagnostics = diagnose(
         final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
     )

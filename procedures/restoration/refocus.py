@@ -2,7 +2,7 @@
 
 The picture is the mean of the views from the points of the aperture. In the view from the point a, in units of the
 aperture's radius, a pixel is displaced by a times the radius of its blur circle (4.5), and hides what is behind it.
-What no view shows, because the sharp picture does not contain it, is left out of the mean.
+What no view shows, because the sharp picture does not contain it, has no part in the mean.
 """
 
 from __future__ import annotations

@@ -33,10 +33,10 @@ class GcsTwin(SerialDevice):
         self._error = 0
         self._received, self._out = bytearray(), bytearray()
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again: its servos are off, and nothing is referenced."""
         for motor in self.motors.values():
-            motor.power_cycle(now_s)
+            motor.restart(now_s)
         self._servo.clear()
         self._received.clear()
         self._error = 0

@@ -45,7 +45,7 @@ class Motor:
         if self.moves():
             self.rest_s = brake_line([self.axis], now_s, self.acceleration)
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again: it stops at once."""
         self.axis.halt(now_s)
         self.referenced, self.homing, self.rest_s = False, False, NEVER

@@ -42,10 +42,10 @@ class NewportTwin(SerialDevice):
         self._received, self._out = bytearray(), bytearray()
         self._booted_s = 0.0
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again."""
         for motor in self.motors.values():
-            motor.power_cycle(now_s)
+            motor.restart(now_s)
         self._received.clear()
         self._booted_s = now_s
 
@@ -90,9 +90,9 @@ class Esp301Twin(NewportTwin):
         self._powered: set[int] = set()
         self._errors: deque[tuple[int, float]] = deque(maxlen=10)
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again: its motors stay off."""
-        super().power_cycle(now_s)
+        super().restart(now_s)
         self._powered.clear()
         self._errors.clear()
 
@@ -100,7 +100,8 @@ class Esp301Twin(NewportTwin):
         """The commands of a line."""
         for text in line.split(";"):
             match = COMMAND.fullmatch(text)
-            code = 6 if match is None or len(line) > self.longest else self._obey(*match.groups(), now_s)
+            whole = len(line) <= self.longest
+            code = self._obey(match[1], match[2], match[3], now_s) if match and whole else 6
             if code:
                 self._errors.append((code, now_s))
 
@@ -183,9 +184,9 @@ class Smc100Twin(NewportTwin):
         self._states = dict.fromkeys(self.motors, "0A")
         self._errors = dict.fromkeys(self.motors, "@")
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again: not referenced."""
-        super().power_cycle(now_s)
+        super().restart(now_s)
         self._states = dict.fromkeys(self.motors, "0A")
         self._errors = dict.fromkeys(self.motors, "@")
 
@@ -238,7 +239,7 @@ class Smc100Twin(NewportTwin):
             case "ST":
                 self._stop(number, now_s)
             case "RS":
-                motor.power_cycle(now_s)
+                motor.restart(now_s)
                 self._states[number] = "0A"
             case "OR" | "PA" | "PR":
                 return self._drive(number, command, value, now_s)

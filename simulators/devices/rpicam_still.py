@@ -22,7 +22,7 @@ SMALLEST_EXPOSURE_US = 29
 
 
 @dataclass(frozen=True)
-class Sensor:
+class TwinSensor:
     """A sensor, its raw modes (bits, columns, rows), the colours of its tile, and its black level."""
 
     name: str
@@ -32,13 +32,13 @@ class Sensor:
 
 
 SENSORS = (
-    Sensor("imx477", "RGGB", ((10, 64, 48), (12, 96, 64)), 256),
-    Sensor("imx296", None, ((10, 64, 48),), 60),
+    TwinSensor("imx477", "RGGB", ((10, 64, 48), (12, 96, 64)), 256),
+    TwinSensor("imx296", None, ((10, 64, 48),), 60),
 )
 """Two cameras, with a few pixels each."""
 
 
-def listing(sensors: tuple[Sensor, ...]) -> str:
+def listing(sensors: tuple[TwinSensor, ...]) -> str:
     """The answer to `--list-cameras`."""
     lines = ["Available cameras", "-----------------"]
     for number, sensor in enumerate(sensors):
@@ -53,7 +53,7 @@ def listing(sensors: tuple[Sensor, ...]) -> str:
     return "\n".join(lines) if sensors else "No cameras available!"
 
 
-def numbers(sensor: Sensor, columns: int, rows: int, bits: int, light: float) -> list[int]:
+def numbers(sensor: TwinSensor, columns: int, rows: int, bits: int, light: float) -> list[int]:
     """The pixels of a photograph, row by row: light that grows to the right, and fresh noise."""
     white, black = 2**bits - 1, sensor.black * 2 ** (bits - 12)
     ramp = [black + (0.1 + 0.8 * x / (columns - 1)) * light * white for x in range(columns)]
@@ -87,7 +87,7 @@ def _fractions(*values: float) -> tuple[int, int, bytes]:
     return RATIONAL, len(values), b"".join(struct.pack("<2I", round(value * 10**6), 10**6) for value in values)
 
 
-def dng(sensor: Sensor, mosaic: list[int], columns: int, bits: int, exposure_s: float, gain: float) -> bytes:
+def dng(sensor: TwinSensor, mosaic: list[int], columns: int, bits: int, exposure_s: float, gain: float) -> bytes:
     """The file: first a thumbnail in colour, the sensor's numbers in 16 bits in a directory below it, then EXIF."""
     rows, small = len(mosaic) // columns, columns // 16
     picked = (mosaic[columns * y + x] for y in range(0, rows, 16) for x in range(0, 16 * small, 16))
@@ -122,7 +122,7 @@ def dng(sensor: Sensor, mosaic: list[int], columns: int, bits: int, exposure_s: 
     return struct.pack("<2sHI", b"II", 42, 8) + body + struct.pack(f"<{len(mosaic)}H", *mosaic)
 
 
-class Options(argparse.ArgumentParser):
+class StillOptions(argparse.ArgumentParser):
     """The options, with the program's way to refuse one."""
 
     def error(self, message: str) -> NoReturn:
@@ -138,7 +138,7 @@ def fail(words: str) -> NoReturn:
 
 def read_options(words: list[str]) -> argparse.Namespace:
     """The options that a photograph of the sensor's numbers needs."""
-    options = Options(add_help=False, allow_abbrev=False)
+    options = StillOptions(add_help=False, allow_abbrev=False)
     for flag in ("--list-cameras", "--version", "--nopreview", "-n", "--immediate", "--raw", "-r"):
         options.add_argument(flag, action="store_true")
     for name, kind, usual in (

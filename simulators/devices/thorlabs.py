@@ -40,10 +40,10 @@ class AptTwin(SerialDevice):
         self._reported = dict.fromkeys(self.motors, True)
         self._received, self._out = bytearray(), bytearray()
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again: not homed."""
         for place, motor in self.motors.items():
-            motor.power_cycle(now_s)
+            motor.restart(now_s)
             self._targets[place], self._reported[place] = 0, True
         self._received.clear()
 

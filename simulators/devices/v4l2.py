@@ -162,7 +162,8 @@ class FakeCamera:
         white = 2 ** DEPTHS[self._format] - 1
         light = np.linspace(0.1, 0.9, self._width) * exposure_s / 0.02 * white / 2
         noise = np.random.default_rng(number).normal(0, white / 200, (self._height, self._width))
-        return np.clip(white / 16 + light + noise, 0, white).astype(np.uint16)
+        levels: Numbers = np.clip(white / 16 + light + noise, 0, white).astype(np.uint16)
+        return levels
 
     def _line_bytes(self) -> int:
         name, width = self._format, self._width

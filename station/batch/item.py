@@ -206,7 +206,7 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
             place.write(procedure.page_name, procedure.page(measurement))
     head = replace(
         measurement.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
-        arguments=[str(path) for path in item.paths], settings=to_record(batch.settings),
+        arguments=[str(path) for path in item.paths], settings=measurement.head.settings or to_record(batch.settings),
         specification=batch.terms.specified(measurement.planes),
         batch=asdict(row),
         duration_s=round(time.perf_counter() - start, 3),

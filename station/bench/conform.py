@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,55 +27,17 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.interfaces import Stage
-from drivers.transport import register_scheme
-from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.cable_faults import Faults
-from simulators.devices.gcs import GcsTwin
-from simulators.devices.newport import Esp301Twin, Smc100Twin
-from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
-from simulators.devices.thorlabs import AptTwin
-from simulators.devices.tmcl import TmclModule
+from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_models import BUILTIN, drivers, options_of
-from station.bench.opening import make_bench, simulated_tables
-
-
-class Twin(SerialDevice, Protocol):
-    """A simulated stage at byte level, with its axes by their names, and its main switch."""
-
-    axes: dict[str, Axis]
-
-    def power_cycle(self, now_s: float) -> None:
-        """Off and on again: the reference is lost."""
-        ...
-
+from station.bench.opening import make_bench
+from station.bench.twins import Twin, twin_of
 
 TOLERANCE = 0.01
 """Tolerance of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
 REST_S = 1.5
 """Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
-BUILT_IN = {"grbl": "stage", "zaber": "head"}
-"""Drivers whose twin is a device of the simulated bench."""
-TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
-    "esp301": (Esp301Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
-    "smc100": (Smc100Twin, {"axes": [{"name": "x_mm", "number": 1}, {"name": "y_mm", "number": 2}]}),
-    "apt": (
-        AptTwin,
-        {
-            "axes": [
-                {"name": "x_mm", "number": 1, "scale": 1 / 34304, "travel": [0.0, 50.0]},
-                {"name": "y_mm", "number": 2, "scale": 1 / 34304, "travel": [0.0, 25.0]},
-            ]
-        },
-    ),
-    "gcs": (GcsTwin, {"axes": [{"name": "x_mm", "number": "1"}, {"name": "y_mm", "number": "2"}]}),
-    "tmcl_stage": (
-        TmclModule,
-        {"baud": 9600, "axes": [{"name": "z_mm", "motor": 0, "travel": [0.0, 300.0], "unit_per_step": 1 / 320}]},
-    ),
-}
-"""Drivers with a twin of their own, and the rest of their table."""
 FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
 OPERATIONS = ("move", "move", "stopped move", "emergency stop", "homing", "position", "connection")
 
@@ -117,7 +79,6 @@ class StageRig:
     clock: Clock
     axes: Mapping[str, Axis] | None = None
     cable: Cable | None = None
-    power_cycle: Callable[[float], None] | None = None
 
     def target(self, fraction: float | np.ndarray) -> dict[str, float]:
         """Positions at a fraction of each axis' travel."""
@@ -324,7 +285,8 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
     doing = works[what]
     if rig.cable is not None:
         disturb(rig.cable, fault, rig.clock.now_s(), rng)
-        if fault == "reset" and (cycle := rig.power_cycle) is not None:
+        if fault == "reset":
+            cycle = cast(Twin, rig.cable.device).restart
             doing = [*doing, rig.later(rng.uniform(0.0, 2.0), partial(rig.cable.happen, cycle))]
     outcomes = rig.together(*doing)
     where = f"{what} under {fault}"
@@ -395,36 +357,15 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
             yield TrialResult(name, False, f"{type(error).__name__}: {error.reason}")
 
 
-def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
-    """Twins of built-in and of added drivers."""
-    added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
-    return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
-
-
 @contextmanager
 def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
     """A driver at its twin. Raises BadConfiguration where it has none."""
-    if driver in BUILT_IN:
-        bench = SimulatedBench(folder, Setup(virtual_time=True))
-        table, cable = simulated_tables(bench.address, folder)[BUILT_IN[driver]], bench.cables[BUILT_IN[driver]]
-        axes, clock, close = bench.world.axes, bench.clock, bench.close
-    else:
-        make, options = _twins().get(driver, (None, {}))
-        if make is None:
-            there = ", ".join([*BUILT_IN, *_twins()])
-            raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {there}")
-        twin, clock = make(), VirtualClock()
-        cable, axes, close = Cable(twin, clock), twin.axes, partial(unplug, "conform/stage")
-        register_scheme("simulators.devices")
-        plug("conform/stage", cable)
-        table = {"driver": driver, "port": "sim://conform/stage", **options}
-    cycle = getattr(cable.device, "power_cycle", None) or getattr(cable.device, "restart", None)
-    opened = make_bench({"stage": table}, folder=folder, clock=clock)
-    try:
-        yield StageRig(opened.stage, clock, axes, cable, cycle)
-    finally:
-        opened.close()
-        close()
+    with twin_of(driver, folder) as twin:
+        opened = make_bench({"stage": twin.table}, folder=folder, clock=twin.clock)
+        try:
+            yield StageRig(opened.stage, twin.clock, twin.axes, twin.cable)
+        finally:
+            opened.close()
 
 
 @contextmanager

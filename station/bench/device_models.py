@@ -28,6 +28,7 @@ BUILTIN: Mapping[str, str] = {
     "gcs": "drivers.gcs:GcsOptions",
     "strig": "drivers.shutter:StrigOptions",
     "strig_shaker": "drivers.shaker:ShakerOptions",
+    "strig_imu": "drivers.imu:StrigImuOptions",
     "strig_watchdog": "drivers.watchdog:WatchdogOptions",
     "rts": "drivers.shutter:RtsOptions",
     "relay": "drivers.shutter:RelayOptions",
@@ -37,6 +38,8 @@ BUILTIN: Mapping[str, str] = {
     "micromanager_camera": "drivers.micromanager.camera:MicroManagerCameraOptions",
     "micromanager_shutter": "drivers.micromanager.shutter:MicroManagerShutterOptions",
     "genicam": "drivers.genicam.camera:GenicamOptions",
+    "v4l2": "drivers.v4l2.camera:V4l2Options",
+    "rpicam": "drivers.rpicam:RpicamOptions",
     "alpaca_stage": "drivers.alpaca.stage:AlpacaStageOptions",
     "alpaca_camera": "drivers.alpaca.camera:AlpacaCameraOptions",
     "alpaca_light": "drivers.alpaca.switch:AlpacaLightOptions",
@@ -46,6 +49,9 @@ BUILTIN: Mapping[str, str] = {
     "jrt": "drivers.rangefinder:JrtOptions",
     "bosch": "drivers.rangefinder:BoschOptions",
     "dmx": "drivers.light:DmxOptions",
+    "artnet": "drivers.artnet:ArtNetOptions",
+    "scpi_light": "drivers.scpi:ScpiLightOptions",
+    "scpi_probe": "drivers.scpi:ScpiProbeOptions",
     "grbl_light": "drivers.light:GrblLightOptions",
 }
 """Name -> module and model of options, as an entry point names them."""

@@ -31,12 +31,12 @@ from drivers.interfaces import (
     Camera,
     Condition,
     Device,
+    FrameFormat,
     Identity,
     Imu,
     Light,
     Probe,
     Rangefinder,
-    SensorFormat,
     Shaker,
     Shutter,
     Stage,
@@ -240,11 +240,11 @@ def inspect_raw(path: Path) -> ExposureMetadata:
         exposure.exposure_s,
         None if exposure.iso is None else round(exposure.iso),
         exposure.f_number,
-        sensor_format(planes, exposure.pixel_pitch_um),
+        frame_format(planes, exposure.pixel_pitch_um),
     )
 
 
-def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> SensorFormat:
+def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> FrameFormat:
     """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
     white, pitch = round(planes[0].white), planes[0].pitch
     rows, columns = (
@@ -252,7 +252,7 @@ def sensor_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) 
     )
     colours = {plane.origin: plane.name[0] for plane in planes}
     tile = "".join(colours.get((x, y), "") for y in (0, 1) for x in (0, 1))
-    return SensorFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
+    return FrameFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
 
 
 def simulated_bench(
@@ -301,6 +301,13 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
     bench.rows()
 
 
+ROOM = {
+    "temperature": "MEAS:TEMP?", "temperature_uncertainty": 0.1,
+    "humidity": "MEAS:HUM?", "humidity_uncertainty": 2.0,
+}  # fmt: skip
+"""Quantities of the simulated bench's probe."""
+
+
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:
     """The configuration of the simulated bench, as in a station.toml."""
     letters = (("z_mm", "X", 3000.0), ("x_mm", "Y", 1500.0), ("y_mm", "Z", 1500.0))
@@ -326,5 +333,6 @@ def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: boo
         "fast_imu": {"driver": "fast", "port": address("fast_imu")},
         "rangefinder": {"driver": "jrt", "port": address("rangefinder")},
         "light": {"driver": "dmx", "port": address("light")},
+        "room": {"driver": "scpi_probe", "port": address("room"), **ROOM},
         **({"shaker": SHAKER} if shaker else {}),
     }

@@ -43,7 +43,7 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SCENE: ("IMAGES...", -1),
     Inputs.SERIES: ("FOLDER", 1),
     Inputs.SEVERAL: ("PHOTO...", -1),
-    Inputs.RESULTS: ("FIRST SECOND", 2),
+    Inputs.RESULTS: ("FIRST SECOND...", -1),
 }
 """Metavar and number of arguments by kind of input."""
 
@@ -201,10 +201,10 @@ def _results(
             with ResultFolder(out / place, force=forced()) as folder:
                 measurement = next(results)
                 taken = round(time.perf_counter() - start, 3)
+                given_settings = measurement.head.settings or to_record(settings)
                 head = replace(
-                    measurement.head, arguments=[str(one) for one in paths], settings=to_record(settings),
-                    duration_s=taken,
-                )  # fmt: skip
+                    measurement.head, arguments=[str(one) for one in paths], settings=given_settings, duration_s=taken
+                )
                 measurement = replace(measurement, head=head, overlays=overlays)
                 if (given.get("report") or overlays) and procedure.draws(measurement):
                     folder.write(procedure.page_name, procedure.page(measurement))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.pattern_psf.combine import CombinedPsf
-from procedures.pattern_psf.drift import Series, Slope, chart_series, slope_of
+from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
 from station.common.uncertainty_text import stated
 from station.reports.report import DriftLine
 from station.results.environment import temperature_during
@@ -42,7 +42,7 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     return [line for name, one in series.items() if (line := _line(name, one, hours, kelvins)) is not None]
 
 
-def _line(name: str, series: Series, hours: Array | None, kelvins: Array | None) -> DriftLine | None:
+def _line(name: str, series: DriftSeries, hours: Array | None, kelvins: Array | None) -> DriftLine | None:
     per_hour, per_kelvin = (None if x is None else slope_of(x, series) for x in (hours, kelvins))
     if per_hour is None and per_kelvin is None:
         return None
@@ -67,8 +67,8 @@ def _hours(shots: Sequence[SessionShot]) -> Array | None:
 
 def _temperatures(shots: Sequence[SessionShot]) -> Array | None:
     """Temperatures at the photographs; None without a probe, or where they hardly differ."""
-    found = [temperature_during(shot.snapshot) for shot in shots]
-    if any(one is None for one in found):
+    readings = [temperature_during(shot.snapshot) for shot in shots]
+    if any(one is None for one in readings):
         return None
-    kelvins = np.array(found, np.float64)
+    kelvins = np.array(readings, np.float64)
     return kelvins if np.ptp(kelvins) >= SMALLEST_CHANGE_K else None

@@ -27,6 +27,7 @@ BUILTIN: Mapping[str, str] = {
     "rig": "station.procedure.builtin.rig:PROCEDURE",
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "series": "station.procedure.builtin.series:PROCEDURE",
+    "sharpen": "station.procedure.builtin.sharpen:PROCEDURE",
     "tilt": "station.procedure.builtin.tilt:PROCEDURE",
     "two-photo": "station.procedure.builtin.two_photo:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",

@@ -31,12 +31,12 @@ def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str
 
 
 def _readings(snapshots: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, list[Mapping[str, Any]]]]:
-    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for snapshot in snapshots:
         for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
             for name, one in quantities.items():
-                found.setdefault((str(probe), str(name)), []).append(one)
-    return [(*key, readings) for key, readings in found.items()]
+                grouped.setdefault((str(probe), str(name)), []).append(one)
+    return [(*key, readings) for key, readings in grouped.items()]
 
 
 def temperature_during(snapshot: Mapping[str, Any]) -> float | None:

@@ -160,9 +160,9 @@ def curves_of(quality: Quality) -> dict[str, Array]:
     return {
         "frequency": quality.frequencies,
         "horizontal": quality.mtf_horizontal,
-        "horizontal_uncertainty": quality.mtf_horizontal_uncertainty,
+        "horizontal_uncertainty": quality.uncertainty("horizontal"),
         "vertical": quality.mtf_vertical,
-        "vertical_uncertainty": quality.mtf_vertical_uncertainty,
+        "vertical_uncertainty": quality.uncertainty("vertical"),
         "radial": quality.mtf_radial,
-        "radial_uncertainty": quality.mtf_radial_uncertainty,
+        "radial_uncertainty": quality.uncertainty("radial"),
     }

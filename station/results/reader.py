@@ -122,10 +122,7 @@ def _quantity(value: object) -> Quantity | None:
 
 
 def _number(value: object) -> float:
-    try:
-        return float(value) if isinstance(value, int | float) else math.nan
-    except OverflowError:
-        return math.nan
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _samples(path: Path) -> Array:

@@ -32,7 +32,7 @@ ALPACA_STOPS = re.compile(r"/api/v1/[a-z]+/\d+/(halt|abortexposure|action)")
 """Alpaca's members that can stop something; of its actions without token only the emergency stop is carried out."""
 RIGHTS = "station.rights"
 EVERYTHING, STOP_ONLY = "everything", "stop only"
-"""What a request may do, in its scope: with the token, and without."""
+"""The rights of a request with the token, and without; kept in its scope."""
 SEALED = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 """The default policy of answers: reports and other files of sessions run no script, and are not
 pages of this server to a browser."""

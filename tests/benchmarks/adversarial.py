@@ -529,7 +529,7 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
         return Answer(str(outcome.verdict), outcome.reason)
     quality = outcome.value.quality
-    number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.mtf_horizontal_uncertainty)
+    number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
     return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
 

@@ -8,8 +8,8 @@ processes are invisible to coverage: a line without a test is tried with the tes
 tests of its file's name. A mutant is killed too if a test takes more than ten times as long as before. Printed are the
 share killed with its 95 % interval (Clopper-Pearson), the survivors as a difference, and what was too slow.
 
-With --keep, a later run of an area takes the sources as they were in the first, with the tests of today, and tries only
-the mutants that survived.
+With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
+survived and whose rows still stand.
 
 Needs coverage (`pip install coverage`).
 """
@@ -20,6 +20,7 @@ import argparse
 import ast
 import contextlib
 import copy
+import difflib
 import hashlib
 import importlib
 import json
@@ -34,7 +35,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ PRELOADED = (
     "scipy.optimize", "scipy.signal", "textual.app",
 )  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
+PROCEDURE = ("base", "optics", "registry", "schema", "settings")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
@@ -72,7 +74,10 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ),
         ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
-    "measurement": (("station/results", "station/procedure"), ("tests/station/results", "tests/station/procedure")),
+    "measurement": (
+        ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
+        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py"),
+    ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
         ("tests/procedures/corruption", "tests/procedures/slanted_edge"),
@@ -91,8 +96,8 @@ SLOWER = 10.0
 GRACE_S = 20.0
 MOST_TESTS_S = 25.0
 """Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
-AGAIN = 6
-"""As many times longer for a mutant that is tried again."""
+AGAIN = 2
+"""As many times longer for a mutant that is tried again, then also tests that do not execute its line themselves."""
 
 
 @dataclass(frozen=True)
@@ -227,15 +232,23 @@ class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
     def __init__(self, name: str, folder: Path) -> None:
-        self.name, self.folder, self.most_tests_s = name, folder, MOST_TESTS_S
+        self.name, self.folder, self.again = name, folder, False
+        self.too_slow: list[Mutant] = []
         self.sources, self.tests = AREAS[name]
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
-        record = json.loads(kept.read_text()) if kept.exists() else {"digests": {}, "seconds": {}, "lines": {}}
+        record: dict[str, Any] = {"digests": {}, "seconds": {}, "lines": {}, "sources": {}}
+        if kept.exists():
+            record |= json.loads(kept.read_text())
         self.seconds: dict[str, float] = record["seconds"]
         self.lines: dict[str, dict[str, list[str]]] = record["lines"]
+        sources = {file: (folder / file).read_text() for file in self.files}
+        for file in {*sources, *record["sources"]}:
+            row_of = moved_rows(record["sources"].get(file, ""), sources.get(file, ""))
+            before = self.lines.get(file, {})
+            self.lines[file] = {str(new): before[str(old)] for old, new in row_of.items() if str(old) in before}
         record["digests"] = self._recorded(record["digests"])
-        kept.write_text(json.dumps({**record, "seconds": self.seconds, "lines": self.lines}))
+        kept.write_text(json.dumps({**record, "seconds": self.seconds, "lines": self.lines, "sources": sources}))
 
     def _recorded(self, before: dict[str, str]) -> dict[str, str]:
         """Run the files of tests that changed, and keep what each test executes: digests of the files."""
@@ -300,9 +313,10 @@ class Area:
         named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
         tests |= {test for test in self.seconds if named in test}
         chosen, total_s = [], 0.0
-        for test in sorted(tests or self.seconds, key=lambda test: self.seconds[test]):
+        all_of = self.seconds if self.again or not tests else tests
+        for test in sorted(all_of, key=lambda test: (test not in tests, self.seconds[test])):
             total_s += self.seconds[test]
-            if chosen and total_s > self.most_tests_s:
+            if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
                 break
             chosen.append(test)
         return chosen
@@ -321,7 +335,7 @@ class Area:
         try:
             # a test may have to make what another one made in the first run
             if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
-                print(f"  too slow: {described(mutant, self.folder)}", flush=True)
+                self.too_slow.append(mutant)
                 return True
             return _wait(child) != 0
         finally:
@@ -341,9 +355,27 @@ class Area:
         return False
 
 
+def moved_rows(old: str, new: str) -> dict[int, int]:
+    """Number of a row in the old text -> its number in the new one, of rows that are the same; from 1 on."""
+    blocks = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False).get_matching_blocks()
+    return {block.a + i + 1: block.b + i + 1 for block in blocks for i in range(block.size)}
+
+
+def moved(mutant: Mutant, old: str, new: str) -> Mutant | None:
+    """A mutant of the old text in the new one; None where its rows are gone."""
+    row_of = moved_rows(old, new)
+    last = mutant.line + old.encode()[mutant.start : mutant.end].count(b"\n")
+    rows = [row_of[row] for row in range(mutant.line, last + 1) if row in row_of]
+    if len(rows) <= last - mutant.line:
+        return None
+    before, after = (text.encode().splitlines(keepends=True) for text in (old, new))
+    by = sum(map(len, after[: rows[0] - 1])) - sum(map(len, before[: mutant.line - 1]))
+    return replace(mutant, line=rows[0], start=mutant.start + by, end=mutant.end + by)
+
+
 def copy_checkout(folder: Path) -> None:
-    """Copy the sources, where there are none yet, and the tests."""
-    for one in ("tests",) if (folder / "tests").exists() else COPIED:
+    """Copy sources and tests."""
+    for one in COPIED:
         path = ROOT / one
         shutil.rmtree(folder / one, ignore_errors=True)
         (shutil.copytree if path.is_dir() else shutil.copy2)(path, folder / one)
@@ -402,8 +434,12 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
     kept = folder / f"{name}-mutants.json"
     if kept.exists():
         state = json.loads(kept.read_text())
-        mutants, total = [Mutant(**one) for one in state["survivors"]], state["total"]
-        area.most_tests_s = AGAIN * MOST_TESTS_S
+        all_of = [Mutant(**one) for one in state["survivors"]]
+        texts = {file: (folder / file).read_text() if file in area.files else "" for file in state["sources"]}
+        now = [moved(one, state["sources"][one.file], texts[one.file]) for one in all_of]
+        mutants = [one for one in now if one is not None]
+        total = state["total"] - len(all_of) + len(mutants)
+        area.again = True
     else:
         mutants = area.mutants(count, random.Random(f"{seed} {name}"))
         total = len(mutants)
@@ -412,7 +448,10 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
         if not area.killed(one):
             survivors.append(one)
             print(f"  {described(one, folder)}\n    {len(area.tests_of(one))} tests", flush=True)
-    kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors]}))
+    for one in area.too_slow:
+        print(f"  too slow: {described(one, folder)}")
+    sources = {one.file: (folder / one.file).read_text() for one in survivors}
+    kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors], "sources": sources}))
     dead = total - len(survivors)
     low = beta.ppf(0.025, dead, total - dead + 1) if dead else 0.0
     high = beta.ppf(0.975, dead + 1, total - dead) if dead < total else 1.0

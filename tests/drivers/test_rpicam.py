@@ -12,10 +12,10 @@ import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import DngFolder
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from procedures.raw import read_frame
-from station.bench.opening import inspect_raw
+from station.bench.opening import inspect_raw, make_bench, read_config
 
 from .rpicam_twin import install_twin
 
@@ -39,13 +39,13 @@ def test_it_says_who_it_is_and_its_deepest_mode(make):
     identity = camera.connect()
     assert (identity.model, identity.serial) == ("Raspberry Pi imx477", "/base/soc/i2c/imx477@1a")
     assert identity.firmware == "v1.5.0 3d9ac10d5a3b 14-05-2024"
-    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 4095)
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 4095)
     camera.close()
     with pytest.raises(LineLost, match="connect first"):
         camera.expose()
     grey = make(1)
     grey.connect()
-    assert grey.sensor() == SensorFormat(64, 48, None, 1023)
+    assert grey.sensor() == FrameFormat(64, 48, None, 1023)
 
 
 def test_the_file_is_the_programs_own_with_its_record(make, tmp_path):
@@ -69,7 +69,7 @@ def test_the_file_is_the_programs_own_with_its_record(make, tmp_path):
 def test_another_mode_is_taken_by_its_bits(make):
     camera = make(settings=RpicamSettings(bits=10))
     camera.connect()
-    assert inspect_raw(camera.expose().path).sensor == SensorFormat(64, 48, "RGGB", 1023)
+    assert inspect_raw(camera.expose().path).sensor == FrameFormat(64, 48, "RGGB", 1023)
     with pytest.raises(BadConfiguration, match="no raw mode of 14 bits: it offers 10, 12"):
         make(settings=RpicamSettings(bits=14)).connect()
 
@@ -120,3 +120,14 @@ def test_an_emergency_stop_ends_the_program(make):
     with pytest.raises(EmergencyStopped):
         camera.expose()
     assert time.monotonic() - begin_s < 10.0  # half of its patience
+
+
+def test_it_stands_in_station_toml(tmp_path):
+    (tmp_path / "in").mkdir()
+    lines = ('driver = "rpicam"', f'program = "{install_twin(tmp_path)}"', 'folder = "in"', "camera = 1", "gain = 2")
+    (tmp_path / "station.toml").write_text("\n".join(("[devices.camera]", *lines, "pixel_pitch_um = 3.45")))
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    assert bench.camera.expose().settings == CameraSettings(0.01, 200)
+    assert bench.camera.sensor() == FrameFormat(64, 48, None, 1023, 3.45)
+    bench.close()

@@ -18,7 +18,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.v4l2 import kernel
 from drivers.v4l2.camera import FORMATS, V4l2Camera, V4l2Settings, four_characters
 from procedures.raw import read_frame
@@ -33,7 +33,7 @@ from simulators.devices.v4l2 import (
     FakeCamera,
 )
 from simulators.world.clock import VirtualClock
-from station.bench.opening import inspect_raw
+from station.bench.opening import inspect_raw, make_bench, read_config
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_it_says_who_it_is_and_switches_the_automatic_settings_off(make):
     )  # fmt: skip
     values = {number: one.value for number, one in fake.controls.items()}
     assert [values[one] for one in (EXPOSURE_MODE, WHITE_BALANCE, SHARPNESS, GAMMA)] == [1, 0, 0, 100]
-    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 1023)
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 1023)
     camera.close()
     assert not camera.condition().usable
     with pytest.raises(LineLost, match="connect first"):
@@ -118,10 +118,10 @@ def test_the_deepest_format_and_the_largest_size_are_taken_unless_others_are_nam
     fake = FakeCamera(formats={"YUYV": sizes, "GREY": sizes, "Y10 ": sizes, "RG10": sizes, "pRAA": sizes})
     camera, _ = make(fake)
     camera.connect()
-    assert camera.sensor() == SensorFormat(64, 48, "RGGB", 1023)
+    assert camera.sensor() == FrameFormat(64, 48, "RGGB", 1023)
     camera, _ = make(fake, V4l2Settings("Y10", columns=32, rows=16))
     camera.connect()
-    assert camera.sensor() == SensorFormat(32, 16, None, 1023)
+    assert camera.sensor() == FrameFormat(32, 16, None, 1023)
 
 
 def test_what_the_camera_has_not_is_refused_by_name(make):
@@ -220,6 +220,21 @@ def test_one_photograph_is_taken_at_a_time(make):
     thread.join()
 
 
+def test_it_stands_in_station_toml(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    text = '[devices.camera]\ndriver = "v4l2"\nfolder = "in"\npixel_format = "Y10"\ngain = 3\nblack = 60\n'
+    (tmp_path / "station.toml").write_text(text)
+    monkeypatch.setattr(kernel, "Kernel", lambda: FakeCamera(formats={"Y10 ": ((64, 48),)}, period_s=1e-3))
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    frame = read_frame(bench.camera.expose().path)
+    assert (frame.planes["Y"].black, frame.planes["Y"].white) == (60, 1023)
+    bench.close()
+    (tmp_path / "station.toml").write_text(f"{text}columns = 32\n")
+    with pytest.raises(BadConfiguration, match="has only one of columns and rows; write both, or none"):
+        read_config(tmp_path / "station.toml")
+
+
 # --- what others wrote --------------------------------------------------------------------------------------------
 
 STRUCTURES = {
@@ -227,7 +242,7 @@ STRUCTURES = {
     "v4l2_fmtdesc": (kernel.FormatDescription, {"description": "description", "pixelformat": "pixel_format"}),
     "v4l2_frmsizeenum": (kernel.FrameSize, {"pixel_format": "pixel_format", "discrete": "size"}),
     "v4l2_format": (kernel.Format, {"fmt": "union"}),
-    "v4l2_pix_format": (kernel.Picture, {"bytesperline": "line_bytes", "sizeimage": "bytes"}),
+    "v4l2_pix_format": (kernel.PixelLayout, {"bytesperline": "line_bytes", "sizeimage": "bytes"}),
     "v4l2_requestbuffers": (kernel.BufferRequest, {"memory": "memory"}),
     "v4l2_buffer": (
         kernel.VideoBuffer,
@@ -237,7 +252,7 @@ STRUCTURES = {
         },
     ),
     "v4l2_queryctrl": (kernel.ControlRange, {"minimum": "low", "default_value": "default", "flags": "flags"}),
-    "v4l2_control": (kernel.Control, {"value": "value"}),
+    "v4l2_control": (kernel.ControlValue, {"value": "value"}),
 }  # fmt: skip
 REQUESTS = {
     "QUERYCAP": kernel.QUERYCAP, "ENUM_FMT": kernel.ENUM_FMT, "S_FMT": kernel.S_FMT, "REQBUFS": kernel.REQBUFS,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from drivers.interfaces import Camera, CameraSettings, ExposedFile, SensorFormat
+from drivers.interfaces import Camera, CameraSettings, ExposedFile, FrameFormat
 from procedures.raw import RawFrame, default_plane, read_frame
-from station.bench.opening import sensor_format
+from station.bench.opening import frame_format
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
 from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
 from station.service.alpaca.image import Mosaic, SensorImage, first_red, sensor_image
@@ -166,10 +166,10 @@ class BenchCamera(AlpacaDevice):
     # --- properties of the last photograph
 
     @property
-    def _sensor(self) -> SensorFormat:
+    def _sensor(self) -> FrameFormat:
         if self._taken is not None:
             frame = self._taken.frame
-            return sensor_format(list(frame.planes.values()), frame.exposure.pixel_pitch_um)
+            return frame_format(list(frame.planes.values()), frame.exposure.pixel_pitch_um)
         known = self._camera.sensor()
         if known is None:
             remedy = "write `sensor` for the camera in station.toml, or take a photograph with StartExposure"

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.interfaces import SensorFormat
+from drivers.interfaces import FrameFormat
 from procedures.raw import Plane
-from station.bench.opening import sensor_format
+from station.bench.opening import frame_format
 
 Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
@@ -34,7 +34,7 @@ class SensorImage:
 
 def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     """Reassemble the planes of a photograph to the sensor's mosaic."""
-    form = sensor_format(planes)
+    form = frame_format(planes)
     mosaic = np.zeros((form.rows, form.columns), np.uint16)
     for plane in planes:
         x, y = plane.origin
@@ -42,7 +42,7 @@ def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     return SensorImage(mosaic, form.white, first_red(form))
 
 
-def first_red(form: SensorFormat) -> tuple[int, int] | None:
+def first_red(form: FrameFormat) -> tuple[int, int] | None:
     """The first red pixel (x, y); None for a monochrome sensor."""
     if form.cfa is None:
         return None

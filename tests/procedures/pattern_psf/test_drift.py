@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from procedures.pattern_psf.drift import Series, slope_of
+from procedures.pattern_psf.drift import DriftSeries, slope_of
 
 
 def series(values, u=0.0):
-    return Series(np.asarray(values, float), np.full(len(values), u), "px")
+    return DriftSeries(np.asarray(values, float), np.full(len(values), u), "px")
 
 
 def test_a_slope_and_its_uncertainty_are_those_of_another_implementation(rng):

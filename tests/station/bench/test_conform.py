@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from station.bench import device_models
-from station.bench.conform import BUILT_IN, FAULTS, TWINS, Broken, at_twin, conform, soak
+from station.bench.conform import FAULTS, Broken, at_twin, conform, soak
+from station.bench.twins import BUILT_IN, TWINS
 
 from . import hasty_stage
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +46,13 @@ def driver(monkeypatch):
 
 def test_it_is_one_short_file():
     assert len((PACKAGE / "toy_stage.py").read_text().splitlines()) <= 180
+
+
+def test_contributing_shows_the_driver_that_is_tried():
+    (shown,) = re.findall(
+        r"```python\n(class ToyStage.*?)```", (ROOT / ".github" / "CONTRIBUTING.md").read_text(), re.S
+    )
+    assert (PACKAGE / "toy_stage.py").read_text().endswith(shown)
 
 
 @pytest.mark.slow
@@ -109,6 +117,6 @@ def test_a_twin_loses_its_reference_when_it_is_switched_off(driver):
     cable = Cable(twin, clock)
     twin.receive(driver.framed("1 home"), 0.0)
     clock.sleep(10.0)
-    cable.happen(twin.power_cycle)
+    cable.happen(twin.restart)
     twin.receive(driver.framed("2 where"), 10.0)
     assert b"2 ok unhomed 0.0000" in twin.advance(10.0)

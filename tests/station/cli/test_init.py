@@ -53,6 +53,7 @@ def test_every_device_of_the_example_can_be_made(written):
     bench = make_bench(tables, folder=written)
     assert set(bench.devices) == {
         "stage",
+        "room",
         "head",
         "shutter",
         "shaker",

@@ -12,10 +12,7 @@ LENS = {"metres": "behind", "focal_length_mm": 12.0, "f_number": [2.8, 2.0], "fo
         "pixel_pitch_um": 6.0}  # fmt: skip
 
 
-@pytest.fixture
-def restored(tmp_path):
-    folder = tmp_path / "restored"
-    folder.mkdir()
+def write_restored(folder):
     rng = np.random.default_rng(1)
     sharp = np.kron(rng.uniform(0.1, 0.9, (12, 16)), np.ones((4, 4))).astype(np.float32)
     cv2.imwrite(str(folder / "sharp.tiff"), sharp)
@@ -24,6 +21,13 @@ def restored(tmp_path):
     np.save(folder / "w.npy", w)
     record = {"schema": "station/restore/1", "procedure": "restore", "input": [], "parameters": LENS, "verdict": "pass"}
     (folder / "result.json").write_text(json.dumps(record))
+
+
+@pytest.fixture
+def restored(tmp_path):
+    folder = tmp_path / "restored"
+    folder.mkdir()
+    write_restored(folder)
     return folder
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
+import exifread
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings, SensorFormat
+from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
 from station.service.alpaca.image import image_bytes, sensor_image
@@ -45,7 +46,7 @@ def camera(at, saved):
 def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, served):
     assert camera.sensor() is None  # neither a photograph nor station.toml has shown it to the server
     exposure = camera.expose()
-    assert camera.sensor() == SensorFormat(96, 64, "RGGB", 16383, 3.45)
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 16383, 3.45)
     (source,) = served.bench.simulated.folder.iterdir()
     theirs, ours = (sensor_image(list(read_frame(path).planes.values())) for path in (source, exposure.path))
     np.testing.assert_array_equal(ours.levels, theirs.levels)
@@ -55,6 +56,30 @@ def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, s
     assert reply.exposure_s == pytest.approx(0.02)
     assert reply.f_number == 5.6
     assert exposure.requested_s < exposure.received_s
+
+
+def test_gain_and_offset_are_set_and_read_back(at, saved, monkeypatch):
+    from alpaca.camera import Camera
+
+    numbers = {}
+    for name in ("Gain", "Offset"):
+        given = property(lambda _, name=name: numbers[name], lambda _, value, name=name: numbers.update({name: value}))
+        monkeypatch.setattr(Camera, name, given)
+    camera = AlpacaCamera(at, 0, saved, AlpacaCameraSettings(exposure_s=0.02, gain=12, offset=50))
+    camera.connect()
+    assert numbers == {"Gain": 12, "Offset": 50}
+    with camera.expose().path.open("rb") as file:
+        comment = exifread.process_file(file)["EXIF UserComment"]
+    assert '{"gain": 12, "offset": 50}' in str(comment)
+    monkeypatch.setattr(Camera, "Gain", property(lambda _: 11, lambda *_: None))
+    with pytest.raises(Rejected, match="has Gain 11 after 12 was set"):
+        camera.connect()
+    monkeypatch.undo()
+
+
+def test_a_gain_that_the_camera_has_not_is_refused(at, saved):
+    with pytest.raises(Rejected, match="gain is not implemented"):
+        AlpacaCamera(at, 0, saved, AlpacaCameraSettings(gain=1)).connect()
 
 
 def test_an_exposure_that_fails_at_the_server_is_reported(camera):
