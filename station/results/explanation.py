@@ -140,10 +140,10 @@ def explain_batch(folder: Path) -> list[CauseCount]:
         for line in path.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
             if row.get("reason"):
-                reason = str(row["reason"]).partition(": ")
-                causes[
-                    (reason[2] if reason[0].isalnum() and len(reason[0]) <= 2 else row["reason"], row["remedy"])
-                ] += 1
+                reason = PLANE.sub("", row["reason"])
+                for one in row["files"]:
+                    reason = reason.replace(one, "the photograph").replace(Path(one).name, "the photograph")
+                causes[(reason, row["remedy"])] += 1
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise BadInput(f"{printable(path)} cannot be read: {error}", "run the batch again") from error
     return [CauseCount(count, *cause) for cause, count in causes.most_common()]
