@@ -10,15 +10,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from drivers.clock import Clock
 from drivers.errors import NoAnswer, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
-from drivers.making import LineOptions, MakerContext
-from drivers.options import PollInterval, axes, text
-from drivers.polled_stage import AxisState, PolledAxis, PolledStage
+from drivers.options import axes, text
+from drivers.polled_stage import AxisState, PolledAxis, PolledOptions, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
 from drivers.wire.in_step import Question
@@ -55,15 +53,9 @@ class GcsStage(PolledStage[str]):
     stop_bytes = b"\n" + STOP_ALL * 3
 
     def __init__(
-        self,
-        transport: Transport[str],
-        axes: Sequence[PolledAxis],
-        *,
-        clock: Clock | None = None,
-        poll_s: float = 0.1,
-        reference: str = "FRF",
+        self, transport: Transport[str], axes: Sequence[PolledAxis], *, reference: str = "FRF", **more: Any
     ) -> None:
-        super().__init__(transport, axes, clock=clock, poll_s=poll_s)
+        super().__init__(transport, axes, **more)
         self._reference = reference
         self._question = Question[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
@@ -131,14 +123,9 @@ class GcsAxis(PolledAxis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GcsOptions(LineOptions):
+class GcsOptions(PolledOptions):
     """Options of driver "gcs"."""
 
+    stage, parser, settings = GcsStage, GcsParser, ("reference",)
     axes: Annotated[tuple[GcsAxis, ...], axes("number")]
-    poll_s: PollInterval = 0.1
     reference: Literal["FRF", "FNL", "FPL"] = "FRF"
-
-    def make(self, parts: MakerContext) -> GcsStage:
-        """The stage."""
-        wire = parts.wire(self.port, GcsParser, baud=self.baud)
-        return GcsStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, reference=self.reference)

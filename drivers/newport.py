@@ -16,9 +16,8 @@ from typing import Annotated, NamedTuple
 from drivers.errors import Alarm, BadConfiguration, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Travel
-from drivers.making import LineOptions, MakerContext
-from drivers.options import Baud, PollInterval, axes, option
-from drivers.polled_stage import AxisState, PolledAxis, PolledStage
+from drivers.options import Baud, axes, option
+from drivers.polled_stage import AxisState, PolledAxis, PolledOptions, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
 from drivers.wire.in_step import Question
@@ -184,28 +183,18 @@ class Smc100Axis(PolledAxis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Esp301Options(LineOptions):
+class Esp301Options(PolledOptions):
     """Options of driver "esp301"."""
 
+    stage, parser = Esp301Stage, NewportParser
     axes: Annotated[tuple[Esp301Axis, ...], axes("number")]
     baud: Baud = 921600
-    poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> Esp301Stage:
-        """The stage."""
-        wire = parts.wire(self.port, NewportParser, baud=self.baud)
-        return Esp301Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Smc100Options(LineOptions):
+class Smc100Options(PolledOptions):
     """Options of driver "smc100"."""
 
+    stage, parser = Smc100Stage, NewportParser
     axes: Annotated[tuple[Smc100Axis, ...], axes("number")]
     baud: Baud = 57600
-    poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> Smc100Stage:
-        """The stage."""
-        wire = parts.wire(self.port, NewportParser, baud=self.baud)
-        return Smc100Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)
