@@ -15,8 +15,9 @@ from typing import Annotated, Any, Literal
 from drivers.errors import NoAnswer, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions
 from drivers.options import axes, text
-from drivers.polled_stage import AxisState, PolledAxis, PolledOptions, PolledStage
+from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
 from drivers.wire.in_step import Question
@@ -123,9 +124,10 @@ class GcsAxis(PolledAxis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GcsOptions(PolledOptions):
+class GcsOptions(LineOptions):
     """Options of driver "gcs"."""
 
-    stage, parser, settings = GcsStage, GcsParser, ("reference",)
+    makes = GcsStage
+    parser = GcsParser
     axes: Annotated[tuple[GcsAxis, ...], axes("number")]
     reference: Literal["FRF", "FNL", "FPL"] = "FRF"

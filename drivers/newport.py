@@ -16,8 +16,9 @@ from typing import Annotated, NamedTuple
 from drivers.errors import Alarm, BadConfiguration, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Travel
-from drivers.options import Baud, axes, option
-from drivers.polled_stage import AxisState, PolledAxis, PolledOptions, PolledStage
+from drivers.making import LineOptions
+from drivers.options import Baud, PollInterval, axes, option
+from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
 from drivers.wire.in_step import Question
@@ -183,18 +184,22 @@ class Smc100Axis(PolledAxis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Esp301Options(PolledOptions):
+class Esp301Options(LineOptions):
     """Options of driver "esp301"."""
 
-    stage, parser = Esp301Stage, NewportParser
+    makes = Esp301Stage
+    parser = NewportParser
     axes: Annotated[tuple[Esp301Axis, ...], axes("number")]
     baud: Baud = 921600
+    poll_s: PollInterval = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Smc100Options(PolledOptions):
+class Smc100Options(LineOptions):
     """Options of driver "smc100"."""
 
-    stage, parser = Smc100Stage, NewportParser
+    makes = Smc100Stage
+    parser = NewportParser
     axes: Annotated[tuple[Smc100Axis, ...], axes("number")]
     baud: Baud = 57600
+    poll_s: PollInterval = 0.1

@@ -11,15 +11,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Annotated, Generic, NamedTuple, TypeVar
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, MoveFailed, NoAnswer, WasReset
 from drivers.homing_state import HOME, UNHOMED, Trust
-from drivers.interfaces import Condition, Identity, Parser, Transport, Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
-from drivers.options import AxisName, PollInterval, interval, option, positive
+from drivers.options import AxisName, interval, option, positive
 from drivers.wire.connection import anything, not_connected, opened
 from drivers.wire.in_step import InStepLine
 from drivers.wire.outgoing import URGENT_S
@@ -271,23 +270,3 @@ class PolledStage(ABC, Generic[E]):
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
         self.trust.preempt(error)
         self._transport.preempt(self.stop_bytes, error)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolledOptions(LineOptions):
-    """Options of a polled stage on a serial line; a driver adds `axes`, and names its stage and parser.
-
-    `settings` are the options that its stage takes as arguments.
-    """
-
-    stage: ClassVar[Callable[..., PolledStage[Any]]]
-    parser: ClassVar[Callable[[], Parser[Any]]]
-    settings: ClassVar[tuple[str, ...]] = ()
-    axes: tuple[PolledAxis, ...]
-    poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> PolledStage[Any]:
-        """The stage."""
-        kind, wire = type(self), parts.wire(self.port, type(self).parser, baud=self.baud)
-        settings = {name: getattr(self, name) for name in self.settings}
-        return kind.stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, **settings)

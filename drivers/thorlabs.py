@@ -16,8 +16,9 @@ from typing import Annotated, Any
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions
 from drivers.options import Interval, axes, option, positive
-from drivers.polled_stage import AxisState, PolledAxis, PolledOptions, PolledStage
+from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
 from drivers.wire.in_step import Question
@@ -175,9 +176,10 @@ class AptAxis(PolledAxis):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AptOptions(PolledOptions):
+class AptOptions(LineOptions):
     """Options of driver "apt"."""
 
-    stage, parser, settings = AptStage, AptParser, ("cycle_s",)
+    makes = AptStage
+    parser = AptParser
     axes: Annotated[tuple[AptAxis, ...], axes("number")]
     cycle_s: Annotated[float, positive("102.4e-6")] = 2048 / 6e6

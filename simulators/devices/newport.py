@@ -31,7 +31,7 @@ COMMAND = re.compile(r"(\d*)([A-Z]{2})([-+0-9.?A-Z@]*)")
 
 
 class NewportTwin(MotorController[int]):
-    """What both have: numbered motors, lines of commands, a power switch."""
+    """Common part of both: numbered motors, lines of commands, a power switch."""
 
     baud = 57600
     longest = 80
