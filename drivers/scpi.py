@@ -43,7 +43,7 @@ class ScpiParser:
 
 
 class ScpiInstrument:
-    """What these instruments have in common: identity, queries, orders with their errors."""
+    """Common part of these instruments: identity, queries, orders with their errors."""
 
     def __init__(self, transport: Transport[str]) -> None:
         self._transport = transport
@@ -146,7 +146,7 @@ class ScpiLight(Lamp, ScpiInstrument):
         self._remember(level)
 
     def measured_level(self) -> float:
-        """What it gives, as a fraction of full. Raises DeviceError."""
+        """The measured output as a fraction of full. Raises DeviceError."""
         return self._number(self._supply.measured) / self._supply.full
 
 
