@@ -19,7 +19,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
 from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext
-from drivers.options import STRIG_BOX, Seconds, device, positive
+from drivers.options import STRIG_BOX, device, option, positive
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
 from drivers.shutter import DRIFT, Sample, StrigShutter
 from drivers.wire.connection import line_condition, opened
@@ -389,15 +389,28 @@ class StrigImu:
 
 @dataclass(frozen=True, kw_only=True)
 class CableOptions(LineOptions):
-    """A unit on its own cable, whose measured delay is `latency_s`; else round trips bound it."""
+    """Options of a unit on a cable of its own: the measured delay of its samples; by default round trips bound it."""
 
-    latency_s: Seconds | None = None
-    latency_within_s: Seconds = 1e-3
+    latency_s: Annotated[float | None, option("0.012", least=0)] = None
+    latency_within_s: Annotated[float, option("0.001", least=0)] = 1e-3
 
     @property
     def latency(self) -> CableLatency | None:
-        """The measured delay; None where round trips bound it."""
-        return None if self.latency_s is None else CableLatency(self.latency_s, self.latency_within_s, "common event")
+        """The measured delay."""
+        if self.latency_s is None:
+            return None
+        return CableLatency(self.latency_s, self.latency_within_s, "common event")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrigImuOptions(DriverOptions):
+    """Options of driver "strig_imu"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+
+    def make(self, parts: MakerContext) -> StrigImu:
+        """The IMU."""
+        return StrigImu(parts.other(self.box), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -406,8 +419,7 @@ class WitOptions(CableOptions):
 
     def make(self, parts: MakerContext) -> WitImu:
         """The IMU."""
-        wire = parts.wire(self.port, WitParser, baud=self.baud)
-        return WitImu(wire, clock=parts.clock, latency=self.latency)
+        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -422,14 +434,3 @@ class FastOptions(CableOptions):
         wire = parts.wire(self.port, FastParser, baud=self.baud)
         scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
         return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StrigImuOptions(DriverOptions):
-    """Options of driver "strig_imu"."""
-
-    box: Annotated[str, device(STRIG_BOX)]
-
-    def make(self, parts: MakerContext) -> StrigImu:
-        """The IMU."""
-        return StrigImu(parts.other(self.box), clock=parts.clock)

@@ -23,7 +23,9 @@ from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
 from drivers.wire.in_step import Question
 
-NUMBER, DIGIT = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)", r"([01])"
+NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
+POWER = 1 << 4
+"""Bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle."""
 ERRORS_KEPT = 11
 UNITS = {"mm": "2", "deg": "7"}
 """Codes of the units of an ESP301."""
@@ -109,9 +111,10 @@ class Esp301Stage(PolledStage[NewportReply]):
         return axis.travel_between(*ends), float(self._get(axis, "VA?")) * abs(axis.scale)
 
     def _state(self, axis: PolledAxis) -> AxisState:
-        done = self._get(axis, "MD?", DIGIT)
-        powered = self._get(axis, "MO?", DIGIT)
-        return AxisState(axis.to_unit(float(self._get(axis, "TP"))), done == "0", powered == "1")
+        """From the controller's status, a character: a query that lost its question mark may be an order."""
+        bits = ord(self._ask(axis, "TS", "([@-_])[@-_]?")[0])
+        moving = bits >> int(axis.number) - 1 & 1
+        return AxisState(axis.to_unit(float(self._get(axis, "TP"))), bool(moving), bool(bits & POWER))
 
     def _begin_homing(self, axis: PolledAxis, allowed: Callable[[], None]) -> None:
         self._order(axis, f"MO;{axis.number}OR{self.search}", allowed)

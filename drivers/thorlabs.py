@@ -63,9 +63,9 @@ def _measure(head: bytes) -> int:
         return MORE
     number, length, dest, _ = struct.unpack_from("<HHBB", head)
     data = LENGTHS.get(number, BAD)
-    if data == BAD or dest & ~LONG not in (0, HOST) or (dest & LONG and length != data):
+    if data == BAD or dest & ~LONG not in (0, HOST) or bool(dest & LONG) != bool(data) or (data and length != data):
         return BAD
-    total = HEADER + length * bool(dest & LONG)
+    total = HEADER + data
     return total if len(head) >= total else MORE
 
 
@@ -173,7 +173,7 @@ class AptAxis(PolledAxis):
     """An axis of driver "apt": its number is its bay, 0 where there are none."""
 
     number: Annotated[int, option("0", least=0, most=10)]
-    scale: Annotated[float, option("2.915e-5")]
+    scale: Annotated[float, option("2.915e-5", "a number other than 0", holds=bool)]
     travel: Interval
 
 
