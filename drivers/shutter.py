@@ -434,11 +434,9 @@ class RelayShutter:
 class StrigOptions(LineOptions):
     """Options of driver "strig"."""
 
+    makes = StrigShutter
+    parser = StrigParser
     provides: ClassVar[tuple[str, ...]] = (SHUTTER, STRIG_BOX)
-
-    def make(self, parts: MakerContext) -> StrigShutter:
-        """The shutter box."""
-        return StrigShutter(parts.wire(self.port, StrigParser, baud=self.baud), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)

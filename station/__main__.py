@@ -37,6 +37,7 @@ COMMANDS = {
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
+    "explain": ("explain", "explain", "Explain a result: cause, largest uncertainty, best remedy."),
     "verify": ("verify", "verify", "Compare a certificate with its record and its originals."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("bench.devices", "devices", "Show the configured devices and their answers."),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_convergence, with_parts
+from procedures.budget import with_parts
 from procedures.choice import Trial, choose, remaining_change
 from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
@@ -174,9 +174,10 @@ def _estimate(
     consistency = pair_consistency(fit, best.free, near)
     errors = likely_errors(consistency, best.recovered, best.free, J)
     psf = widened(best.psf, errors)
-    quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at)
+    unconverged = remaining_change(tried)
+    quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at, unconverged=unconverged)
     parts = error_parts(fit, kernel, best.recovered, best.free, quality, errors)
-    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
+    quality = with_parts(quality, parts.parts)
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(best.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, consistency, parts)

@@ -114,6 +114,10 @@ class Esp301Twin(NewportTwin):
         if command == "VE":
             self.say("ESP301 Version 3.0.1 6/1/99")
             return 0
+        if command == "TS":
+            moving = sum(motor.moves() << number - 1 for number, motor in self.motors.items())
+            self.say(chr(0x40 | moving | bool(self._powered) << 4))
+            return 0
         if command in ("TB", "TE"):  # with or without a number
             code, at_s = self._errors.popleft() if self._errors else (0, now_s)
             cycles = round((at_s - self._booted_s) / CYCLE_S)

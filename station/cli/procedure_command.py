@@ -43,7 +43,7 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SCENE: ("IMAGES...", -1),
     Inputs.SERIES: ("FOLDER", 1),
     Inputs.SEVERAL: ("PHOTO...", -1),
-    Inputs.RESULTS: ("FIRST SECOND", 2),
+    Inputs.RESULTS: ("FIRST SECOND...", -1),
 }
 """Metavar and number of arguments by kind of input."""
 
