@@ -8,11 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
-from drivers.frames import ExposureMetadata, Inspect, check_settings, is_raw, sha256_of
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter, ShutterTimes
+from drivers.frames import (
+    ExposureMetadata,
+    Inspect,
+    KnownSensor,
+    SensorText,
+    check_settings,
+    is_raw,
+    sensor_format,
+    sha256_of,
+)
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter, ShutterTimes
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import SHUTTER, FolderName, PollInterval, Seconds, device, positive
 
 Stamp = tuple[int, int]  # size, modification time in ns
 
@@ -25,12 +37,12 @@ class Tether:
     `bulb`: the contact is held for the whole exposure.
     """
 
-    pulse_s: float = 0.1
-    focus_s: float = 0.0
+    pulse_s: Annotated[float, positive("0.1")] = 0.1
+    focus_s: Seconds = 0.0
     bulb: bool = False
-    rest_s: float = 0.5
-    patience_s: float = 20.0
-    poll_s: float = 0.1
+    rest_s: Seconds = 0.5
+    patience_s: Annotated[float, positive("20")] = 20.0
+    poll_s: PollInterval = 0.1
 
 
 @dataclass
@@ -52,16 +64,19 @@ class FolderCamera:
         inspect: Inspect,
         *,
         tether: Tether | None = None,
+        sensor: FrameFormat | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
         self.tether = tether or Tether()
+        self._sensor = KnownSensor(folder, inspect, sensor)
         self.settings = CameraSettings()
         self._folder = folder
         self._shutter = shutter
         self._inspect = inspect
         self._known: dict[Path, Stamp] = {}
         self._hashes: set[str] = set()
+        self._strays = 0
         self._stray_until_s = -float("inf")
         self._connected = False
         self._stopped: EmergencyStopped | None = None
@@ -91,6 +106,10 @@ class FolderCamera:
             return Condition("the folder is gone", False, "create it again")
         return Condition(f"{len(self._hashes)} frames")
 
+    def sensor(self) -> FrameFormat | None:
+        """The configured format, or that of the newest file in the folder."""
+        return self._sensor.read()
+
     def configure(self, settings: CameraSettings) -> None:
         """Expect these settings in the files; the body itself is set by hand."""
         self.settings = settings
@@ -106,6 +125,7 @@ class FolderCamera:
             shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
             path, facts, digest = self._await_frame(exposure_s)
         except DeviceError:
+            self._strays += 1
             self._stray_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
             raise
         exposure = self._record(path, digest, requested_s, shutter)
@@ -113,9 +133,13 @@ class FolderCamera:
         return exposure
 
     def _wait_for_strays(self) -> None:
-        """Wait for the frame of an earlier, failed exposure, which could be taken for the next one's."""
-        while self.clock.now_s() < self._stray_until_s:
+        """Wait until the frames of earlier, failed exposures came: each could be taken for the next one's."""
+        candidates: dict[Path, Candidate] = {}
+        while self._strays > 0 and self.clock.now_s() < self._stray_until_s:
             self._pause()
+            self._track(candidates)
+            self._strays -= sum(self._accept(path, candidates) is not None for path in list(candidates))
+        self._strays = 0
         self._known |= self._look()
 
     def _pause(self) -> None:
@@ -195,3 +219,18 @@ class FolderCamera:
         """Open the contacts and stop waiting for a frame; one that still comes stays in the folder."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "expose again")
         self._shutter.emergency_stop()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(Tether, DriverOptions):
+    """Options of driver "folder"."""
+
+    folder: FolderName
+    shutter: Annotated[str, device(SHUTTER, '"shutter"')]
+    sensor: SensorText | None = None
+
+    def make(self, parts: MakerContext) -> FolderCamera:
+        """The camera."""
+        box, place = parts.other(self.shutter), parts.folder / self.folder
+        sensor = sensor_format(self.sensor)
+        return FolderCamera(place, box, parts.inspect, tether=self, sensor=sensor, clock=parts.clock)

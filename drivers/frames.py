@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.errors import FrameWrong
-from drivers.interfaces import CameraSettings
+from drivers.interfaces import CameraSettings, FrameFormat
+from drivers.options import option
 
 TIFF_LIKE = frozenset((".3fr", ".arw", ".cr2", ".dng", ".erf", ".iiq", ".kdc", ".nef", ".nrw", ".pef", ".srw"))
 OTHERS = frozenset((".cr3", ".crw", ".dcr", ".mef", ".mos", ".mrw", ".orf", ".raf", ".raw", ".rw2", ".x3f"))
@@ -18,15 +21,49 @@ THIRD_STOP = 2 ** (1 / 3) - 1  # bodies round their settings to thirds of a stop
 
 @dataclass(frozen=True)
 class ExposureMetadata:
-    """Exposure metadata of a file; None where it is absent."""
+    """Exposure metadata of a file, and the format of its frame; None where it is absent."""
 
     exposure_s: float | None = None
     iso: int | None = None
     f_number: float | None = None
+    sensor: FrameFormat | None = None
 
 
 # Decodes a RAW file and returns its metadata; any exception means that the file is incomplete or damaged.
 Inspect = Callable[[Path], ExposureMetadata]
+
+
+SensorText = Annotated[
+    str,
+    option(
+        '"6000x4000 RGGB 14"', "size, colours of the 2 x 2 tile or grey, and bits in quotes",
+        pattern=r"^\d{1,5}x\d{1,5} (RGGB|BGGR|GRBG|GBRG|grey) ([89]|1[0-6])\Z",
+    ),
+]  # fmt: skip
+
+
+def sensor_format(text: str | None) -> FrameFormat | None:
+    """The format written as "6000x4000 RGGB 14"."""
+    if text is None:
+        return None
+    size, colours, bits = text.split()
+    columns, rows = map(int, size.split("x"))
+    return FrameFormat(columns, rows, None if colours == "grey" else colours, 2 ** int(bits) - 1)
+
+
+class KnownSensor:
+    """The sensor format of a body whose files come into a folder: as configured, or that of its newest file."""
+
+    def __init__(self, folder: Path, inspect: Inspect, configured: FrameFormat | None) -> None:
+        self._folder, self._inspect, self._format = folder, inspect, configured
+
+    def read(self) -> FrameFormat | None:
+        """The format; None while there is no file that decodes."""
+        if self._format is None and self._folder.is_dir():
+            files = sorted(filter(is_raw, self._folder.iterdir()), key=lambda path: path.stat().st_mtime_ns)
+            with suppress(Exception):  # decoders raise any exception on an incomplete file
+                self._format = self._inspect(files[-1]).sensor
+        return self._format
 
 
 def is_raw(path: Path) -> bool:

@@ -10,16 +10,19 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frames import Inspect, check_settings, is_raw, sha256_of
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
+from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
 
 T = TypeVar("T")
@@ -100,9 +103,13 @@ class GphotoCamera:
         shutter: Shutter | None = None,
         pulse_s: float = 0.1,
         patience_s: float = 20.0,
+        sensor: FrameFormat | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
+        self._sensor = KnownSensor(folder, inspect, sensor)
+        self._stops = self._seen_stops = 0
+        self._stray: set[BodyFile] | None = None
         self.settings = CameraSettings()
         self._folder, self._inspect = folder, inspect
         self._model, self._port = model, port
@@ -175,6 +182,10 @@ class GphotoCamera:
     def condition(self) -> Condition:
         """Whether the body is open."""
         return line_condition(self._camera is not None)
+
+    def sensor(self) -> FrameFormat | None:
+        """The configured format, or that of the newest file fetched."""
+        return self._sensor.read()
 
     def configure(self, settings: CameraSettings) -> None:
         """Set what can be set from the host, to the nearest choice of the body. Raises DeviceError."""
@@ -260,10 +271,15 @@ class GphotoCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph, fetch, decode and hash it. Raises DeviceError."""
-        requested_s = self.clock.now_s()
+        requested_s, self._seen_stops = self.clock.now_s(), self._stops
+        self._wait_for_stray()
         before = set(self.files()) if self._shutter else set()
-        times = self._shutter.fire(self._pulse_s) if self._shutter else None
-        place = self._new_file(before) if self._shutter else self._triggered()
+        try:
+            times = self._shutter.fire(self._pulse_s) if self._shutter else None
+            place = self._new_file(before) if self._shutter else self._triggered()
+        except EmergencyStopped:
+            self._stray = before
+            raise
         path = self.fetch(place)
         try:
             facts = self._inspect(path)
@@ -272,6 +288,17 @@ class GphotoCamera:
         check_settings(path, facts, self.settings)
         received_s = self.clock.now_s()
         return ExposedFile(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
+
+    def _wait_for_stray(self) -> None:
+        """Wait for the file of a stopped exposure, which could be taken for the next one's."""
+        if self._stray is not None:
+            with suppress(FrameMissing):
+                self._new_file(self._stray)
+            self._stray = None
+
+    def _check_stops(self) -> None:
+        if self._stops != self._seen_stops:
+            raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
 
     def _new_file(self, before: set[BodyFile]) -> BodyFile:
         """The RAW file of an externally fired shot: from the body's events, or else by listing."""
@@ -283,6 +310,7 @@ class GphotoCamera:
             new = [place for place in self._do(self._list_afresh, self._longest_s()) if place not in before]
             if new:
                 return new[0]
+            self._check_stops()
             self.clock.sleep(0.2)
         return self._the_raw([])
 
@@ -320,6 +348,7 @@ class GphotoCamera:
         deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
         while self.clock.now_s() < deadline_s:
+            self._check_stops()
             try:
                 kind, data = self._camera.wait_for_event(200)  # milliseconds
             except gp.GPhoto2Error as error:
@@ -336,7 +365,8 @@ class GphotoCamera:
         return added
 
     def emergency_stop(self) -> None:
-        """Open the contacts if a shutter box is used."""
+        """Stop waiting for a file, and open the contacts if a shutter box is used; a body's exposure ends by itself."""
+        self._stops += 1
         if self._shutter is not None:
             self._shutter.emergency_stop()
 
@@ -353,3 +383,22 @@ def read_choice(text: str) -> float | None:
         return float(over) / float(under or 1)
     except (ValueError, ZeroDivisionError):
         return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GphotoOptions(DriverOptions):
+    """Options of driver "gphoto"."""
+
+    folder: FolderName
+    model: Annotated[str, text('"Canon EOS R5"')] = ""
+    port: Annotated[str, text('"usb:001,004"', "libgphoto2's name of a port in quotes")] = ""
+    shutter: Annotated[str, device(SHUTTER, '"shutter"')] | None = None
+    sensor: SensorText | None = None
+
+    def make(self, parts: MakerContext) -> GphotoCamera:
+        """The camera."""
+        box, sensor = parts.other(self.shutter) if self.shutter else None, sensor_format(self.sensor)
+        return GphotoCamera(
+            parts.folder / self.folder, parts.inspect, model=self.model, port=self.port, shutter=box, sensor=sensor,
+            clock=parts.clock,
+        )  # fmt: skip

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from functools import partial
+from typing import Annotated, ClassVar, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -26,8 +28,21 @@ from drivers.errors import (
 from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
+from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.protocols.grbl import DOOR_MESSAGE, HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.options import ENABLED_STAGE, GRBL_STAGE, PollInterval, axes
+from drivers.protocols.grbl import (
+    DOOR_MESSAGE,
+    HOLD,
+    JOG_CANCEL,
+    MOTORS_HELD,
+    PAUSES,
+    RESET,
+    RESUMABLE,
+    RESUME,
+    Event,
+    GrblParser,
+)
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
 
@@ -176,16 +191,14 @@ class GrblStage:
 
     def _find_switches(self, allowed: Callable[[], None]) -> None:
         """Home. Reset the controller if homing ends without its answer, as it would continue searching."""
-        try:
-            self.link.command("$H", self._homing_limit_s(), allowed)
-        except (Rejected, WasReset, EmergencyStopped):
-            raise
-        except DeviceError as error:
-            self.link.halt(NotHomed(f"homing was given up: {error.reason}", HOME))
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+        with left_still(self.link.confirm_reset, self.emergency_stop, self.link.trust):
+            try:
+                self.link.command("$H", self._homing_limit_s(), allowed)
+            except (Rejected, WasReset, EmergencyStopped):
+                raise
+            except DeviceError as error:
+                self.link.halt(NotHomed(f"homing was given up: {error.reason}", HOME))
+                raise
 
     def _homing_limit_s(self) -> float:
         """Time limit of homing: the firmware homes all its axes, including those not configured here ($130 and up)."""
@@ -272,12 +285,13 @@ class GrblStage:
             check_arrival(name, target, there[name], tolerance, self._one_mover.stopped(stops))
 
     def _give_up_moving(self) -> None:
-        """Stop the motion after an error; if the controller cannot be reached, nothing more can be done here."""
+        """Stop the motion after an error, by a reset if the position is lost anyway. Raises DeviceError."""
         try:
             if self.link.trust.why is None:
                 self._cancel_jog()
         except DeviceError as error:
             self.link.halt(error)
+        self.link.confirm_reset()
 
     def _cancel_jog(self) -> None:
         for _ in range(20):
@@ -322,3 +336,19 @@ class GrblStage:
         self.link.preempt(
             HOLD + RESET, EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then home")
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrblOptions(LineOptions):
+    """Options of driver "grbl"."""
+
+    provides: ClassVar[tuple[str, ...]] = (GRBL_STAGE, ENABLED_STAGE)
+    axes: Annotated[tuple[GrblAxis, ...], axes("letter")]
+    poll_s: PollInterval = 0.2
+    reset_on_open: Literal["expect", "avoid"] = "expect"
+
+    def make(self, parts: MakerContext) -> GrblStage:
+        """The stage."""
+        dtr = False if self.reset_on_open == "avoid" else None
+        wire = parts.wire(self.port, GrblParser, baud=self.baud, dtr=dtr)
+        return GrblStage(wire, self.axes, clock=parts.clock, reset_on_open=self.reset_on_open, poll_s=self.poll_s)

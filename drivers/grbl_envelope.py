@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from drivers.interfaces import Travel
+from drivers.options import AxisName, Interval, option, positive
 
 FORCE_ORIGIN = 8
 """Bit of grblHAL's `$22`: homing sets the origin."""
@@ -27,13 +29,13 @@ class GrblAxis:
     `travel`, and `space` (its two ends in machine coordinates), are needed only if the controller does not report them.
     """
 
-    name: str
-    letter: str
-    feed_per_min: float
-    origin: float | None = None
-    direction: int = 1
-    travel: float | None = None
-    space: tuple[float, float] | None = None
+    name: AxisName
+    letter: Literal["X", "Y", "Z", "A", "B", "C"]
+    feed_per_min: Annotated[float, positive("1500")]
+    origin: Annotated[float, option("0.0")] | None = None
+    direction: Literal[1, -1] = 1
+    travel: Annotated[float, positive("300")] | None = None
+    space: Interval | None = None
 
 
 @dataclass(frozen=True)

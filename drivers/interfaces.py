@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 E_co = TypeVar("E_co", covariant=True)
 T = TypeVar("T")
+PROBE_UNITS = {"temperature": "°C", "humidity": "%", "pressure": "hPa", "power": "W", "illuminance": "lx"}
+"""Quantities of probes, and the unit of each."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,15 @@ class Travel:
 
 @dataclass(frozen=True)
 class ShutterTimes:
-    """When the contacts closed and opened, and when the hot shoe fired (None if it is not wired)."""
+    """When the contacts closed and opened, and when the hot shoe fired (None if it is not wired).
+
+    within_s : bound of the error of all three on the host's clock; None where the host has only the command's times.
+    """
 
     closed_s: float
     released_s: float
     flash_s: float | None = None
+    within_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,17 @@ class CameraSettings:
     exposure_s: float | None = None
     iso: int | None = None
     f_number: float | None = None
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """Size of a camera's frames, colours of their 2 x 2 tile (None: monochrome), largest number, pixel pitch."""
+
+    columns: int
+    rows: int
+    cfa: str | None
+    white: int
+    pixel_pitch_um: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,22 +90,57 @@ class ExposedFile:
 
 
 @dataclass(frozen=True)
+class ClockOffset:
+    """Offset of the clocks, host minus device, and relative drift of the device's, each with a bound.
+
+    by : what bounds it: "round trip", "common event", or "box" for the clock of a shutter box.
+    """
+
+    offset_s: float
+    within_s: float
+    drift: float
+    drift_within: float
+    by: str
+
+
+@dataclass(frozen=True)
 class ImuBlock:
-    """Samples since the last block: (n,) times of both clocks, (n, 3) m/s^2, (n, 3) rad/s, number of lost samples."""
+    """Samples since the last block: (n,) times of both clocks, (n, 3) m/s^2, (n, 3) rad/s, number of lost samples.
+
+    clock : how `host_s` follows from `device_s`; None if there are no samples.
+    """
 
     device_s: NDArray[np.float64]
     host_s: NDArray[np.float64]
     acceleration_m_s2: NDArray[np.float64]
     rotation_rad_s: NDArray[np.float64]
     lost: int
+    clock: ClockOffset | None = None
+
+
+@dataclass(frozen=True)
+class AxisResponse:
+    """How an axis follows its command: gain, and the resonance that bounds it (None: it follows at any frequency).
+
+    within_s : bound of the error of its phase, as a time.
+    """
+
+    gain: float = 1.0
+    frequency_hz: float | None = None
+    damping: float = 1.0
+    within_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class ShakePath:
-    """One round of a closed path about rest, played repeatedly: offsets by axis, in its unit, `interval_s` apart."""
+    """One round of a closed path about rest, played repeatedly: offsets by axis, in its unit, `interval_s` apart.
+
+    response : of the axes whose response is known; the offsets are as commanded.
+    """
 
     interval_s: float
     offsets: Mapping[str, tuple[float, ...]]
+    response: Mapping[str, AxisResponse] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,6 +150,15 @@ class Distance:
     distance_mm: float
     measured_s: float
     quality: int | None = None
+
+
+@dataclass(frozen=True)
+class ProbeReading:
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty, None if unknown."""
+
+    value: float
+    unit: str
+    uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -193,6 +254,10 @@ class Shutter(Device, Protocol):
 class Camera(Device, Protocol):
     """A device that delivers one RAW file per request."""
 
+    def sensor(self) -> FrameFormat | None:
+        """The format of its frames; None while it is unknown. Raises DeviceError."""
+        ...
+
     def configure(self, settings: CameraSettings) -> None:
         """Apply, or expect, these settings. Raises DeviceError."""
         ...
@@ -239,6 +304,14 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """The level last set."""
+        ...
+
+
+class Probe(Device, Protocol):
+    """An instrument that measures quantities of the room or of the light."""
+
+    def read(self) -> Mapping[str, ProbeReading]:
+        """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
         ...
 
 

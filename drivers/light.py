@@ -9,10 +9,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped
 from drivers.interfaces import Condition, Identity, Transport
+from drivers.making import DriverOptions, MakerContext, OutputOptions
+from drivers.options import Port, Seconds, distinct, option
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.protocols.grbl_link import GrblLink
 from drivers.wire.connection import line_condition, opened
@@ -21,6 +26,10 @@ PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
 LONGEST = 600
 REPLY_S = 1.0
+Channels = Annotated[
+    tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
+    option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
+]
 
 
 @dataclass(frozen=True)
@@ -69,37 +78,42 @@ def check_level(level: float) -> float:
 class LampProperties:
     """Properties of a lamp: warm-up time, and modulation frequency (0: none)."""
 
-    warm_up_s: float = 0.0
-    pwm_hz: float = 0.0
+    warm_up_s: Seconds = 0.0
+    pwm_hz: Annotated[float, option("1000", least=0)] = 0.0
 
     def flickers(self, exposure_s: float, allowed: float = 0.01) -> bool:
         """Whether exposures of this length can differ by more than `allowed` of their light, i.e. by one cycle."""
         return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
 
 
-class LastLevel:
-    """The level last set, and whether the lamp has warmed up since."""
+class Lamp:
+    """What lamps have in common: their properties, the level last set, and whether they have warmed up since."""
 
-    def __init__(self, panel: LampProperties, clock: Clock) -> None:
-        self.level = 0.0
-        self._panel, self._clock, self._since_s = panel, clock, -float("inf")
+    def __init__(self, panel: LampProperties | None, clock: Clock | None) -> None:
+        self.clock = clock or SystemClock()
+        self.panel = panel or LampProperties()
+        self._level, self._since_s = 0.0, -float("inf")
 
-    def set(self, level: float) -> None:
+    def _remember(self, level: float) -> None:
         """Record the level; setting the same level again is no change."""
-        if level != self.level:
-            self.level, self._since_s = level, self._clock.now_s()
+        if level != self._level:
+            self._level, self._since_s = level, self.clock.now_s()
+
+    def level(self) -> float:
+        """The level last set."""
+        return self._level
 
     def steady(self) -> bool:
         """Whether it has warmed up since the level was changed."""
-        return self._clock.now_s() - self._since_s >= self._panel.warm_up_s
+        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
 
     @property
-    def word(self) -> str:
+    def _word(self) -> str:
         """The level, and whether it has warmed up."""
-        return f"{100 * self.level:.0f} %" + ("" if self.steady() else ", warming up")
+        return f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up")
 
 
-class DmxLight:
+class DmxLight(Lamp):
     """A Light on some channels of a DMX line."""
 
     def __init__(
@@ -110,11 +124,9 @@ class DmxLight:
         panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.clock = clock or SystemClock()
-        self.panel = panel or LampProperties()
+        super().__init__(panel, clock)
         self._transport = transport
         self._channels = tuple(channels)
-        self._last = LastLevel(self.panel, self.clock)
 
     @property
     def address(self) -> str:
@@ -140,7 +152,7 @@ class DmxLight:
 
     def condition(self) -> Condition:
         """Level, and whether it has warmed up."""
-        return line_condition(self._transport.is_open, self._last.word)
+        return line_condition(self._transport.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the widget still answers. Raises DeviceError."""
@@ -150,15 +162,7 @@ class DmxLight:
             slots[channel - 1] = value
         self._transport.write(frame(SEND, b"\0" + bytes(slots)))
         self._ask(PARAMETERS, b"\0\0")  # DMX is one-way: check at least that the widget answers
-        self._last.set(level)
-
-    def level(self) -> float:
-        """The level last set."""
-        return self._last.level
-
-    def steady(self) -> bool:
-        """Whether it has warmed up since the level was changed."""
-        return self._last.steady()
+        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on; waits end."""
@@ -214,3 +218,25 @@ class GrblLight:
         """Reset the controller, which switches the output off."""
         self._level = 0.0
         self.link.preempt(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DmxOptions(LampProperties, DriverOptions):
+    """Options of driver "dmx"."""
+
+    port: Port
+    channels: Channels = (1,)
+
+    def make(self, parts: MakerContext) -> DmxLight:
+        """The lamp."""
+        return DmxLight(parts.wire(self.port, DmxParser), self.channels, panel=self, clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrblLightOptions(LampProperties, OutputOptions):
+    """Options of driver "grbl_light"."""
+
+    def make(self, parts: MakerContext) -> GrblLight:
+        """The lamp."""
+        link, own = self.link(parts)
+        return GrblLight(link, panel=self, clock=parts.clock, owns_link=own)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Condition, Distance, Identity, Transport
+from drivers.making import LineOptions, MakerContext
+from drivers.options import Baud
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import line_condition, opened
 
@@ -234,3 +236,23 @@ class BoschRangefinder:
         self._transport.preempt(
             b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class JrtOptions(LineOptions):
+    """Options of driver "jrt"."""
+
+    baud: Baud = 19200
+
+    def make(self, parts: MakerContext) -> JrtRangefinder:
+        """The rangefinder."""
+        return JrtRangefinder(parts.wire(self.port, JrtParser, baud=self.baud), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoschOptions(LineOptions):
+    """Options of driver "bosch"."""
+
+    def make(self, parts: MakerContext) -> BoschRangefinder:
+        """The rangefinder."""
+        return BoschRangefinder(parts.wire(self.port, BoschParser, baud=self.baud), clock=parts.clock)

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from threading import Lock, Thread
-from typing import Protocol
+from typing import Annotated, Protocol
 
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, LineLost, NotHomed
 from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Identity
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import ENABLED_STAGE, STRIG_BOX, device, distinct, option
 from drivers.shutter import StrigShutter
 from drivers.wire.connection import line_condition
 
@@ -152,3 +155,18 @@ class StrigWatchdog:
         with suppress(DeviceError):
             self._box.command("ENABLE 0")
         self._tell(NotHomed(f"the motors were released by closing the watchdog at {self.address}", HOME))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchdogOptions(DriverOptions):
+    """Options of driver "strig_watchdog"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+    stages: Annotated[
+        tuple[str, ...],
+        option('["stage"]', "a list of names of devices in [ ], none twice", holds=distinct, kind=ENABLED_STAGE),
+    ]
+
+    def make(self, parts: MakerContext) -> StrigWatchdog:
+        """The watchdog."""
+        return StrigWatchdog(parts.other(self.box), [parts.other(stage) for stage in self.stages])

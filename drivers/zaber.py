@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -19,11 +20,14 @@ from drivers.errors import (
     MoveFailed,
     NoAnswer,
     Rejected,
+    WasReset,
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
+from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
-from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
+from drivers.options import AxisName, PollInterval, axes, option, positive
+from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, ZaberParser, checksum
 from drivers.wire.connection import anything, not_connected, opened, roll_call
 from drivers.wire.outgoing import URGENT_S
 
@@ -41,12 +45,12 @@ class ZaberAxis:
     `speed_per_s` None keeps the device's speed.
     """
 
-    name: str
-    device: int
-    unit_per_step: float
-    axis: int = 1
-    zero: float = 0.0
-    speed_per_s: float | None = None
+    name: AxisName
+    device: Annotated[int, option("1", least=1, most=99)]
+    unit_per_step: Annotated[float, positive("0.000234375")]
+    axis: Annotated[int, option("1", least=1, most=9)] = 1
+    zero: Annotated[float, option("0.0")] = 0.0
+    speed_per_s: Annotated[float, positive("10")] | None = None
 
     def to_steps(self, value: float) -> int:
         """The nearest microstep."""
@@ -134,13 +138,26 @@ class ZaberStage:
         self._ids = number = (self._ids + 1) % 100
         body = f"{device} {axis} {number} {command}".rstrip().encode()
 
+        unchecked: list[Reply] = []
+
         def answer(event: Event) -> Reply | None:
             if not isinstance(event, Reply) or (event.device, event.number) != (device, number):
                 return None
-            # with checksums enabled, an answer without one was damaged at its colon
-            return event if event.checked or device not in self._checking else None
+            # with checksums enabled, an answer without one was damaged at its colon, or the device was reset
+            if event.checked or device not in self._checking:
+                return event
+            unchecked.append(event)
+            return None
 
-        reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries, allowed)
+        order = b"/" + body + b":" + checksum(body) + b"\n"
+        try:
+            reply = self._transport.request(order, answer, REPLY_S, tries, allowed)
+        except NoAnswer as error:
+            if len(unchecked) < 2:
+                raise
+            reset = WasReset(f"device {device} at {self.address} was switched off and on, or reset", HOME)
+            self.trust.lose(reset)
+            raise reset from error
         if not reply.accepted:
             reason, remedy = REJECTIONS.get(reply.data, (f"it answered {reply.data}", "see the device's manual"))
             raise Rejected(f"{self.address} device {device} refused {command!r}: {reason}", remedy, reply.data)
@@ -285,3 +302,16 @@ class ZaberStage:
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
         self.trust.preempt(error)
         self._transport.preempt(b"\n/0 0 estop\n", error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZaberOptions(LineOptions):
+    """Options of driver "zaber"."""
+
+    axes: Annotated[tuple[ZaberAxis, ...], axes("device", "axis")]
+    poll_s: PollInterval = 0.1
+
+    def make(self, parts: MakerContext) -> ZaberStage:
+        """The stage."""
+        wire = parts.wire(self.port, ZaberParser, baud=self.baud)
+        return ZaberStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)

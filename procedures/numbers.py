@@ -477,6 +477,14 @@ W_LEAST = _restoration("w_least", "pixel", "Blur w, least of the frame", "least 
 W_GREATEST = _restoration(
     "w_greatest", "pixel", "Blur w, greatest of the frame", "greatest of the blur map", short="w, greatest"
 )
+DEPTH_OF_FIELD_NEAR = _restoration(
+    "depth_of_field_near", "m", "Near limit of the depth of field", "distance whose blur circle is one pixel wide, in "
+    "front of the plane of focus", _L, short="near limit",
+)  # fmt: skip
+DEPTH_OF_FIELD_FAR = _restoration(
+    "depth_of_field_far", "m", "Far limit of the depth of field", "distance whose blur circle is one pixel wide, "
+    "behind the plane of focus", _L, short="far limit",
+)  # fmt: skip
 RESIDUAL_OVER_NOISE = _restoration(
     "residual_over_noise", "1", "Residual, over the noise",
     "residual over the photographs' own noise: of their finest detail, or of the residual where the scene is smooth, "

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
+from drivers.making import FrameOptions, MakerContext
+from drivers.options import Patience, option, positive
 from drivers.wire.connection import line_condition, not_connected
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
-FAILED = 5
+IDLE, FAILED = 0, 5
 """Numbers of the camera's states."""
+IDLE_POLLS = 3
+"""Consecutive polls of an idle camera without an image after which its exposure counts as aborted elsewhere."""
 TILE = ("RG", "GB")
 LARGEST = np.iinfo(np.uint16).max
 
@@ -30,10 +36,13 @@ class AlpacaCameraSettings:
     ----------
     exposure_s : exposure time until another is configured
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
+    gain, offset : in the camera's own unit, the offset being its black level; None keeps the camera's
     """
 
-    exposure_s: float = 0.1
-    patience_s: float = 30.0
+    exposure_s: Annotated[float, positive("0.1")] = 0.1
+    patience_s: Patience = 30.0
+    gain: Annotated[int, option("0", least=0)] | None = None
+    offset: Annotated[int, option("0", least=0)] | None = None
 
 
 class AlpacaCamera:
@@ -55,6 +64,7 @@ class AlpacaCamera:
         self._link = AlpacaLink(server, "camera", number)
         self._one_frame = threading.Lock()
         self._stops = 0
+        self._state = IDLE
         self._body = Body("", "")
 
     @property
@@ -68,7 +78,22 @@ class AlpacaCamera:
         self._frames.check()
         identity = self._link.open()
         self._body = Body("Alpaca", identity.model.removeprefix("Alpaca "))
+        try:
+            for name, value in (("Gain", self._wanted.gain), ("Offset", self._wanted.offset)):
+                if value is not None:
+                    self._set(name, value)
+        except BaseException:
+            self.close()
+            raise
         return identity
+
+    def _set(self, name: str, value: int) -> None:
+        """Set a number of the camera, and read it back. Raises DeviceError."""
+        with self._link.translated_errors():
+            setattr(self._link.device, name, value)
+            there = int(getattr(self._link.device, name))
+        if there != value:
+            raise Rejected(f"{self.address} has {name} {there} after {value} was set", "write one that it offers")
 
     def close(self) -> None:
         """Disconnect."""
@@ -77,6 +102,21 @@ class AlpacaCamera:
     def condition(self) -> Condition:
         """Whether it is connected."""
         return line_condition(self._link.is_open)
+
+    def sensor(self) -> FrameFormat | None:
+        """The camera's size and colours, None if its server does not know them yet. Raises DeviceError."""
+        device = self._link.device
+        try:
+            with self._link.translated_errors():
+                size = int(device.CameraXSize), int(device.CameraYSize)
+                white, colours = int(device.MaxADU), int(device.SensorType)
+                offset = (int(device.BayerOffsetX), int(device.BayerOffsetY)) if colours == RGGB else (0, 0)
+        except Rejected:
+            return None
+        if colours not in (MONOCHROME, RGGB):
+            raise BadConfiguration(f"{self.address} is not a monochrome or Bayer camera", "use one that is")
+        cfa = None if colours == MONOCHROME else _shifted(offset)
+        return FrameFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
 
     def configure(self, settings: CameraSettings) -> None:
         """Use the exposure time from now on; the other settings belong to the lens and are only checked in the file."""
@@ -107,9 +147,13 @@ class AlpacaCamera:
     def _wait(self, stops: int, requested_s: float) -> None:
         """Wait until the image is ready; abort the exposure if anything interrupts the wait."""
         deadline_s = self.clock.now_s() + requested_s + self._wanted.patience_s
+        idle = 0
         try:
             while not self._ready():
                 self._check_stops(stops)
+                idle = idle + 1 if self._state == IDLE else 0
+                if idle >= IDLE_POLLS:
+                    raise FrameMissing(f"the exposure of {self.address} was aborted at its server", "expose again")
                 if self.clock.now_s() > deadline_s:
                     reason = f"{self.address} had no image {self._wanted.patience_s:g} s after its exposure"
                     raise FrameMissing(reason, "look at its server, or raise patience_s")
@@ -124,10 +168,10 @@ class AlpacaCamera:
             with self._link.translated_errors():
                 if self._link.device.ImageReady:
                     return True
-                failed = int(self._link.device.CameraState) == FAILED
+                self._state = int(self._link.device.CameraState)
         except Rejected as error:  # some servers report a failed exposure here, others never
             raise FrameMissing(error.reason, error.remedy) from error
-        if failed:
+        if self._state == FAILED:
             raise FrameMissing(f"{self.address} reports that its exposure failed", "look at its server, then repeat")
         return False
 
@@ -137,18 +181,17 @@ class AlpacaCamera:
 
     def _frame(self, levels: Levels, requested_s: float) -> Frame:
         """The image with the camera's metadata. Raises FrameWrong, BadConfiguration."""
-        device = self._link.device
-        with self._link.translated_errors():
-            white, colours = int(device.MaxADU), int(device.SensorType)
-            offset = (int(device.BayerOffsetX), int(device.BayerOffsetY)) if colours == RGGB else (0, 0)
-        if colours not in (MONOCHROME, RGGB):
-            raise BadConfiguration(f"{self.address} is not a monochrome or Bayer camera", "use one that is")
+        sensor = self.sensor()
+        if sensor is None:
+            raise FrameWrong(f"{self.address} does not report the format of its image", "look at its server")
         low, high = int(levels.min(initial=0)), int(levels.max(initial=0))
         if low < 0 or high > LARGEST or levels.size == 0:
             content = f"{levels.shape[1]} x {levels.shape[0]} numbers from {low} to {high}"
             raise FrameWrong(f"{self.address} sent {content}", f"set it to give numbers from 0 to {LARGEST}")
-        cfa = None if colours == MONOCHROME else _shifted(offset)
-        return Frame(levels.astype(np.uint16), cfa, min(white, LARGEST), self._reported_exposure_s(requested_s))
+        notes = {"gain": self._wanted.gain, "offset": self._wanted.offset}
+        comment = json.dumps({name: value for name, value in notes.items() if value is not None})
+        exposure_s = self._reported_exposure_s(requested_s)
+        return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
     def _reported_exposure_s(self, requested_s: float) -> float:
         """The exposure time reported by the camera, or else the requested one."""
@@ -169,3 +212,12 @@ def _shifted(offset: tuple[int, int]) -> str:
     """Colours of the 2 x 2 tile at the first pixel, for a mosaic whose red is at this offset."""
     x, y = offset
     return "".join(TILE[(row + y) % 2][(column + x) % 2] for row in (0, 1) for column in (0, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaCameraOptions(AlpacaCameraSettings, FrameOptions, NumberedOptions):
+    """Options of driver "alpaca_camera"."""
+
+    def make(self, parts: MakerContext) -> AlpacaCamera:
+        """The camera."""
+        return AlpacaCamera(self.at, self.device, self.frames(parts), self, clock=parts.clock)

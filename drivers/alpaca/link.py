@@ -14,14 +14,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote, urlencode, urlsplit
 
 import numpy as np
 import numpy.typing as npt
 
-from drivers.errors import BadConfiguration, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
+from drivers.making import DriverOptions
+from drivers.options import Count, option
 from drivers.wire.connection import not_connected
 
 PREEMPT_S, PREEMPT_TRIES = 10.0, 3
@@ -34,6 +36,8 @@ ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
 """Integer types in which an image is transmitted, by the standard's numbers."""
 NOT_NOW = "0x40b"
 """Error code of an operation that is not possible at this moment."""
+RESUME, HELD = "Resume", 0x501
+"""The action of a device that a person can pause, and its own error number while it is paused."""
 Levels = npt.NDArray[np.integer[Any]]
 
 
@@ -65,6 +69,7 @@ class AlpacaLink:
         self._host, self._port = parts.hostname or "", parts.port or 80
         self._headers: dict[str, str] = {}
         self._device: Any = None
+        self.can_resume = False
 
     @property
     def address(self) -> str:
@@ -94,6 +99,8 @@ class AlpacaLink:
             device.Connected = True
             name, version = str(device.Name), str(device.DriverVersion)
         self._device = device
+        with suppress(Rejected), self.translated_errors():
+            self.can_resume = RESUME in device.SupportedActions
         return Identity(f"Alpaca {name}", version, "", self.address)
 
     def close(self) -> None:
@@ -125,6 +132,8 @@ class AlpacaLink:
         except (
             exceptions.ActionNotImplementedException, exceptions.ValueNotSetException, exceptions.DriverException,
         ) as error:  # fmt: skip
+            if error.number == HELD and self.can_resume:
+                raise Held(f"{self.address}: {error.message}", "end the pause there, or try again") from error
             raise Rejected(f"{self.address}: {error.message}", "look at its server", hex(error.number)) from error
         except (ValueError, KeyError) as error:
             raise Rejected(
@@ -205,3 +214,31 @@ def _client(address: str, kind: str, number: int) -> Any:
         raise BadConfiguration("alpyca is not installed", remedy) from error
     classes = {"camera": camera.Camera, "focuser": focuser.Focuser, "switch": switch.Switch}
     return classes[kind](address, number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServerOptions(DriverOptions):
+    """A server."""
+
+    server: Annotated[
+        str,
+        option(
+            '"192.168.1.20:11111"', "address and port of a server in quotes",
+            pattern=r"^(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}\Z",
+        ),
+    ]  # fmt: skip
+    password_variable: Annotated[
+        str, option('"STATION_TOKEN"', "the name of a variable of the environment", pattern=r"^[A-Za-z_]\w*\Z")
+    ] = ""
+
+    @property
+    def at(self) -> AlpacaAddress:
+        """Its address."""
+        return AlpacaAddress(self.server, self.password_variable)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedOptions(ServerOptions):
+    """A device of a server, by its number."""
+
+    device: Count = 0

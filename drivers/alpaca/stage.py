@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Annotated, Literal
 
-from drivers.alpaca.link import NOT_NOW, AlpacaAddress, AlpacaLink
+from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, ServerOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
+from drivers.making import MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.options import AxisName, Count, Patience, axes, option, positive, text
 from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.05
@@ -38,12 +41,12 @@ class AlpacaAxis:
     home : the action that homes it; "" trusts the reported position
     """
 
-    name: str
-    focuser: int
-    unit_per_step: float | None = None
-    zero: float = 0.0
-    direction: int = 1
-    home: str = ""
+    name: AxisName
+    focuser: Count
+    unit_per_step: Annotated[float, positive("0.001")] | None = None
+    zero: Annotated[float, option("0.0")] = 0.0
+    direction: Literal[1, -1] = 1
+    home: Annotated[str, text('"Home"', "the name of the focuser's action that homes it in quotes")] = ""
 
 
 @dataclass(frozen=True)
@@ -237,6 +240,15 @@ class AlpacaStage:
             with part.link.translated_errors():
                 part.link.device.Halt()
 
+    def resume(self) -> None:
+        """End a pause at the servers that offer that. Raises Held while a person still has to act, DeviceError."""
+        self._require_open()
+        for part in self._parts.values():
+            if part.link.can_resume:
+                with part.link.translated_errors():
+                    part.link.device.Action(RESUME, "")
+                self._finish([part], self.trust.epoch)
+
     def emergency_stop(self) -> None:
         """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""
         self._one_mover.stop()
@@ -261,3 +273,15 @@ def _position(part: FocuserAxis) -> int:
 def _moving(part: FocuserAxis) -> bool:
     with part.link.translated_errors():
         return bool(part.link.device.IsMoving)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaStageOptions(ServerOptions):
+    """Options of driver "alpaca_stage"."""
+
+    axes: Annotated[tuple[AlpacaAxis, ...], axes("focuser")]
+    patience_s: Patience = 60.0
+
+    def make(self, parts: MakerContext) -> AlpacaStage:
+        """The stage."""
+        return AlpacaStage(self.at, self.axes, patience_s=self.patience_s, clock=parts.clock)

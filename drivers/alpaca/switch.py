@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
+from typing import ClassVar
 
-from drivers.alpaca.link import AlpacaAddress, AlpacaLink
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, NumberedOptions
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
-from drivers.light import LampProperties, LastLevel, check_level
+from drivers.light import Lamp, LampProperties, check_level
+from drivers.making import MakerContext
+from drivers.options import SHUTTER, Count
 from drivers.wire.connection import line_condition, not_connected
 
 SET = "setswitch"
@@ -57,16 +61,14 @@ class AlpacaSwitch:
         self.link.preempt(SET, {"Id": str(self.switch), "State": "False"})
 
 
-class AlpacaLight:
+class AlpacaLight(Lamp):
     """A Light on a switch of an Alpaca server."""
 
     def __init__(
         self, switch: AlpacaSwitch, *, panel: LampProperties | None = None, clock: Clock | None = None
     ) -> None:
-        self.clock = clock or SystemClock()
-        self.panel = panel or LampProperties()
+        super().__init__(panel, clock)
         self._switch = switch
-        self._last = LastLevel(self.panel, self.clock)
 
     @property
     def address(self) -> str:
@@ -83,7 +85,7 @@ class AlpacaLight:
 
     def condition(self) -> Condition:
         """Level, and whether it has warmed up."""
-        return line_condition(self._switch.link.is_open, self._last.word)
+        return line_condition(self._switch.link.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set a fraction of its range. Raises DeviceError."""
@@ -91,15 +93,7 @@ class AlpacaLight:
         value = switch.low + check_level(level) * (switch.high - switch.low)
         with switch.link.translated_errors():
             switch.link.device.SetSwitchValue(switch.switch, value)
-        self._last.set(level)
-
-    def level(self) -> float:
-        """The level last set."""
-        return self._last.level
-
-    def steady(self) -> bool:
-        """Whether it has warmed up since the level was changed."""
-        return self._last.steady()
+        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on."""
@@ -182,3 +176,35 @@ class AlpacaShutter:
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.preempt_off()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwitchOptions(NumberedOptions):
+    """A switch of a device."""
+
+    switch: Count
+
+    @property
+    def line(self) -> AlpacaSwitch:
+        """The switch."""
+        return AlpacaSwitch(self.at, self.device, self.switch)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaLightOptions(LampProperties, SwitchOptions):
+    """Options of driver "alpaca_light"."""
+
+    def make(self, parts: MakerContext) -> AlpacaLight:
+        """The lamp."""
+        return AlpacaLight(self.line, panel=self, clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaShutterOptions(SwitchOptions):
+    """Options of driver "alpaca_shutter"."""
+
+    provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
+
+    def make(self, parts: MakerContext) -> AlpacaShutter:
+        """The shutter."""
+        return AlpacaShutter(self.line, clock=parts.clock)

@@ -6,14 +6,16 @@ import json
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import load, translated_errors
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
+from drivers.making import FrameOptions, MakerContext
+from drivers.options import option, positive, text
 from drivers.wire.connection import not_connected
 
 BUFFERS = 4
@@ -38,9 +40,15 @@ class GenicamSettings:
     patience_s : time limit of a frame after its exposure
     """
 
-    pixel_format: str = ""
-    gain_db: float | None = None
-    patience_s: float = 5.0
+    pixel_format: Annotated[
+        str,
+        option(
+            '"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits",
+            pattern=r"^((Mono|Bayer(RG|BG|GR|GB))\d+\w*)\Z",
+        ),
+    ] = ""  # fmt: skip
+    gain_db: Annotated[float, option("0.0")] | None = None
+    patience_s: Annotated[float, positive("5")] = 5.0
 
 
 class GenicamCamera:
@@ -177,6 +185,13 @@ class GenicamCamera:
 
     # --- photographing
 
+    def sensor(self) -> FrameFormat:
+        """The camera's region, in its pixel format. Raises DeviceError."""
+        self._require()
+        with translated_errors(self.address, REMEDY):
+            _, _, columns, rows = self._camera.get_region()
+        return FrameFormat(columns, rows, self._form.cfa, self._form.white, self._frames.optics.pixel_pitch_um)
+
     def configure(self, settings: CameraSettings) -> None:
         """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""
         self._require()
@@ -258,3 +273,14 @@ class GenicamCamera:
     def emergency_stop(self) -> None:
         """Nothing moves: stop waiting for a frame."""
         self._stops += 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenicamOptions(GenicamSettings, FrameOptions):
+    """Options of driver "genicam"."""
+
+    camera: Annotated[str, text('"192.168.1.20"', "a camera's name or address in quotes")] = ""
+
+    def make(self, parts: MakerContext) -> GenicamCamera:
+        """The camera."""
+        return GenicamCamera(self.frames(parts), self.camera, self, clock=parts.clock)

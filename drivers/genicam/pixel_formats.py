@@ -22,7 +22,8 @@ NAME = re.compile(r"(?:Mono|Bayer(RG|BG|GR|GB))(8|10|12|14|16)(p|Packed)?")
 class PixelFormat:
     """Bits per pixel, packing, and the colours of the 2 x 2 tile; None for a monochrome sensor.
 
-    packing : "" for whole bytes, low bits used, little-endian; "p" or "Packed" as in the names.
+    packing : "" for whole bytes, low bits used, little-endian; "p" or "Packed" as in the names; "csi2": the high bytes
+        of 4 pixels (2 of 12 bits), then their low bits, as on the serial lines of sensors.
     """
 
     name: str
@@ -41,7 +42,15 @@ class PixelFormat:
             return -(-pixels * self.bits // 8)
         if self.packing == "Packed":
             return -(-pixels * 3 // 2)
+        if self.packing == "csi2":
+            group = csi2_group(self.bits)
+            return -(-pixels // group) * group * self.bits // 8
         return pixels * (1 if self.bits == 8 else 2)
+
+
+def csi2_group(bits: int) -> int:
+    """Pixels in a group that ends at a byte."""
+    return 2 if bits == 12 else 4
 
 
 def pixel_format(name: str) -> PixelFormat | None:
@@ -71,7 +80,7 @@ def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int
     ValueError
         If there are fewer bytes than the picture takes.
     """
-    lines, pixels = (rows, columns) if padding else (1, rows * columns)
+    lines, pixels = (rows, columns) if padding or form.packing == "csi2" else (1, rows * columns)
     each = form.octets(pixels)
     stride = each + padding
     if len(data) < lines * stride - padding:
@@ -79,7 +88,7 @@ def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int
             f"{rows} x {columns} pixels of {form.name} take {lines * stride - padding} bytes; received {len(data)}"
         )
     flat = np.frombuffer(data[: lines * stride].ljust(lines * stride, b"\0"), np.uint8).reshape(lines, stride)[:, :each]
-    read = {"": _whole, "p": _low_bits_first, "Packed": _in_three_bytes}[form.packing]
+    read = {"": _whole, "p": _low_bits_first, "Packed": _in_three_bytes, "csi2": _high_bytes_first}[form.packing]
     return np.ascontiguousarray(read(flat, form.bits)[:, :pixels].reshape(rows, columns))
 
 
@@ -115,3 +124,12 @@ def _in_three_bytes(octets: Octets, bits: int) -> Mosaic:
     mask = np.uint16(2**low - 1)
     pair = ((first << low) | (middle & mask), (third << low) | ((middle >> 4) & mask))
     return np.stack(pair, axis=-1).reshape(lines, -1)
+
+
+def _high_bytes_first(octets: Octets, bits: int) -> Mosaic:
+    """Groups of high bytes, followed by the low bits of the same pixels, the first pixel's lowest."""
+    lines, group, low = octets.shape[0], csi2_group(bits), bits - 8
+    parts = octets.reshape(lines, -1, group * bits // 8)
+    high = parts[..., :group].astype(np.uint16) << np.uint16(low)
+    single = np.unpackbits(parts[..., group:], axis=-1, bitorder="little").reshape(*high.shape, low).astype(np.uint16)
+    return (high | single @ (1 << np.arange(low, dtype=np.uint16))).reshape(lines, -1)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
-from drivers.micromanager.core import CAMERA, Core, check_device, identity_text, translated_errors
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
+from drivers.making import FrameOptions, MakerContext
+from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
 from drivers.wire.connection import line_condition, not_connected
 
 REMEDY = "check its power and cable, then connect it again"
@@ -61,6 +63,14 @@ class MicroManagerCamera:
             raise not_connected(self.address)
         return core
 
+    def sensor(self) -> FrameFormat:
+        """The current camera's region of interest. Raises DeviceError."""
+        core = self._open()
+        with self._shared.in_a_row, translated_errors(self.address, REMEDY):
+            core.setCameraDevice(self._label)
+            size, white = (int(core.getImageWidth()), int(core.getImageHeight())), 2 ** int(core.getImageBitDepth()) - 1
+        return FrameFormat(*size, self._cfa, white, self._frames.optics.pixel_pitch_um)
+
     def configure(self, settings: CameraSettings) -> None:
         """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""
         core = self._open()
@@ -106,3 +116,16 @@ class MicroManagerCamera:
     def emergency_stop(self) -> None:
         """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
         self._stops += 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class MicroManagerCameraOptions(FrameOptions, CoreOptions):
+    """Options of driver "micromanager_camera"."""
+
+    device: Label
+    mosaic: Literal["none", "RGGB", "BGGR", "GRBG", "GBRG"] = "none"
+
+    def make(self, parts: MakerContext) -> MicroManagerCamera:
+        """The camera."""
+        cfa = None if self.mosaic == "none" else self.mosaic
+        return MicroManagerCamera(self.core(parts), self.device, self.frames(parts), cfa=cfa, clock=parts.clock)

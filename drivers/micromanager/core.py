@@ -5,10 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from drivers.errors import BadConfiguration, LineLost, Rejected
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import text
 
 
 class Core:
@@ -96,3 +99,23 @@ CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6
 def identity_text(core: Any, label: str) -> str:
     """Adapter library and name of a device."""
     return f"{core.getDeviceLibrary(label)} {core.getDeviceName(label)}"
+
+
+Label = Annotated[str, text('"Camera"', "a device's label in that configuration in quotes")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoreOptions(DriverOptions):
+    """A Micro-Manager configuration, whose devices share a core."""
+
+    config: Annotated[str, text('"microscope.cfg"', "the name of a configuration file in quotes")]
+    adapters: (
+        Annotated[str, text('"/opt/micro-manager"', "the folder of Micro-Manager's adapters in quotes")] | None
+    ) = None
+
+    def core(self, parts: MakerContext) -> Core:
+        """The core of the configuration file."""
+        path = (parts.folder / self.config).resolve()
+        adapters = None if self.adapters is None else parts.folder / self.adapters
+        core: Core = parts.shared.setdefault(path, Core(path, adapters))
+        return core

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
-from drivers.micromanager.core import SHUTTER, Core, check_device, identity_text, translated_errors
+from drivers.making import MakerContext
+from drivers.micromanager.core import SHUTTER, Core, CoreOptions, Label, check_device, identity_text, translated_errors
+from drivers.options import SHUTTER as PROVIDES_SHUTTER
 from drivers.wire.connection import line_condition, not_connected
 
 
@@ -94,3 +97,15 @@ class MicroManagerShutter:
         if self._end.acquire(blocking=False):
             self._end.notify_all()
             self._end.release()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MicroManagerShutterOptions(CoreOptions):
+    """Options of driver "micromanager_shutter"."""
+
+    provides: ClassVar[tuple[str, ...]] = (PROVIDES_SHUTTER,)
+    device: Label
+
+    def make(self, parts: MakerContext) -> MicroManagerShutter:
+        """The shutter."""
+        return MicroManagerShutter(self.core(parts), self.device, clock=parts.clock)

@@ -12,14 +12,25 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from operator import methodcaller
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Caveat, Condition, Identity, Travel
-from drivers.micromanager.core import STAGE, XY_STAGE, Core, check_device, identity_text, translated_errors
+from drivers.making import MakerContext
+from drivers.micromanager.core import (
+    STAGE,
+    XY_STAGE,
+    Core,
+    CoreOptions,
+    Label,
+    check_device,
+    identity_text,
+    translated_errors,
+)
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.options import AxisName, Patience, axes, interval, option, positive
 from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.02
@@ -43,15 +54,15 @@ class MicroManagerAxis:
     tolerance : largest deviation from the target after a move
     """
 
-    name: str
-    device: str
-    travel: tuple[float, float]
-    part: str = ""
-    zero: float = 0.0
-    unit_per_um: float = 0.001
-    direction: int = 1
+    name: AxisName
+    device: Label
+    travel: Annotated[tuple[float, float], interval("[0.0, 25.0]")]
+    part: Literal["", "x", "y"] = ""
+    zero: Annotated[float, option("0.0")] = 0.0
+    unit_per_um: Annotated[float, positive("0.001")] = 0.001
+    direction: Literal[1, -1] = 1
     homes: bool = True
-    tolerance: float = 0.005
+    tolerance: Annotated[float, positive("0.005")] = 0.005
 
     def to_um(self, value: float) -> float:
         """The device's position of a value."""
@@ -260,3 +271,15 @@ def _halted(core: Any, label: str) -> bool:
 def _read(core: Any, axis: MicroManagerAxis) -> float:
     read = {"": core.getPosition, "x": core.getXPosition, "y": core.getYPosition}[axis.part]
     return float(read(axis.device))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MicroManagerStageOptions(CoreOptions):
+    """Options of driver "micromanager_stage"."""
+
+    axes: Annotated[tuple[MicroManagerAxis, ...], axes("device", "part")]
+    patience_s: Patience = 60.0
+
+    def make(self, parts: MakerContext) -> MicroManagerStage:
+        """The stage."""
+        return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)

@@ -79,6 +79,7 @@ class GrblLink:
         self._spaces: dict[int, tuple[float, float]] = {}
         self._options = ""
         self.resets = 0
+        self._resets_due = 0
         self._repeats_errors = False
         self._offset: tuple[float, ...] | None = None
         self._in_step = True
@@ -108,6 +109,7 @@ class GrblLink:
         """Open, await the greeting, and read identity and settings. Raises DeviceError."""
         self.close()
         self._banner, self._locked, self._offset, self._in_step = None, None, None, True
+        self._resets_due = self.resets
         self.feed_override = 100.0
         with opened(self._transport, self._hear):
             self._greet(reset)
@@ -228,7 +230,8 @@ class GrblLink:
     def _resynchronise(self) -> None:
         """Resynchronise after a missing reply: only `$G` answers `[GC:`, and the next response belongs to it.
 
-        It also ends grblHAL's refusal of every line after a wrong one.
+        `)$` ends a comment and makes an order refused whose end was lost: a bare end of line would carry it out now.
+        `$G` also ends grblHAL's refusal of every line after a wrong one.
         """
         marker: list[Event] = []
 
@@ -237,7 +240,7 @@ class GrblLink:
                 marker.append(event)
             return True if marker and isinstance(event, Ok) else None
 
-        self._transport.request(b"\n$G\n", answer, REPLY_S)
+        self._transport.request(b")$\n$G\n", answer, REPLY_S)
         self._in_step = True
 
     def report(self) -> StatusReport:
@@ -288,12 +291,21 @@ class GrblLink:
     def preempt(self, realtime: bytes, error: DeviceError) -> None:
         """Send realtime bytes without waiting for any lock and end every wait; the position is lost."""
         self.trust.preempt(error)
+        self._resets_due = self.resets + 1
         self._transport.preempt(realtime, error)
 
     def halt(self, error: DeviceError) -> None:
         """Reset the controller without waiting for any lock, and end every wait with `error`; the position is lost."""
         self.trust.lose(error)
+        self._resets_due = self.resets + 1
         self._transport.preempt(RESET, error)
+
+    def confirm_reset(self) -> None:
+        """Repeat an ordered reset until the controller greets: a silent line may have lost it. Raises DeviceError."""
+        if self._transport.wait(lambda: self.resets >= self._resets_due, GREETING_S / RESETS):
+            return
+        if not self._reset():
+            raise NoAnswer(f"{self.address} does not stop", "press the emergency stop at the bench")
 
     def recover(self) -> int:
         """Bring a locked or silent controller to a state in which it can home; the epoch. Raises DeviceError."""

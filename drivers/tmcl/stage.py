@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated, ClassVar, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -24,7 +25,10 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
+from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.options import ENABLED_STAGE, AxisName, Baud, Patience, PollInterval, axes, interval, option, positive
+from drivers.protocols.tmcl import TmclParser
 from drivers.tmcl.envelope import POSITION, SPEED, TmclEnvelope, ask_parameters, read_envelope
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
 from drivers.wire.connection import anything, not_connected, roll_call
@@ -47,13 +51,13 @@ class TmclAxis:
     direction : -1 if microsteps count in the opposite direction
     """
 
-    name: str
-    motor: int
-    travel: tuple[float, float]
-    unit_per_step: float
-    module: int = 1
-    zero: float = 0.0
-    direction: int = 1
+    name: AxisName
+    motor: Annotated[int, option("0", least=0, most=15)]
+    travel: Annotated[tuple[float, float], interval("[0.0, 300.0]")]
+    unit_per_step: Annotated[float, positive("0.003125")]
+    module: Annotated[int, option("1", least=1, most=255)] = 1
+    zero: Annotated[float, option("0.0")] = 0.0
+    direction: Literal[1, -1] = 1
 
     def to_steps(self, value: float) -> int:
         """The nearest microstep."""
@@ -322,3 +326,22 @@ class TmclStage:
 
 def _tolerance(axis: TmclAxis) -> float:
     return PRECISION_STEPS * axis.unit_per_step
+
+
+@dataclass(frozen=True, kw_only=True)
+class TmclOptions(LineOptions):
+    """Options of driver "tmcl_stage"."""
+
+    provides: ClassVar[tuple[str, ...]] = (ENABLED_STAGE,)
+    axes: Annotated[tuple[TmclAxis, ...], axes("module", "motor")]
+    baud: Baud = 9600
+    poll_s: PollInterval = 0.1
+    patience_s: Patience = 60.0
+    variable: Annotated[int, option("55", least=0, most=255)] = 55
+
+    def make(self, parts: MakerContext) -> TmclStage:
+        """The stage."""
+        return TmclStage(
+            parts.wire(self.port, TmclParser, baud=self.baud), self.axes, clock=parts.clock, poll_s=self.poll_s,
+            patience_s=self.patience_s, variable=self.variable,
+        )  # fmt: skip

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.cameras import CameraModel
+from procedures.geometry.cameras import CameraModel, CameraSet
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
@@ -44,7 +44,7 @@ POSE = 6
 
 @dataclass(frozen=True, eq=False)
 class AdjustmentState:
-    """Camera, poses, and the shape of the chart.
+    """Camera, or cameras, poses of the chart in the camera of every view, and the shape of the chart.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class AdjustmentState:
         Error of each node in addition to the terms.
     """
 
-    camera: CameraModel
+    camera: CameraModel | CameraSet
     poses: tuple[Pose, ...]
     terms_mm: Array
     errors_mm: Array
@@ -124,14 +124,14 @@ class AdjustmentProblem:
     views: Sequence[ChartView]
     shape: ShapeModel
 
-    def flat_state(self, camera: CameraModel, poses: tuple[Pose, ...]) -> AdjustmentState:
+    def flat_state(self, camera: CameraModel | CameraSet, poses: tuple[Pose, ...]) -> AdjustmentState:
         """State with a chart that conforms to its plan."""
         return AdjustmentState(camera, poses, np.zeros(len(self.shape.prior_mm)), np.zeros_like(self.nodes))
 
     def view_residual(self, state: AdjustmentState, i: int) -> Array:
         """Observed minus projected points of a view, in standard deviations, (n, 2)."""
         view = self.views[i]
-        projected = state.camera.project(state.poses[i].apply(self._shaped(state, view)))
+        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self._shaped(state, view)))
         return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
 
     def view_residuals(self, state: AdjustmentState) -> list[Array]:
@@ -163,13 +163,13 @@ class AdjustmentProblem:
         )
 
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
-        """Derivatives of a view's points: (n, 2, p + q + 6) by camera, shape terms and pose; (n, 2, 3) by nodes."""
+        """Derivatives of a view's points: (n, 2, p + q + 6) by its camera, shape terms, pose; (n, 2, 3) by nodes."""
         pose, view = state.poses[i], self.views[i]
-        points = pose.apply(self._shaped(state, view))
-        by_points = state.camera.by_points(points)
+        camera, points = state.camera.part(view.camera)[0], pose.apply(self._shaped(state, view))
+        by_points = camera.by_points(points)
         by_nodes = by_points @ pose.R
         by_terms = by_nodes @ self.shape.terms[view.index]
-        return np.concatenate([state.camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
+        return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
     def _shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
@@ -215,7 +215,8 @@ class AdjustmentProblem:
             if extra:
                 J = np.concatenate([J, extra[i]], axis=-1)
             first = p + q + POSE * i
-            places = np.r_[: p + q, first : first + POSE, p + q + poses : p + q + poses + k]
+            own = state.camera.part(view.camera)[1]
+            places = np.r_[own, p : p + q, first : first + POSE, p + q + poses : p + q + poses + k]
             add_view(J, E, r, view.whitening, view.index, places, V, v, W)
             flat = J.reshape(-1, J.shape[-1])
             U[np.ix_(places, places)] += flat.T @ flat
@@ -227,6 +228,39 @@ class AdjustmentProblem:
 def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
     """Deviations of the nodes, cached since every view needs them."""
     return state.deviations_mm(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelDoubt:
+    """Independent errors of one standard deviation each, by terms that a camera model does not have.
+
+    Attributes
+    ----------
+    unknowns : (j, known) float64
+        Errors of the unknowns of the adjustment, in the order of its covariance.
+    terms : (j, k) float64
+        The missing terms, in the order of `model_doubt.missing_terms`.
+    """
+
+    unknowns: Array
+    terms: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ExtraTerms:
+    """The normal equations of further unknowns after elimination of all others.
+
+    Attributes
+    ----------
+    matrix : (k, k), right : (k,)
+        Information and right side.
+    response : (known, k)
+        Change of the other unknowns per unit of the further ones.
+    """
+
+    matrix: Array
+    right: Array
+    response: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +279,8 @@ class Adjustment:
         Of the points alone.
     freedom : float
         Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
+    doubt : ModelDoubt or None
+        Effect of terms that the camera model does not have.
     """
 
     problem: AdjustmentProblem
@@ -253,6 +289,7 @@ class Adjustment:
     errors_variance: Array
     chi_square: float
     freedom: float
+    doubt: ModelDoubt | None = None
 
     @property
     def scale(self) -> float:
@@ -260,9 +297,26 @@ class Adjustment:
         return float(np.sqrt(self.chi_square / self.freedom))
 
     @property
+    def full_covariance(self) -> Array:
+        """Covariance of the unknowns, scaled by the square of the residual, with the doubt about the model."""
+        covariance = self.covariance * self.scale**2
+        return covariance if self.doubt is None else covariance + self.doubt.unknowns.T @ self.doubt.unknowns
+
+    @property
     def shared(self) -> int:
         """Number of camera parameters and shape terms; the poses follow in the covariance."""
         return len(self.state.camera.params) + len(self.state.terms_mm)
+
+
+def extra_terms(fit: Adjustment, extra: Sequence[Array]) -> ExtraTerms:
+    """Further unknowns at the state of an adjustment, by derivatives (n, 2, k) of every view's points, in pixels."""
+    S, b = fit.problem.system(fit.state, extra).reduced()
+    known, k = len(fit.covariance), extra[0].shape[-1]
+    new = (np.arange(len(S)) >= known) & (np.arange(len(S)) < known + k)
+    cross = S[np.ix_(~new, new)]
+    eliminated = np.linalg.solve(S[np.ix_(~new, ~new)], np.column_stack([cross, b[~new]]))
+    matrix, right = S[np.ix_(new, new)] - cross.T @ eliminated[:, :-1], b[new] - cross.T @ eliminated[:, -1]
+    return ExtraTerms(matrix, right, -eliminated[:known, :-1])
 
 
 class NotConverged(Refused):

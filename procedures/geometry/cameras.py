@@ -28,6 +28,8 @@ PIXELS = ("f", "fx", "fy", *CENTRE)
 PRIOR = 1.0
 """Prior standard deviation of distortion coefficients. It matters only where views hardly determine them: in a quotient
 of two nearly equal polynomials (FULL_OPENCV) it keeps both from diverging."""
+ASYMMETRIC_PRIOR = 3e-3
+"""The same of decentring and thin prism, which views hardly distinguish from a principal point far from the centre."""
 SPLINE = "+SPLINE_"
 NESTED = (
     {"PINHOLE": 0, "SIMPLE_RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 3},
@@ -73,7 +75,8 @@ class CameraModel:
     @property
     def prior(self) -> Array:
         """Prior standard deviations (p,) of the parameters about 0."""
-        return np.array([np.inf if unit == "pixel" else PRIOR for unit in self.units])
+        of_names = (ASYMMETRIC_PRIOR if name[0] in "ps" else PRIOR for name in self.names)
+        return np.array([np.inf if unit == "pixel" else one for unit, one in zip(self.units, of_names, strict=True)])
 
     @property
     def focal_px(self) -> tuple[float, float]:
@@ -88,6 +91,10 @@ class CameraModel:
 
     def _value(self, name: str) -> float:
         return float(self.params[self.names.index(name)])
+
+    def part(self, camera: int) -> tuple[CameraModel, slice]:
+        """A camera of several, and the place of its parameters: here itself."""
+        return self, slice(0, len(self.params))
 
     def with_params(self, params: Array) -> CameraModel:
         """The model with other parameters."""
@@ -149,6 +156,38 @@ class CameraModel:
         """Regular grid (columns * rows, 2) over the frame, row by row, including its edges."""
         x, y = np.meshgrid(np.linspace(0, self.columns - 1, columns), np.linspace(0, self.rows - 1, rows))
         return np.column_stack([x.ravel(), y.ravel()])
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSet:
+    """Several cameras with their parameters one after the other."""
+
+    cameras: tuple[CameraModel, ...]
+
+    @property
+    def model(self) -> str:
+        """Names of the models."""
+        return " and ".join(one.model for one in self.cameras)
+
+    @property
+    def params(self) -> Array:
+        """Parameters (p,) of all cameras."""
+        return np.concatenate([one.params for one in self.cameras])
+
+    @property
+    def prior(self) -> Array:
+        """Prior standard deviations (p,) of the parameters about 0."""
+        return np.concatenate([one.prior for one in self.cameras])
+
+    def part(self, camera: int) -> tuple[CameraModel, slice]:
+        """A camera, and the place of its parameters."""
+        first = sum(len(one.params) for one in self.cameras[:camera])
+        return self.cameras[camera], slice(first, first + len(self.cameras[camera].params))
+
+    def with_params(self, params: Array) -> CameraSet:
+        """The cameras with other parameters."""
+        parts = (self.part(i) for i in range(len(self.cameras)))
+        return CameraSet(tuple(one.with_params(params[place]) for one, place in parts))
 
 
 def simple_camera(

@@ -13,6 +13,7 @@ from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, 
 from procedures.geometry.cameras import MODELS, CameraModel, parameter_names
 from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
 from procedures.geometry.misfit import Misfit, find_misfit
+from procedures.geometry.model_doubt import find_doubt
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
@@ -140,6 +141,8 @@ class Geometry:
         Systematic residual of the model.
     residual_scale : float
         Residual in units of the points' standard deviations; all covariances are scaled by its square.
+    noise_px : float
+        Projection uncertainty at the charts by noise alone, without the doubt about the model.
     maps : tuple of UncertaintyMap
         At the charts' median distance, at infinity, then as requested.
     region : (m, 2) float64
@@ -159,6 +162,7 @@ class Geometry:
     trials: tuple[ModelTrial, ...]
     misfit: Misfit
     residual_scale: float
+    noise_px: float
     maps: tuple[UncertaintyMap, ...]
     region: Array
     covered: float
@@ -171,11 +175,6 @@ class Geometry:
     def points(self) -> int:
         """Number of correspondences."""
         return sum(len(one.view) for one in self.views)
-
-    @property
-    def stated_px(self) -> float:
-        """Projection uncertainty at the charts."""
-        return self._mean_uncertainty(self.maps[0]).value
 
     def numbers(self) -> dict[str, Quantity]:
         """The camera parameters and the projection uncertainties."""
@@ -191,12 +190,17 @@ class Geometry:
         return parameters | {projection_at(one.distance_mm): self._mean_uncertainty(one) for one in self.maps}
 
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
-        x, y = np.meshgrid(one.x, one.y)
-        inside = enclosed(self.region, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
-        values = one.value[inside & np.isfinite(one.value)]
         method = "root mean square over the part of the frame that the charts covered"
-        value = float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+        value = _mean_over(self.region, one)
         return Quantity(value, "pixel", value / np.sqrt(2 * self.adjustment.freedom), method, self.points)
+
+
+def _mean_over(region: Array, one: UncertaintyMap) -> float:
+    """Root mean square of a map within an outline; NaN where there is no value."""
+    x, y = np.meshgrid(one.x, one.y)
+    inside = enclosed(region, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    values = one.value[inside & np.isfinite(one.value)]
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
 def calibrate_geometry(
@@ -257,16 +261,20 @@ def _fitted(
     trials: tuple[ModelTrial, ...], start: AdjustmentState, problem: AdjustmentProblem, parameters: GeometryParameters
 ) -> Geometry:
     """The chosen model, fitted with a prior of the node errors that is estimated from them."""
-    fit = fit_model(trials[0].model, start, problem)
+    return _geometry(concluded(fit_model(trials[0].model, start, problem)), trials, parameters)
+
+
+def concluded(fit: Adjustment) -> Adjustment:
+    """The adjustment with a prior of the node errors that is estimated from them, and the doubt about the models."""
     for _ in range(NODE_ERROR_ROUNDS):
         node_mm = estimated_node_errors(fit.state.errors_mm, fit.errors_variance)
-        fit = adjust(fit.state, replace(problem, shape=replace(problem.shape, node_mm=node_mm)))
-    return _geometry(fit, trials, parameters)
+        fit = adjust(fit.state, replace(fit.problem, shape=replace(fit.problem.shape, node_mm=node_mm)))
+    return replace(fit, doubt=find_doubt(fit))
 
 
 def is_too_simple(geometry: Geometry) -> bool:
     """Whether the systematic residual of the model is significant and exceeds the stated uncertainty."""
-    return geometry.misfit.significant and geometry.misfit.rms_px > max(geometry.stated_px, NEGLIGIBLE_PX)
+    return geometry.misfit.significant and geometry.misfit.rms_px > max(geometry.noise_px, NEGLIGIBLE_PX)
 
 
 def _geometry(fit: Adjustment, trials: tuple[ModelTrial, ...], parameters: GeometryParameters) -> Geometry:
@@ -280,12 +288,13 @@ def _geometry(fit: Adjustment, trials: tuple[ModelTrial, ...], parameters: Geome
     distances = dict.fromkeys((usual, float("inf"), *parameters.distances_mm))
     return Geometry(
         camera=camera,
-        covariance=fit.covariance[:p, :p] * fit.scale**2,
+        covariance=fit.full_covariance[:p, :p],
         views=posed,
         shape=_chart_shape(fit, share),
         trials=trials,
         misfit=find_misfit(fit),
         residual_scale=fit.scale,
+        noise_px=_mean_over(region, _map(fit, grid, usual, without_doubt=True)),
         maps=tuple(_map(fit, grid, distance) for distance in distances),
         region=region,
         covered=float(enclosed(region, grid).mean()),
@@ -296,7 +305,7 @@ def _geometry(fit: Adjustment, trials: tuple[ModelTrial, ...], parameters: Geome
 
 def _posed(fit: Adjustment, i: int, share: float) -> PosedView:
     pose, view, first = fit.state.poses[i], fit.problem.views[i], fit.shared + POSE * i
-    covariance = fit.covariance[first : first + POSE, first : first + POSE] * fit.scale**2
+    covariance = fit.full_covariance[first : first + POSE, first : first + POSE]
     distance = float(np.linalg.norm(pose.t))
     sight = pose.t / distance  # a rotation about the camera does not change the distance
     spread = np.hypot(np.sqrt(sight @ covariance[3:, 3:] @ sight), share * distance)
@@ -309,7 +318,7 @@ def _posed(fit: Adjustment, i: int, share: float) -> PosedView:
 
 def _chart_shape(fit: Adjustment, share: float) -> ChartShape:
     shape, views = fit.problem.shape, len(fit.problem.views)
-    sigma = np.sqrt(np.diag(fit.covariance)[len(fit.state.camera.params) : fit.shared]) * fit.scale
+    sigma = np.sqrt(np.diag(fit.full_covariance)[len(fit.state.camera.params) : fit.shared])
     method = f"common to {views} views, at the chart's rim"
     terms = {
         name: Quantity(float(value), "mm", float(spread), method, views)
@@ -319,13 +328,13 @@ def _chart_shape(fit: Adjustment, share: float) -> ChartShape:
     return ChartShape(terms, fit.state.deviations_mm(shape), (x, y, z), share)
 
 
-def _map(fit: Adjustment, grid: Array, distance_mm: float) -> UncertaintyMap:
-    value = projection_uncertainty(fit, grid, distance_mm).reshape(MAP[1], MAP[0])
+def _map(fit: Adjustment, grid: Array, distance_mm: float, *, without_doubt: bool = False) -> UncertaintyMap:
+    value = projection_uncertainty(fit, grid, distance_mm, without_doubt=without_doubt).reshape(MAP[1], MAP[0])
     return UncertaintyMap(distance_mm, grid[: MAP[0], 0], grid[:: MAP[0], 1], value)
 
 
 def _checks(geometry: Geometry, parameters: GeometryParameters) -> list[Check]:
-    doubtful, numbers, stated = Verdict.DOUBTFUL, geometry.numbers(), geometry.stated_px
+    doubtful, numbers = Verdict.DOUBTFUL, geometry.numbers()
     focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = geometry.camera.model, geometry.misfit
     unknown = [
@@ -333,9 +342,9 @@ def _checks(geometry: Geometry, parameters: GeometryParameters) -> list[Check]:
     ]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
-        Check("model", misfit.rms_px, max(stated, NEGLIGIBLE_PX), doubtful,
+        Check("model", misfit.rms_px, max(geometry.noise_px, NEGLIGIBLE_PX), doubtful,
               f"{model} is too simple for this lens: its systematic residual is {misfit.rms_px:.3f} pixel rms, the "
-              f"stated uncertainty at the charts {stated:.3f}",
+              f"uncertainty by noise at the charts {geometry.noise_px:.3f}",
               f"take a more flexible model{better}, or allow for this error", given=misfit.significant),
         Check("models compared", len(unknown), 0, doubtful,
               f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the "

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
-from procedures.geometry.adjustment import Adjustment
+from procedures.geometry.adjustment import Adjustment, extra_terms
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.views import ChartView
 
@@ -71,22 +71,16 @@ def find_misfit(fit: Adjustment) -> Misfit:
     camera, views = fit.state.camera, fit.problem.views
     extra = [_columns(camera, view) for view in views]
     k = extra[0].shape[-1]
-    S, b = fit.problem.system(fit.state, extra).reduced()
-    known = len(fit.covariance)
-    field = (np.arange(len(S)) >= known) & (np.arange(len(S)) < known + k)
-    cross = S[np.ix_(~field, field)]
-    eliminated = np.linalg.solve(S[np.ix_(~field, ~field)], np.column_stack([cross, b[~field]]))
-    matrix = S[np.ix_(field, field)] - cross.T @ eliminated[:, :-1]
-    right = b[field] - cross.T @ eliminated[:, -1]
+    terms = extra_terms(fit, extra)
     total = sum(np.einsum("nak,nab,nbl->kl", e, np.linalg.inv(view.covariance), e, optimize=True)
                 for e, view in zip(extra, views, strict=True))  # fmt: skip
     scale = 1 / np.sqrt(np.diag(total))
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(terms.matrix * np.outer(scale, scale))
     new = values > INDEPENDENT
     if not new.any():
         return Misfit(1.0, 0.0, np.zeros(k), camera.columns, camera.rows)
     directions = vectors[:, new] * scale[:, None]
-    amplitudes = (directions.T @ right) / values[new]
+    amplitudes = (directions.T @ terms.right) / values[new]
     decrease, count = float(np.sum(amplitudes**2 * values[new])), int(new.sum())
     freedom = fit.freedom - count
     ratio = (decrease / count) / ((fit.chi_square - decrease) / freedom)

@@ -71,7 +71,7 @@ class NextView:
 def next_views(fit: Adjustment) -> list[NextView]:
     """The feasible poses, the most informative first."""
     camera, problem = fit.state.camera, fit.problem
-    covariance = fit.covariance[: fit.shared, : fit.shared] * fit.scale**2
+    covariance = fit.covariance[: fit.shared, : fit.shared] * fit.scale**2  # noise alone: more views reduce it
     information: Array = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     usual = float(np.median([np.linalg.norm(pose.t) for pose in fit.state.poses]))
     variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in problem.views])

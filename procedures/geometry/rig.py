@@ -1,29 +1,31 @@
-"""Relative pose of two cameras on a rig, from charts that both photographed at the same time.
+"""Relative poses of the cameras on a rig, from charts that they photographed at the same time.
 
-Each camera is calibrated separately, which gives the poses T_a and T_b of every chart with a joint covariance that
-includes the intrinsics and the shape of the chart. Each chart gives a relative pose T_b T_a^-1; that of the rig is the
-generalised least-squares mean in the changes (w, d): X -> exp(w) X + d. A change (w, d) of T_a changes the relative
-pose (R, t) by
+One adjustment estimates all cameras, the shape of the chart, which they share, and the pose of the chart in every
+photograph, with a joint covariance that includes the doubt about the camera models. The poses are then reduced to those
+of a rigid rig by generalised least squares, which is the adjustment of a rigid rig to first order: at one time the
+chart has the pose P in the first camera's frame and C_c P in that of camera c. With changes (w, d): X -> exp(w) X + d,
+a change of C_c changes the pose by the same, and a change of P by
 
-    -(R w, R d + t x R w).
+    (R w, R d + t x R w),    C_c = (R, t).
 
-Errors of the print that affect both cameras partly cancel but are treated as independent, so that the uncertainty is
-overestimated rather than underestimated. Errors of the print's scale do not cancel, whether of cell or of nodes.
+Errors of the print's scale are common to all cameras and added afterwards.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.adjustment import POSE, moved_pose
-from procedures.geometry.estimate import Geometry
-from procedures.geometry.views import Pose
+from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust, moved_pose
+from procedures.geometry.cameras import CameraModel, CameraSet
+from procedures.geometry.estimate import Geometry, concluded
+from procedures.geometry.shape import scale_spread, shape_model
+from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
@@ -34,148 +36,218 @@ FEWEST_CHARTS = 3
 ITERATIONS = 4
 UNLIKELY = 0.001
 """Probability of such differences among the charts, below which the rig is doubtful."""
+CONVENTION = (
+    "X_camera = R X_first + t; the errors of every further camera are a rotation vector w in radians and a shift d in "
+    "mm, in that camera's frame: X_camera -> exp([w]x) X_camera + d"
+)
+"""Meaning of the poses and of the rows and columns of their covariance."""
 
 
 @dataclass(frozen=True, eq=False)
-class PosedCharts:
-    """The charts photographed by one camera.
+class RigCamera:
+    """A calibrated camera with its views of the chart.
 
     Attributes
     ----------
-    sources : tuple of str
-        Names of the photographs.
+    camera : CameraModel
+    views : tuple of ChartView
     poses : tuple of Pose
-    covariance : (6 n, 6 n) float64
-        Of the changes of the poses in the camera's frame, in order.
-    scale_uncertainty : float
-        Relative standard uncertainty of the print's scale.
+        Of the chart in every view.
+    nodes : (N, 3) float64
+        The plan of the chart, in mm.
+    cell_uncertainty : float
+        Relative standard uncertainty of the plan's scale.
     """
 
-    sources: tuple[str, ...]
+    camera: CameraModel
+    views: tuple[ChartView, ...]
     poses: tuple[Pose, ...]
-    covariance: Array
-    scale_uncertainty: float = 0.0
+    nodes: Array
+    cell_uncertainty: float = 0.0
 
-    def chosen(self, places: Sequence[int]) -> PosedCharts:
-        """Some of the charts, in this order."""
-        rows = np.concatenate([np.arange(POSE * i, POSE * (i + 1)) for i in places])
-        return PosedCharts(
-            tuple(self.sources[i] for i in places), tuple(self.poses[i] for i in places),
-            self.covariance[np.ix_(rows, rows)], self.scale_uncertainty,
-        )  # fmt: skip
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the photographs."""
+        return tuple(one.source for one in self.views)
 
 
 @dataclass(frozen=True, eq=False)
-class RigPose:
-    """Pose of the second camera relative to the first: X_second = R X_first + t.
+class RigPoses:
+    """Poses of the further cameras relative to the first.
 
     Attributes
     ----------
-    pose : Pose
-    covariance : (6, 6) float64
-        Of its change in the second camera's frame: rotation in radians, translation in mm; includes the print's scale.
+    poses : tuple of Pose
+    covariance : (6 (n - 1), 6 (n - 1)) float64
+        See CONVENTION; includes the print's scale.
     charts : tuple of str
-        The first camera's photographs from which it is estimated.
+        The photographs, by the first camera that saw each chart, from which they are estimated.
     misfit : float
         Root of chi^2 over the degrees of freedom of the charts; if above 1 the covariance is scaled by its square.
     chance : float
         Probability of a larger chi^2.
     """
 
-    pose: Pose
+    poses: tuple[Pose, ...]
     covariance: Array
     charts: tuple[str, ...]
     misfit: float
     chance: float
 
     def numbers(self) -> dict[str, Quantity]:
-        """Baseline and angle between the axes."""
-        t, turn = self.pose.t, Rotation.from_matrix(self.pose.R)
+        """Baseline and angle of the second camera."""
+        return self.numbers_of(0)
+
+    def numbers_of(self, i: int) -> dict[str, Quantity]:
+        """Baseline and angle between the axes of the first camera and a further one."""
+        covariance = self.covariance[POSE * i : POSE * (i + 1), POSE * i : POSE * (i + 1)]
+        t, turn = self.poses[i].t, Rotation.from_matrix(self.poses[i].R)
         length, angle = float(np.linalg.norm(t)), float(turn.magnitude())
         along = t / length if length else np.zeros(3)
         # a rotation of the camera turns t and preserves its length
-        spread = float(np.sqrt(along @ self.covariance[3:, 3:] @ along))
+        spread = float(np.sqrt(along @ covariance[3:, 3:] @ along))
         axis = turn.as_rotvec() / angle if angle else np.array([0.0, 0.0, 1.0])
-        of_angle = float(np.degrees(np.sqrt(axis @ self.covariance[:3, :3] @ axis)))
-        method, n = f"relative poses of {len(self.charts)} charts", len(self.charts)
+        of_angle = float(np.degrees(np.sqrt(axis @ covariance[:3, :3] @ axis)))
+        method, n = f"one adjustment of the cameras and {len(self.charts)} charts", len(self.charts)
         return {
             BASELINE: Quantity(length, "mm", spread, f"{method}; the print's scale is in the uncertainty", n),
             TURN: Quantity(float(np.degrees(angle)), "degree", of_angle, method, n),
         }
 
 
-def posed_charts(geometry: Geometry) -> PosedCharts:
-    """The charts of a calibrated camera."""
-    first = geometry.adjustment.shared
-    covariance = geometry.adjustment.covariance[first:, first:] * geometry.residual_scale**2
-    return PosedCharts(
-        tuple(one.view.source for one in geometry.views), tuple(one.pose for one in geometry.views), covariance,
-        geometry.shape.scale_uncertainty,
-    )  # fmt: skip
+def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
+    """A calibrated camera for `estimate_rig`."""
+    views, poses = (tuple(getattr(one, name) for one in geometry.views) for name in ("view", "pose"))
+    return RigCamera(geometry.camera, views, poses, geometry.adjustment.problem.nodes, cell_uncertainty)
 
 
-def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, PosedCharts]:
-    """The charts in common: photographs with the same name; without any, equally many ones in their order.
+def estimate_rig(cameras: Sequence[RigCamera]) -> Outcome[RigPoses]:
+    """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
+
+    Parameters
+    ----------
+    cameras : sequence of RigCamera
+        Two or more, of one chart, in photographs taken at the same times.
+    """
+    try:
+        times = _times(cameras)
+        placed = _placed(cameras, times)
+        fit = concluded(_adjusted(cameras))
+        rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras))
+    except Refused as refusal:
+        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    return verdict_of([_rigidity(rig)], rig)
+
+
+def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
+    """The time of every view of every camera: photographs of one name, or else in their order.
 
     Raises
     ------
     Refused
-        If the correspondence is ambiguous, or there are too few.
+        If the correspondence is ambiguous, or the cameras' charts differ.
     """
-    common = [name for name in first.sources if name in second.sources]
-    if common:
-        pairs = [(first.sources.index(name), second.sources.index(name)) for name in common]
-    elif len(first.sources) == len(second.sources):
-        pairs = [(i, i) for i in range(len(first.sources))]
-    else:
+    if any(
+        one.nodes.shape != cameras[0].nodes.shape or not np.allclose(one.nodes, cameras[0].nodes) for one in cameras
+    ):
         raise Refused(
-            f"simultaneous photographs must have the same name, or both cameras equally many; got "
-            f"{len(first.sources)} and {len(second.sources)}, and no name in common",
-            "give the same name to photographs that were taken together",
+            "the cameras of a rig must photograph one chart; the widths of their charts differ",
+            "calibrate the cameras with photographs of one chart, and give its width to all",
         )
-    if len(pairs) < FEWEST_CHARTS:
-        raise Refused(
-            f"a rig needs {FEWEST_CHARTS} charts photographed by both cameras at the same time; there are {len(pairs)}",
-            "photograph the chart with both cameras at once, in more poses",
-        )
-    left, right = zip(*pairs, strict=True)
-    return first.chosen(left), second.chosen(right)
+    names = [name for one in cameras for name in one.sources]
+    if len(set(names)) < len(names):
+        places = {name: i for i, name in enumerate(dict.fromkeys(names))}
+        return [[places[name] for name in one.sources] for one in cameras]
+    if len({len(one.views) for one in cameras}) == 1:
+        return [list(range(len(one.views))) for one in cameras]
+    raise Refused(
+        f"simultaneous photographs must have the same name, or all cameras equally many; got "
+        f"{' and '.join(str(len(one.views)) for one in cameras)}, and no name in common",
+        "give the same name to photographs that were taken together",
+    )
 
 
-def estimate_rig(first: PosedCharts, second: PosedCharts) -> Outcome[RigPose]:
-    """The pose of the second camera relative to the first, or the reason why the charts do not determine it.
+def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> list[Pose]:
+    """Initial pose of every camera relative to the first, through cameras that saw the same charts.
 
-    Parameters
-    ----------
-    first, second : PosedCharts
-        Of one chart, in photographs taken at the same times.
+    Raises
+    ------
+    Refused
+        If a camera has too few charts in common with the others.
     """
-    try:
-        a, b = matched(first, second)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    relative = [_relative(one, other) for one, other in zip(a.poses, b.poses, strict=True)]
-    pose, count = relative[0], len(relative)
-    transport = np.zeros((POSE * count, POSE * count))
-    for i, one in enumerate(relative):
-        transport[POSE * i : POSE * (i + 1), POSE * i : POSE * (i + 1)] = _transport(one)
-    covariance = b.covariance + transport @ a.covariance @ transport.T
-    precision, every = np.linalg.inv(covariance), np.tile(np.eye(POSE), (count, 1))
-    known: Array = np.asarray(np.linalg.inv(every.T @ precision @ every), dtype=np.float64)
+    poses: list[Pose | None] = [Pose(np.eye(3), np.zeros(3)), *(None for _ in cameras[1:])]
+    for _ in cameras:
+        for c, pose in enumerate(poses):
+            for other, known in enumerate(poses):
+                common = sorted(set(times[c]) & set(times[other]))
+                if pose is None and known is not None and len(common) >= FEWEST_CHARTS:
+                    a, b = (cameras[i].poses[times[i].index(common[0])] for i in (other, c))
+                    poses[c] = _compose(_compose(b, _inverse(a)), known)
+    if any(pose is None for pose in poses):
+        most = max(len(set(one) & set(other)) for i, one in enumerate(times) for other in times[:i])
+        raise Refused(
+            f"a rig needs {FEWEST_CHARTS} charts photographed by two cameras at the same time, and every camera "
+            f"connected to the first in this way; two cameras have at most {most} in common",
+            "photograph the chart with the cameras at once, in more poses",
+        )
+    return [pose for pose in poses if pose is not None]
+
+
+def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
+    """All cameras, poses, and the one chart."""
+    nodes = cameras[0].nodes
+    views = [replace(view, camera=c) for c, one in enumerate(cameras) for view in one.views]
+    problem = AdjustmentProblem(nodes, views, shape_model(nodes))
+    poses = tuple(pose for one in cameras for pose in one.poses)
+    return adjust(problem.flat_state(CameraSet(tuple(one.camera for one in cameras)), poses), problem)
+
+
+def _rigid(fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float) -> RigPoses:
+    """The rig from the poses of the chart in every view."""
+    all_times = [time for one in times for time in one]
+    used = [i for i, time in enumerate(all_times) if all_times.count(time) > 1]
+    charts = list(dict.fromkeys(all_times[i] for i in used))
+    rows = np.concatenate([np.arange(POSE * i, POSE * (i + 1)) for i in used]) + fit.shared
+    precision = np.linalg.inv(fit.full_covariance[np.ix_(rows, rows)])
+    of = [fit.problem.views[i].camera for i in used]
+    estimated = [fit.state.poses[i] for i in used]
+    where = [charts.index(all_times[i]) for i in used]
+    boards = [_board(placed[c], pose) for c, pose in _firsts(of, estimated, where, len(charts))]
+    further = POSE * (len(placed) - 1)
     for _ in range(ITERATIONS):
-        residual = np.concatenate([_change(pose, one) for one in relative])
-        pose = moved_pose(pose, known @ (every.T @ (precision @ residual)))
-    residual = np.concatenate([_change(pose, one) for one in relative])
-    chi_square, freedom = float(residual @ precision @ residual), POSE * (count - 1)
+        residual, A = np.zeros(len(rows)), np.zeros((len(rows), further + POSE * len(charts)))
+        for row, (c, pose, board) in enumerate(zip(of, estimated, where, strict=True)):
+            place = slice(POSE * row, POSE * (row + 1))
+            residual[place] = _change(_compose(placed[c], boards[board]), pose)
+            if c:
+                A[place, POSE * (c - 1) : POSE * c] = np.eye(POSE)
+            A[place, further + POSE * board : further + POSE * (board + 1)] = _transport(placed[c])
+        known = np.linalg.inv(A.T @ precision @ A)
+        step = (known @ (A.T @ (precision @ residual))).reshape(-1, POSE)
+        placed = [placed[0], *(moved_pose(*one) for one in zip(placed[1:], step, strict=False))]
+        boards = [moved_pose(*one) for one in zip(boards, step[len(placed) - 1 :], strict=True)]
+        residual = residual - A @ step.ravel()
+    chi_square, freedom = float(residual @ precision @ residual), len(rows) - A.shape[1]
     misfit = float(np.sqrt(chi_square / freedom))
-    known = known * max(misfit, 1.0) ** 2
-    share = max(a.scale_uncertainty, b.scale_uncertainty)  # the same print: a common error
-    known[3:, 3:] += share**2 * np.outer(pose.t, pose.t)
-    rig = RigPose(pose, known, a.sources, misfit, float(stats.chi2.sf(chi_square, freedom)))
-    return verdict_of([_rigid(rig)], rig)
+    covariance = known[:further, :further] * max(misfit, 1.0) ** 2
+    share = float(np.hypot(cell_uncertainty, scale_spread(fit.problem.nodes, fit.problem.shape.node_mm)))
+    shifts = np.concatenate([[0.0, 0.0, 0.0, *pose.t] for pose in placed[1:]])
+    covariance = covariance + share**2 * np.outer(shifts, shifts)
+    names = [fit.problem.views[used[where.index(i)]].source for i in range(len(charts))]
+    return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, float(stats.chi2.sf(chi_square, freedom)))
 
 
-def _rigid(rig: RigPose) -> Check:
+def _firsts(of: list[int], poses: list[Pose], where: list[int], count: int) -> list[tuple[int, Pose]]:
+    """Camera and pose of the first view of every chart."""
+    return [(of[i], poses[i]) for i in (where.index(board) for board in range(count))]
+
+
+def _board(camera: Pose, pose: Pose) -> Pose:
+    """Pose of a chart in the first camera's frame, from that in another camera's."""
+    return _compose(_inverse(camera), pose)
+
+
+def _rigidity(rig: RigPoses) -> Check:
     return Check(
         "rigidity",
         -stats.norm.ppf(rig.chance),
@@ -186,17 +258,20 @@ def _rigid(rig: RigPose) -> Check:
     )
 
 
-def _relative(first: Pose, second: Pose) -> Pose:
-    """T_second T_first^-1."""
-    R = second.R @ first.R.T
-    return Pose(np.asarray(R), np.asarray(second.t - R @ first.t))
+def _compose(second: Pose, first: Pose) -> Pose:
+    """The first motion, then the second."""
+    return Pose(np.asarray(second.R @ first.R), np.asarray(second.R @ first.t + second.t))
 
 
-def _transport(pose: Pose) -> Array:
-    """Derivative (6, 6) of the relative pose by a change of the first camera's pose."""
-    R, t = pose.R, pose.t
+def _inverse(pose: Pose) -> Pose:
+    return Pose(pose.R.T, np.asarray(-pose.R.T @ pose.t))
+
+
+def _transport(camera: Pose) -> Array:
+    """Derivative (6, 6) of a chart's pose in a camera by a change of its pose in the first camera."""
+    R, t = camera.R, camera.t
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    return -np.block([[R, np.zeros((3, 3))], [cross @ R, R]])
+    return np.block([[R, np.zeros((3, 3))], [cross @ R, R]])
 
 
 def _change(start: Pose, end: Pose) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
+from procedures.geometry.model_doubt import missing_terms
 
 Array = npt.NDArray[np.float64]
 
@@ -47,11 +48,20 @@ def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) ->
     return derivative
 
 
-def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
-    """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame."""
+def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, without_doubt: bool = False) -> Array:
+    """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame.
+
+    Parameters
+    ----------
+    without_doubt : bool
+        Whether to omit the doubt about the camera model, and count noise alone.
+    """
     J = projection_derivative(fit, pixels, distance_mm)
-    covariance = J @ (fit.covariance * fit.scale**2) @ np.swapaxes(J, 1, 2)
-    return np.asarray(np.sqrt(np.einsum("naa->n", covariance)))
+    squares = np.einsum("nai,ij,naj->n", J, fit.covariance * fit.scale**2, J, optimize=True)
+    if fit.doubt is not None and not without_doubt:
+        errors = J @ fit.doubt.unknowns.T + missing_terms(fit.state.camera, pixels) @ fit.doubt.terms.T
+        squares = squares + np.einsum("nak,nak->n", errors, errors)
+    return np.asarray(np.sqrt(squares))
 
 
 def camera_response(fit: Adjustment) -> list[Array]:

@@ -29,12 +29,15 @@ class ChartView:
         Their positions (x, y) in sensor pixels with centres at integers.
     covariance : (n, 2, 2) float64
         Of each point, in squared pixels; different points are independent.
+    camera : int
+        Which of several cameras took it.
     """
 
     source: str
     index: npt.NDArray[np.int64]
     points: Array
     covariance: Array
+    camera: int = 0
 
     def __len__(self) -> int:
         """Number of points."""

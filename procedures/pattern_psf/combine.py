@@ -55,6 +55,8 @@ class CombinedPsf:
         Largest distance of a shot's PSF from the mean, over the norm of the mean.
     centre_px : float
         Scatter of the centre from shot to shot, in pixels.
+    places : tuple of int
+        Positions of these shots among all that were given: refused ones are excluded.
     """
 
     psf: Psf
@@ -63,6 +65,7 @@ class CombinedPsf:
     chance: float
     spread: float
     centre_px: float
+    places: tuple[int, ...]
 
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
@@ -131,13 +134,13 @@ def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
         return Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
     if not shots:
         return outcomes[0].of_value(None)
-    combined = _mean(shots)
+    combined = _mean(shots, [i for i, outcome in enumerate(outcomes) if outcome.value is not None])
     agreement = verdict_of(_agreement(combined), combined)
     doubtful = [one for one in outcomes if one.verdict is Verdict.DOUBTFUL]
     return with_causes(agreement, doubtful[0]) if 2 * len(doubtful) > len(shots) else agreement
 
 
-def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
+def _mean(shots: Sequence[PatternPsf], places: Sequence[int]) -> CombinedPsf:
     k = shots[0].psf.k
     n = k * k
     p = np.array([shot.psf.parameters for shot in shots])
@@ -164,6 +167,7 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
         chance=float(gammaincc(freedom / 2, chi_square / 2)) if freedom else 1.0,
         spread=float(np.linalg.norm(h - mean[:n], axis=1).max() / np.linalg.norm(mean[:n])),
         centre_px=float(np.sqrt(np.trace(scatter))) / shots[0].psf.s,
+        places=tuple(places),
     )
 
 

@@ -23,6 +23,7 @@ BELOW_MAXIMUM = 0.9  # the last level's temporal variance must have fallen below
 UNEVEN_REFUSED, UNEVEN_DOUBTFUL = 0.2, 0.03  # largest less smallest light over the mean; the standard allows 0.03
 ENOUGH_PICTURES = 16
 FLAT_RANGE = (0.2, 0.8)  # accepted signal of the flat stack, relative to saturation; the standard requires a half
+OUTLYING = 0.03  # deviation of a level's signal from the line between its neighbours, relative to the signal
 NONLINEAR = 1.0  # linearity error in per cent from which the linear model is doubtful
 
 
@@ -80,10 +81,29 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
         Check("levels", len(variance), ENOUGH_LEVELS, DOUBTFUL,
               f"the ladder has {len(variance)} levels; the standard requires 50",
               f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
+        _outlying_level(recording, top),
         Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
               "rounding dominates in the dark: its effect is computed for normally distributed noise and pixels",
               "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
+
+
+def _outlying_level(recording: SensorRecording, top: int) -> Check:
+    """Whether a level from 5 % of saturation upwards deviates from the line between its neighbours, and which most."""
+    signal, light = recording.signal, column(one.light for one in recording.lights)
+    below, above = light[:-2], light[2:]
+    share = (light[1:-1] - below) / (above - below)
+    between = (1 - share) * signal[:-2] + share * signal[2:]
+    deviation = signal[1:-1] / between - 1
+    considered = np.minimum(signal[1:-1], between) >= RANGE[0] * signal[top]
+    considered[max(top - 1, 0) :] = False  # beyond saturation the response bends
+    deviation = np.where(considered, deviation, 0.0)
+    worst = int(np.argmax(np.abs(deviation)))
+    level = recording.lights[worst + 1]
+    return Check("outlying level", abs(deviation[worst]), OUTLYING, DOUBTFUL,
+                 f"every level must lie on a smooth curve; that of light {level.light:g} (exposure "
+                 f"{level.exposure_s:g} s) is {deviation[worst]:+.0%} off the line between its neighbours",
+                 "correct its light, or take the level again")  # fmt: skip
 
 
 def stack_checks(recording: SensorRecording, saturation_signal: float) -> list[Check]:

@@ -36,16 +36,27 @@ def measured(
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
 
 
-def from_draws(values: Array, unit: str, method: str, n: int, *, extra: float = 0.0) -> IntervalNumber:
+def positive(number: IntervalNumber) -> IntervalNumber:
+    """The number of a positive quantity: an interval that would reach below 0 has the lower end of a log-normal one."""
+    if number.low > 0 or number.value <= 0:
+        return replace(number, low=max(number.low, 0.0))
+    return replace(number, low=number.value * float(np.exp(-CONFIDENT * number.uncertainty / number.value)))
+
+
+def from_draws(
+    values: Array, unit: str, method: str, n: int, *, extra: float = 0.0, signed: bool = False
+) -> IntervalNumber:
     """The first value, with the spread of the others.
 
     Parameters
     ----------
     values : (1 + draws,) float64
     extra : further standard uncertainty, not included in the draws
+    signed : whether the quantity may be negative
     """
     uncertainty = float(np.hypot(np.std(values[1:]), extra))
-    return measured(float(values[0]), uncertainty, unit, method, n)
+    number = measured(float(values[0]), uncertainty, unit, method, n)
+    return number if signed else positive(number)
 
 
 def bounded(number: IntervalNumber) -> IntervalNumber:

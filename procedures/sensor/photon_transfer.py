@@ -38,7 +38,7 @@ from procedures.numbers import (
 )
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
-from procedures.sensor.measured import IntervalNumber, bounded, from_draws, measured
+from procedures.sensor.measured import IntervalNumber, bounded, from_draws, measured, positive
 
 Array = npt.NDArray[np.float64]
 
@@ -141,7 +141,8 @@ def transfer_numbers(curves: Curves, transfer: Transfer, *, photons_known: bool)
         SYSTEM_GAIN_AT_DARK: number(transfer.gain_at_dark, "DN/e-", "the same, corrected for the response's curvature"),
         INVERSE_GAIN: number(1 / gain, "e-/DN", "1 / K", share=bent),
         TEMPORAL_DARK_NOISE: bounded(
-            number(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent)
+            from_draws(noise_e, "e-", "variance in the dark less that of rounding, over K", n,
+                       extra=abs(float(noise_e[0])) * bent, signed=True)
         ),
         TEMPORAL_DARK_NOISE_DN: number(dark, "DN", "variance in the dark, rounding included"),
         SENSITIVITY_THRESHOLD: number(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
@@ -191,7 +192,7 @@ def _between(
     number = measured(value, own, unit, method, n)
     ends = (number.low - value * (1 - low**power), number.high + value * (high**power - 1))
     spread = float(np.hypot(own, value * (high**power - low**power) / np.sqrt(12)))
-    return IntervalNumber(value, unit, spread, method, n, *ends)
+    return positive(IntervalNumber(value, unit, spread, method, n, *ends))
 
 
 def _decibels(number: IntervalNumber) -> IntervalNumber:
@@ -232,8 +233,8 @@ def dark_current_numbers(curves: Curves, transfer: Transfer) -> Mapping[str, Int
     by_variance = line(times, curves.dark_variance)[1] / transfer.gain**2
     return {
         DARK_CURRENT: from_draws(by_mean, "e-/s", "slope of the dark mean over exposure, over K", n,
-                                 extra=abs(float(by_mean[0])) * bent),
+                                 extra=abs(float(by_mean[0])) * bent, signed=True),
         DARK_CURRENT_BY_VARIANCE: from_draws(by_variance, "e-/s",
                                              "slope of the dark variance over exposure, over K squared", n,
-                                             extra=2 * abs(float(by_variance[0])) * bent),
+                                             extra=2 * abs(float(by_variance[0])) * bent, signed=True),
     }  # fmt: skip

@@ -9,7 +9,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,10 @@ from simulators.camera.subjects import SUBJECTS
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
 from simulators.devices.grbl_state import Outputs
-from simulators.devices.imu import FastModule, WitModule
+from simulators.devices.imu import FastModule, WitModule, box_reading
 from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.devices.ports import PtyPort, TcpPort
+from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.devices.shutter import RtsLine, StrigBox
 from simulators.devices.zaber import ZaberChain
@@ -35,7 +36,7 @@ from simulators.world.clock import FastClock, VirtualClock
 from simulators.world.world import SinusoidalDrive, World, WorldParameters
 
 _numbers = itertools.count(1)
-CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light")
+CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light", "room")
 Develop = Callable[[Opening], bytes]
 UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.00049609375}
 
@@ -61,7 +62,10 @@ class Setup:
 
 
 class SimulatedBench:
-    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/3 box, body, shaker, two IMUs and lasers, a lamp."""
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/4 box, body, shaker, two IMUs and lasers, a lamp.
+
+    A probe measures the room.
+    """
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
@@ -90,19 +94,25 @@ class SimulatedBench:
             plug(f"{self.name}/{name}", cable)
 
     def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
-        axes, seeds = self.world.axes, rng.spawn(4)
+        axes, seeds = self.world.axes, rng.spawn(5)
         outputs = Outputs(self._relay, self.world.set_lamp)
         chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
             "head": ZaberChain(chain),
-            "shutter": StrigBox(self.body, actuators=VoiceCoils(self.world), enable=self._enable),
+            "shutter": StrigBox(
+                self.body,
+                actuators=VoiceCoils(self.world),
+                enable=self._enable,
+                inertial=partial(box_reading, self.world, seeds[4]),
+            ),
             "rts": RtsLine(self.body),
             "imu": WitModule(self.world, seeds[0]),
             "fast_imu": FastModule(self.world, seeds[1]),
             "rangefinder": JrtModule(self.world, seeds[2]),
             "bosch": BoschModule(self.world, seeds[3]),
             "light": DmxWidget(self.world),
+            "room": ScpiTwin(self.world),
         }
 
     @cached_property

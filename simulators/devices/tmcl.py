@@ -107,7 +107,11 @@ class TmclModule(SerialDevice):
 
     baud = 9600
 
-    def __init__(self, motors: Sequence[tuple[Axis, float]], *, address: int = 1, model: int = 3110) -> None:
+    def __init__(
+        self, motors: Sequence[tuple[Axis, float]] = (), *, address: int = 1, model: int = 3110
+    ) -> None:  # fmt: skip
+        motors = motors or [(Axis(0.0, 300.0, 120.0), 1 / 320)]
+        self.axes = dict(zip(("z_mm", "x_mm", "y_mm"), (axis for axis, _ in motors), strict=False))
         self.motors = [TmclMotor(axis, unit) for axis, unit in motors]
         self.address, self.model = address, model
         self.variables = [0] * VARIABLES

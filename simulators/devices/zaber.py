@@ -136,6 +136,12 @@ class ZaberDevice:
     checksum: bool = False
     alert: bool = False
 
+    def wake(self, now_s: float) -> None:
+        """Power-up: neither checksums nor alerts are enabled."""
+        for motor in self.motors:
+            motor.wake(now_s)
+        self.alert = self.checksum = False
+
 
 def lrc(body: bytes) -> bytes:
     """Two hex digits that make the sum zero."""
@@ -154,6 +160,12 @@ class ZaberChain(SerialDevice):
         }
         self._line = bytearray()
         self._out = bytearray()
+
+    def restart(self, now_s: float) -> None:
+        """Off and on again, the whole chain."""
+        for device in self.devices.values():
+            device.wake(now_s)
+        self._line.clear()
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Lines that begin with a slash; CR, LF or both end them."""
@@ -248,9 +260,7 @@ class ZaberChain(SerialDevice):
             case ["system", "reset"] | ["io", *_] | ["renumber", *_] if axis != 0:
                 return "RJ", "DEVICEONLY"
             case ["system", "reset"]:
-                for motor in device.motors:
-                    motor.wake(now_s)
-                device.alert = device.checksum = False
+                device.wake(now_s)
                 return "OK", "0"
             case ["io", "info"]:
                 return "OK", "0 0 0 0"  # analog out and in, digital out and in: these stages have none

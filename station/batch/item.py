@@ -20,6 +20,7 @@ from station.common.sanitise import encodable, printable, safe_stem
 from station.common.threads import limited
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
+from station.procedure.settings import to_record
 from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
@@ -205,7 +206,9 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
             place.write(procedure.page_name, procedure.page(measurement))
     head = replace(
         measurement.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
-        specification=batch.terms.specified(measurement.planes), batch=asdict(row),
+        arguments=[str(path) for path in item.paths], settings=measurement.head.settings or to_record(batch.settings),
+        specification=batch.terms.specified(measurement.planes),
+        batch=asdict(row),
         duration_s=round(time.perf_counter() - start, 3),
     )  # fmt: skip
     write_measurement(place, replace(measurement, head=head))

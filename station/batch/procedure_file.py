@@ -31,17 +31,17 @@ raw = "1920x1080,RGGB,u16le,64,1023"
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, make_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from procedures.raw import GREY_PLANE, MOSAIC_PLANES
-from station.common.sanitise import printable
-from station.common.toml_table import TomlTable
+from station.common.models import TableSource, fields_of, name_of, one_of, read_model, read_value
+from station.common.toml_lines import Path as KeyPath
+from station.common.toml_text import toml_value
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, fields_of, read_settings, to_record
-from station.results.specification_file import read_specification, specification_in
+from station.procedure.settings import Settings, to_record
+from station.results.specification_file import PLANES, FrequencyValue, SpecificationTable, read_specification
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
@@ -56,6 +56,7 @@ TABLES: Mapping[str, tuple[str, ...]] = {
 AT_THE_TOP = ("physics", "trust_typed", "raw")
 """Settings outside any table."""
 ALL = "all"
+PlaneName = Annotated[str, one_of(lambda: (*PLANES, ALL))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,73 +102,89 @@ def read_procedure(path: Path) -> BatchProcedure:
     BadInput
         If the chart's cells cannot be read.
     """
-    table = TomlTable.read(path)
-    name = table.get("procedure", str, USUAL_PROCEDURE)
-    if name not in procedure_names():
-        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(procedure_names())}")
+    content, source = TableSource.read(path)
+    known = next(one for one in fields_of(ProcedureTable) if one.name == "procedure")
+    name = read_value(known, content.get("procedure", USUAL_PROCEDURE), source, ("procedure",))
     procedure, folder = procedure_named(name), path.parent
-    settings = _settings(table, procedure.Settings).placed(folder)
-    endings, pairs = ("", ""), None
+    file: Any = read_model(_file_model(procedure), content, source)
+    settings = _settings(content, file, procedure.Settings, source).placed(folder)
+    endings, pairs = (("", ""), None)
     if procedure.inputs in IN_PAIRS:
-        endings, pairs = _pairs(table.table("pairs"), folder, procedure.endings)
-    batch = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
-    table.end()
+        endings, pairs = _pairs(content, file, procedure, folder, source)
+    batch = BatchProcedure(procedure, settings, _terms(file, folder, source), endings, pairs)
     settings.check()
     return batch
 
 
-def _settings(table: TomlTable, model: type[Settings]) -> Settings:
+@dataclass(frozen=True, kw_only=True)
+class ProcedureTable(SpecificationTable):
+    """The keys of every procedure file."""
+
+    procedure: Annotated[str, one_of(procedure_names)] = USUAL_PROCEDURE
+    specification: str = ""
+    at: tuple[FrequencyValue, ...] = ()
+
+
+def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
+    """The keys of a procedure's file: those of every one, its tables of settings, and settings outside of them."""
+    known = {one.name for one in fields_of(procedure.Settings)}
+    extra: list[Any] = [(name, Any, None) for name in AT_THE_TOP if name in known]
+    extra += [(name, dict[str, Any], field(default_factory=dict)) for name in _tables(known)]
+    if "plane" in known:
+        extra.append(("planes", tuple[PlaneName, ...], ()))
+    if procedure.inputs in IN_PAIRS:
+        endings = [(key, str, ending) for key, ending in procedure.endings.items()]
+        pairs = make_dataclass("PairsTable", [*endings, ("table", str, "")], frozen=True)
+        extra.append(("pairs", pairs, field(default_factory=pairs)))
+    return make_dataclass("ProcedureFile", extra, bases=(ProcedureTable,), frozen=True, kw_only=True)
+
+
+def _tables(known: Collection[str]) -> dict[str, Collection[str]]:
+    """The tables of settings that a procedure has, and their keys."""
+    tables = {name: keys for name, keys in TABLES.items() if set(keys) <= set(known)}
+    return {**tables, "parameters": known, "settings": known}
+
+
+def _settings(content: Mapping[str, Any], file: Any, model: type[Settings], source: TableSource) -> Settings:
     """The settings of all tables, and those outside of tables."""
-    known = {one.name for one in fields_of(model)}
+    known = [one.name for one in fields_of(model)]
+    tables: list[tuple[KeyPath, Mapping[str, Any], Collection[str]]] = [
+        ((), {name: value for name, value in content.items() if name in AT_THE_TOP}, known),
+        *(((name,), getattr(file, name), keys) for name, keys in _tables(known).items()),
+    ]
     given: dict[str, Any] = {}
-    shown = {name: f"settings.{name}" for name in known}
-
-    def take(source: TomlTable, keys: Collection[str], where: str = "") -> None:
-        for key in keys:
-            if source.has(key):
-                if key in given:
-                    raise source.wrong(key, f"and {shown[key]} are both given", "give one of them")
-                given[key], shown[key] = source.peek(key), f"{where}{key}"
-
-    if "plane" in known and (planes := _planes(table)):
-        given["plane"] = planes
-    take(table, known.intersection(AT_THE_TOP))
-    tables = {name: keys for name, keys in TABLES.items() if known.issuperset(keys)}
-    for name, keys in {**tables, "parameters": known, "settings": known}.items():
-        inside = table.table(name)
-        take(inside, keys, f"{name}.")
-        inside.end()
-    return read_settings(model, given, shown)
+    places: dict[str, KeyPath] = {}
+    if planes := getattr(file, "planes", ()):
+        given["plane"], places["plane"] = ALL if ALL in planes else ",".join(planes), ("planes",)
+    for path, table, keys in tables:
+        for key, value in table.items():
+            if key not in keys:
+                source.refuse_unknown((*path, key), list(keys))
+            if key in given:
+                source.refuse((*path, key), f"and {name_of(places[key])} are both given", "give one of them")
+            given[key], places[key] = value, (*path, key)
+    places = {name: ("settings", name) for name in known} | places
+    return read_model(model, given, replace(source, places=places))
 
 
-def _planes(table: TomlTable) -> str:
-    known, planes = (*MOSAIC_PLANES, GREY_PLANE, ALL), table.words("planes")
-    for plane in planes:
-        if plane not in known:
-            raise table.wrong("planes", f"has {printable(plane)!r}", f"use one of {', '.join(known)}")
-    return ALL if ALL in planes else ",".join(planes)
-
-
-def _terms(table: TomlTable, folder: Path) -> Terms:
+def _terms(file: Any, folder: Path, source: TableSource) -> Terms:
     """Unit and frequencies; the specification, of a file beside this one or of this one."""
-    own = specification_in(table)
-    name = table.get("specification", str, "")
-    if name and own.limits:
-        raise table.wrong("specification", "and limits in this file are both given", "give one of them")
-    unit = Unit(table.get("unit", str, str(Unit.CYCLES)).lower())  # checked by `specification_in`
-    at = tuple(Frequency(value, unit) for value in table.numbers("at"))
-    return Terms(unit, at, read_specification(folder / name) if name else own)
+    own = file.to_specification(source)
+    if file.specification and own.limits:
+        source.refuse(("specification",), "and limits in this file are both given", "give one of them")
+    unit = Unit(file.unit)
+    at = tuple(Frequency(value, unit) for value in file.at)
+    return Terms(unit, at, read_specification(folder / file.specification) if file.specification else own)
 
 
-def _pairs(table: TomlTable, folder: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
+def _pairs(
+    content: Mapping[str, Any], file: Any, procedure: Procedure[Any], folder: Path, source: TableSource
+) -> tuple[tuple[str, str], Path | None]:
     """How a pair's names end, or the table that names them."""
-    keys = list(usual)
-    one, other = (table.get(key, str, usual[key]) for key in keys)
-    rows = table.get("table", str, "")
-    table.end()
-    if rows and any(table.has(key) for key in keys):
-        raise table.wrong("table", "and endings are both given", "give one of them")
+    (first, one), (second, other), (_, rows) = asdict(file.pairs).items()
+    if rows and content["pairs"].keys() != {"table"}:
+        source.refuse(("pairs", "table"), "and endings are both given", "give one of them")
     if not one or not other or one == other:
-        words = f"and pairs.{keys[1]} must be two different endings"
-        raise table.wrong(keys[0], words, f'write {keys[0]} = "{usual[keys[0]]}", {keys[1]} = "{usual[keys[1]]}"')
+        remedy = ", ".join(f"{key} = {toml_value(ending)}" for key, ending in procedure.endings.items())
+        source.refuse(("pairs", first), f"and pairs.{second} must be two different endings", f"write {remedy}")
     return (one, other), folder / rows if rows else None

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,35 +27,19 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.interfaces import Stage
-from drivers.transport import register_scheme
-from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.cable_faults import Faults
-from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
+from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
-from station.bench.device_options import added_drivers
-from station.bench.opening import make_bench, simulated_tables
+from station.bench.opening import make_bench
+from station.bench.twins import Twin, twin_of
 
 TOLERANCE = 0.01
 """Tolerance of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
 REST_S = 1.5
 """Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
-REPLY_S = 1.0
-"""A driver whose last order fell into silence so long before may know nothing else."""
-BUILT_IN = {"grbl": "stage", "zaber": "head"}
-"""Drivers whose twin is a device of the simulated bench."""
 FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
 OPERATIONS = ("move", "move", "stopped move", "emergency stop", "homing", "position", "connection")
-
-
-class Twin(SerialDevice, Protocol):
-    """A simulated stage at byte level, with its axes by their names, and its main switch."""
-
-    axes: Mapping[str, Axis]
-
-    def power_cycle(self, now_s: float) -> None:
-        """Off and on again: the reference is lost."""
-        ...
 
 
 class Broken(Exception):
@@ -95,7 +79,6 @@ class StageRig:
     clock: Clock
     axes: Mapping[str, Axis] | None = None
     cable: Cable | None = None
-    power_cycle: Callable[[float], None] | None = None
 
     def target(self, fraction: float | np.ndarray) -> dict[str, float]:
         """Positions at a fraction of each axis' travel."""
@@ -149,7 +132,7 @@ class StageRig:
         return outcomes
 
     def interrupted(self, end: Callable[[], None], after_s: float) -> tuple[list[object], float]:
-        """A move across the travel that is ended after a while: outcomes, and seconds from the order to rest."""
+        """A move of each axis to its farther end, ended after a while: outcomes, and seconds from the end to rest."""
         start_s = end_s = 0.0
 
         def stop() -> None:
@@ -162,7 +145,7 @@ class StageRig:
             end_s = self.clock.now_s()
 
         middle = self.target(0.5)
-        far = float(all(value < middle[name] for name, value in self.truth().items()))
+        far = np.array([float(value < middle[name]) for name, value in self.truth().items()])
         outcomes = self.together(partial(self.stage.move_to, **self.target(far)), stop)
         return outcomes, end_s - start_s
 
@@ -302,7 +285,8 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
     doing = works[what]
     if rig.cable is not None:
         disturb(rig.cable, fault, rig.clock.now_s(), rng)
-        if fault == "reset" and (cycle := rig.power_cycle) is not None:
+        if fault == "reset":
+            cycle = cast(Twin, rig.cable.device).restart
             doing = [*doing, rig.later(rng.uniform(0.0, 2.0), partial(rig.cable.happen, cycle))]
     outcomes = rig.together(*doing)
     where = f"{what} under {fault}"
@@ -315,10 +299,8 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
 
 def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
     """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
-    now_s = rig.clock.now_s()
-    faults = Faults() if rig.cable is None else rig.cable.faults
-    silent = any(begin_s <= now_s < end_s + REPLY_S for begin_s, end_s in faults.silent)
-    works = not silent and not faults.unplugged(now_s) and rig.stage.condition().word != "not connected"
+    plugged = rig.cable is None or not rig.cable.faults.unplugged(rig.clock.now_s())
+    works = plugged and rig.stage.condition().word != "not connected"
     if goal is not None and "reset" not in where:
         require(rig.at(goal), f"{where}: it reports success at {rig.truth()} instead of {goal}")
     rig.clock.sleep(REST_S)
@@ -378,27 +360,12 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
 @contextmanager
 def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
     """A driver at its twin. Raises BadConfiguration where it has none."""
-    if driver in BUILT_IN:
-        bench = SimulatedBench(folder, Setup(virtual_time=True))
-        table, cable = simulated_tables(bench.address, folder)[BUILT_IN[driver]], bench.cables[BUILT_IN[driver]]
-        axes, clock, close = bench.world.axes, bench.clock, bench.close
-    else:
-        entry = added_drivers().get(driver)
-        if entry is None or entry.twin is None:
-            there = [*BUILT_IN, *(name for name, one in added_drivers().items() if one.twin is not None)]
-            raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {', '.join(there)}")
-        twin, clock = entry.twin(), VirtualClock()
-        cable, axes, close = Cable(twin, clock), twin.axes, partial(unplug, "conform/stage")
-        register_scheme("simulators.devices")
-        plug("conform/stage", cable)
-        table = {"driver": driver, "port": "sim://conform/stage"}
-    cycle = getattr(cable.device, "power_cycle", None) or getattr(cable.device, "restart", None)
-    opened = make_bench({"stage": table}, folder=folder, clock=clock)
-    try:
-        yield StageRig(opened.stage, clock, axes, cable, cycle)
-    finally:
-        opened.close()
-        close()
+    with twin_of(driver, folder) as twin:
+        opened = make_bench({"stage": twin.table}, folder=folder, clock=twin.clock)
+        try:
+            yield StageRig(opened.stage, twin.clock, twin.axes, twin.cable)
+        finally:
+            opened.close()
 
 
 @contextmanager

@@ -31,24 +31,26 @@ from drivers.interfaces import (
     Camera,
     Condition,
     Device,
+    FrameFormat,
     Identity,
     Imu,
     Light,
+    Probe,
     Rangefinder,
     Shaker,
     Shutter,
     Stage,
 )
-from drivers.micromanager.core import Core
+from drivers.making import DriverOptions, MakerContext
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
+from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
-from station.bench.device_check import TableCheck
-from station.bench.device_makers import MAKERS, MakerContext, maker_of
-from station.bench.device_options import REFERS, named
+from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
+from station.common.models import TableSource, read_model
 from station.common.toml_lines import key_lines
 
 
@@ -145,6 +147,11 @@ class Bench:
         """The lamp."""
         return cast(Light, self._find("light"))
 
+    @property
+    def probes(self) -> dict[str, Probe]:
+        """Instruments that measure the room or the light, by their names; may be empty."""
+        return {name: cast(Probe, device) for name, device in self.devices.items() if hasattr(device, "read")}
+
     def log_wires(self, folder: Path | None) -> None:
         """From now on, write each line's transcript to a file in this folder; to none if None."""
         for name, transcript in self.transcripts.items():
@@ -199,7 +206,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    TableCheck(devices, path.name, key_lines(text)).check()
+    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
     return devices
 
 
@@ -207,32 +214,45 @@ def make_bench(
     tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
 ) -> Bench:
     """The configured devices, not yet connected; relative folders refer to `folder`. Raises BadConfiguration."""
-    TableCheck(tables).check()
+    devices = read_devices(tables)
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}
-    cores: dict[Path, Core] = {}
-    for name in sorted(tables, key=lambda name: _depth(tables, name)):
-        options = {key: value for key, value in tables[name].items() if key != "driver"}
-        parts = MakerContext(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
-        made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
+    shared: dict[object, Any] = {}
+    for name in sorted(devices, key=lambda name: _depth(devices, name)):
+        parts = MakerContext(name, made, folder, clock, inspect_raw, wire_log, transcripts, shared)
+        made[name] = devices[name].make(parts)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 
-def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
+def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:
     """Number of devices that must be created before this one, in sequence."""
-    others = [other for key in REFERS for other in named(tables[name], key)]
-    return max((1 + _depth(tables, other) for other in others), default=0)
+    return max((1 + _depth(devices, other) for _, other, _ in named(devices[name])), default=0)
 
 
 def inspect_raw(path: Path) -> ExposureMetadata:
     """The exposure metadata of a RAW file that can be read completely. Raises BadInput otherwise."""
     from procedures.raw import read_frame
 
-    exposure = read_frame(path).exposure
+    frame = read_frame(path)
+    exposure, planes = frame.exposure, list(frame.planes.values())
     return ExposureMetadata(
-        exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number
+        exposure.exposure_s,
+        None if exposure.iso is None else round(exposure.iso),
+        exposure.f_number,
+        frame_format(planes, exposure.pixel_pitch_um),
     )
+
+
+def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -> FrameFormat:
+    """The format of the sensor that gave these planes: one, or the four of a Bayer mosaic."""
+    white, pitch = round(planes[0].white), planes[0].pitch
+    rows, columns = (
+        max(plane.origin[axis] + pitch * (plane.samples.shape[1 - axis] - 1) + 1 for plane in planes) for axis in (1, 0)
+    )
+    colours = {plane.origin: plane.name[0] for plane in planes}
+    tile = "".join(colours.get((x, y), "") for y in (0, 1) for x in (0, 1))
+    return FrameFormat(columns, rows, tile if len(planes) == 4 else None, white, pixel_pitch_um)
 
 
 def simulated_bench(
@@ -247,7 +267,10 @@ def simulated_bench(
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
     setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
     truth = SimulatedBench(folder, setup)
-    bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
+    tables = simulated_tables(truth.address, folder, shaker=shaker)
+    sensor = truth.view.camera.sensor
+    tables["camera"]["sensor"] = f"{sensor.columns}x{sensor.rows} {sensor.cfa or 'grey'} {sensor.white.bit_length()}"
+    bench = make_bench(tables, folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
@@ -265,9 +288,9 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
     """Add a simulated bench's shaker, or remove it. The mapping is replaced, as other threads may iterate over it."""
     devices, drivers = dict(bench.devices), dict(bench.drivers)
     if wanted and "shaker" not in devices:
+        parts = MakerContext("shaker", devices, Path(), bench.clock, inspect_raw)
         options = {key: value for key, value in SHAKER.items() if key != "driver"}
-        parts = MakerContext(devices, Path(), bench.clock, inspect_raw)
-        devices["shaker"] = MAKERS[SHAKER["driver"]]("shaker", parts, **options)
+        devices["shaker"] = read_model(options_of(SHAKER["driver"]), options, TableSource()).make(parts)
         drivers["shaker"] = SHAKER["driver"]
     elif not wanted and "shaker" in devices:
         del devices["shaker"], drivers["shaker"]
@@ -276,6 +299,13 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
         return
     bench.devices, bench.drivers = devices, drivers
     bench.rows()
+
+
+ROOM = {
+    "temperature": "MEAS:TEMP?", "temperature_uncertainty": 0.1,
+    "humidity": "MEAS:HUM?", "humidity_uncertainty": 2.0,
+}  # fmt: skip
+"""Quantities of the simulated bench's probe."""
 
 
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:
@@ -303,5 +333,6 @@ def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: boo
         "fast_imu": {"driver": "fast", "port": address("fast_imu")},
         "rangefinder": {"driver": "jrt", "port": address("rangefinder")},
         "light": {"driver": "dmx", "port": address("light")},
+        "room": {"driver": "scpi_probe", "port": address("room"), **ROOM},
         **({"shaker": SHAKER} if shaker else {}),
     }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
@@ -22,6 +23,8 @@ from station.results.record_head import RecordHead
 from station.results.result_files import npy
 
 SCHEMA = "station/geometry/1"
+NODES, POINTS = "nodes.npy", "points.npy"
+"""Tables of the chart's plan, and of the points of all views; after the prefix of the plane."""
 
 
 def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> Measurement:
@@ -102,11 +105,22 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
 def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
     return {
         f"{prefix}covariance.npy": npy(geometry.covariance),
-        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.covariance * geometry.residual_scale**2),
+        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.full_covariance),
         f"{prefix}chart.npy": npy(geometry.shape.deviations_mm),
+        f"{prefix}{NODES}": npy(geometry.adjustment.problem.nodes),
+        f"{prefix}{POINTS}": npy(_points(geometry)),
         f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),
         f"{prefix}projection.csv": _projection(geometry),
     }
+
+
+def _points(geometry: Geometry) -> npt.NDArray[np.float64]:
+    """Every point: view, node, x, y, variance of x, covariance, variance of y."""
+    views = [one.view for one in geometry.views]
+    return np.concatenate([
+        np.column_stack([np.full(len(view), i), view.index, view.points, view.covariance.reshape(-1, 4)[:, [0, 1, 3]]])
+        for i, view in enumerate(views)
+    ])  # fmt: skip
 
 
 def _numbers(plane: str, geometry: Geometry) -> Iterator[tuple[str, str, Quantity]]:

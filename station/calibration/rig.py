@@ -1,4 +1,4 @@
-"""The charts that a camera of a rig photographed, read from its result of station geometry."""
+"""A camera of a rig with its views of the chart, read from its result of station geometry."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from typing import Any
 
 import numpy as np
 
-from procedures.geometry.adjustment import POSE
-from procedures.geometry.rig import PosedCharts
-from procedures.geometry.views import Pose
+from procedures.geometry.rig import RigCamera
+from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import BadInput
 from procedures.reading.arrays import checked_array, checked_number, read_npy
-from station.calibration.stored_results import stored_record
+from station.calibration.exports.geometry import read_camera
+from station.calibration.geometry_files import NODES, POINTS
+from station.calibration.stored_results import StoredRecord, stored_record
 from station.results.geometry_planes import plane_entry, table_prefix
 from station.results.record_head import InputFile
 
-JOINT = "joint_covariance.npy"
 _GIVE = "name the folder that station geometry wrote"
 
 
 @dataclass(frozen=True, eq=False)
-class RigCamera:
-    """The charts of one camera, with the file that they come from."""
+class StoredRigCamera:
+    """A camera of a rig, with the file that it comes from."""
 
     file: InputFile
-    charts: PosedCharts
+    camera: RigCamera
 
 
-def read_rig_camera(result: Path, plane: str | None = None) -> RigCamera:
-    """The charts of a result of station geometry, a folder or its record; of green, or the first plane, by default.
+def read_rig_camera(result: Path, plane: str | None = None) -> StoredRigCamera:
+    """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
 
     Raises
     ------
     BadInput
-        If there is no such result, or it has no poses.
+        If there is no such result, or it has no views.
     BadParameter
         If it does not have the plane.
     """
@@ -45,18 +45,38 @@ def read_rig_camera(result: Path, plane: str | None = None) -> RigCamera:
         name, entry = plane_entry(planes, plane, stored.path)
         if "views" not in entry:
             raise BadInput(f"{stored.path} has no poses: {entry['reason']}", entry["remedy"])
-        views = entry["views"]
-        table = stored.path.parent / (table_prefix(name, len(planes)) + JOINT)
-        joint = checked_array(read_npy(table, "covariance", _GIVE), f"the covariance {table}", ("n", "n"), remedy=_GIVE)
-        size = POSE * len(views)
-        if len(joint) < size:
-            raise ValueError(f"the covariance of {len(views)} poses has {size} rows or more; got {len(joint)}")
-        known = {**stored.data.get("parameters", {}), **entry.get("chart", {})}  # earlier results have that of a cell
-        charts = PosedCharts(
-            tuple(str(one["source"]) for one in views), tuple(_pose(one) for one in views), joint[-size:, -size:],
-            checked_number(known.get("scale_uncertainty", 0.0), f"the scale's uncertainty in {stored.path}", 0.0),
+        prefix = table_prefix(name, len(planes))
+        nodes = _table(stored, prefix + NODES, "plan of the chart", 3)
+        poses = tuple(_pose(one) for one in entry["views"])
+        camera = RigCamera(
+            read_camera(result, plane).camera, _views(stored, prefix, entry["views"], len(nodes)), poses, nodes,
+            checked_number(stored.data.get("parameters", {}).get("scale_uncertainty", 0.0),
+                           f"the scale's uncertainty in {stored.path}", 0.0),
         )  # fmt: skip
-        return RigCamera(InputFile(str(stored.path), stored.sha256), charts)
+        return StoredRigCamera(InputFile(str(stored.path), stored.sha256), camera)
+
+
+def _table(stored: StoredRecord, name: str, what: str, columns: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    path = stored.path.parent / name
+    if not path.is_file():
+        raise BadInput(f"a rig needs the {what} in {path}, which is missing", "calibrate the camera again")
+    return checked_array(read_npy(path, what, _GIVE), f"the {what} {path}", (None, columns), remedy=_GIVE)
+
+
+def _views(stored: StoredRecord, prefix: str, entries: list[Mapping[str, Any]], nodes: int) -> tuple[ChartView, ...]:
+    """The views with their points: columns view, node, x, y, variance of x, covariance, variance of y."""
+    table = _table(stored, prefix + POINTS, "points", 7)
+    index = table[:, :2].astype(np.int64)
+    if index.min(initial=0) < 0 or index[:, 1].max(initial=0) >= nodes:
+        raise ValueError(f"the nodes of the points must be below {nodes}")
+    views = []
+    for i, entry in enumerate(entries):
+        own = table[index[:, 0] == i]
+        covariance = own[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
+        if not len(own) or np.linalg.eigvalsh(covariance).min() <= 0:
+            raise ValueError(f"every view must have points with a positive definite covariance; view {i} does not")
+        views.append(ChartView(str(entry["source"]), own[:, 1].astype(np.int64), own[:, 2:4], covariance))
+    return tuple(views)
 
 
 def _pose(entry: Mapping[str, Any]) -> Pose:

@@ -165,7 +165,8 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
     for name, pictures in first.items():
         of = gathered[name]
         level = measure_level(pictures, shots.exposure_s, shots.level)
-        (of.darks if shots.kind == DARK else of.lights).append(level)
+        if not shots.only_stack:
+            (of.darks if shots.kind == DARK else of.lights).append(level)
         if len(taken) >= LEAST_PICTURES:
             of.stacks.append((shots.kind, sums[name].stack(shots.exposure_s, shots.level)))
             of.spectra.append(measure_noise_power(pictures, np.nan))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,15 @@ from procedures.outcome import BadInput, Miss
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import decoding, open_file
 from procedures.reading.text import read_rows, read_text, read_toml
+from procedures.sensor.stacks import LEAST_PICTURES
 
 DARK, LIGHT = "dark", "light"
 LONGEST = 300
 """Characters of a name quoted in a message."""
+DESCRIPTOR_HEAD = 65_536
+"""Bytes of a text file searched for the first line of an EMVA 1288 descriptor."""
+DESCRIPTOR_WORDS = {"v": 2, "n": 4, "b": 3, "d": 2}
+"""Words of a descriptor's lines: version; bits, width and height; exposure and photons; exposure of dark pictures."""
 _REMEDY = "see station sensor --help for what the folder and its manifest hold"
 _RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) with the exposure of every picture"
 
@@ -30,6 +35,8 @@ class Shots:
     photons, light : float or None
         Photons per pixel, or a number proportional to them, where the manifest has it.
     paths : tuple of Path
+    only_stack : bool
+        Whether the pictures are a stack alone, and no level of the ladder.
     """
 
     kind: str
@@ -37,6 +44,7 @@ class Shots:
     photons: float | None
     light: float | None
     paths: tuple[Path, ...]
+    only_stack: bool = False
 
     @property
     def level(self) -> float:
@@ -92,11 +100,24 @@ def _listed(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
 
 
 def _is_descriptor(path: Path) -> bool:
-    """Whether it is a readable file with the beginning of an EMVA 1288 descriptor."""
+    """Whether it is a readable file whose first line, comments aside, is one of an EMVA 1288 descriptor."""
     try:
         with open_file(path) as file:
-            return file.read(2) == b"v "
+            beginning = file.read(DESCRIPTOR_HEAD).decode("utf-8", "replace")
     except (BadInput, OSError):
+        return False
+    words = next((line.split() for line in beginning.splitlines() if not _is_comment(line)), [])
+    return len(words) == DESCRIPTOR_WORDS.get(words[0] if words else "") and all(map(_is_number, words[1:]))
+
+
+def _is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return _finite(word) >= 0
+    except ValueError:
         return False
 
 
@@ -156,12 +177,13 @@ def _from_csv(path: Path) -> list[Shots]:
 def _from_descriptor(path: Path) -> list[Shots]:
     """EMVA's format: "b" exposure in ns and photons, or "d" exposure, then "i" and the name of each picture.
 
-    Groups of the same exposure stay separate: two pictures belong to the ladder, more are a stack.
+    Groups of the same exposure stay separate: two pictures belong to the ladder, more are a stack, whose light is often
+    from another run of the lamp. Comments begin with "#".
     """
     shots: list[Shots] = []
     for n, line in enumerate(read_text(path, "EMVA 1288 descriptor", _REMEDY, "replace").splitlines(), 1):
         words = line.split()
-        if not words or words[0] in ("v", "n"):
+        if _is_comment(line) or words[0] in ("v", "n"):
             continue
         try:
             if words[0] in ("b", "d"):
@@ -171,11 +193,11 @@ def _from_descriptor(path: Path) -> list[Shots]:
             elif words[0] == "i":
                 last = shots.pop()
                 name = Path(*line.split(maxsplit=1)[1].strip().split("\\"))
-                shots.append(Shots(last.kind, last.exposure_s, last.photons, None, (*last.paths, path.parent / name)))
+                shots.append(replace(last, paths=(*last.paths, path.parent / name)))
         except (IndexError, ValueError) as error:
             reason = f"{path}, line {n} must be a line of an EMVA 1288 descriptor; got {line!r}"
             raise BadInput(reason, _REMEDY) from error
-    return shots
+    return [replace(one, only_stack=len(one.paths) >= LEAST_PICTURES) for one in shots]
 
 
 def _finite(word: str) -> float:

@@ -10,6 +10,7 @@ EXAMPLES = {
     "station.toml": "station.bench",
     "procedure.toml": "station.batch",
     "specification.toml": "station.results",
+    "certificate.toml": "station.reports",
 }
 """The files, and the packages with their `example.toml`."""
 
@@ -17,7 +18,7 @@ EXAMPLES = {
 @click.command("init")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 def init(folder: Path) -> None:
-    """Write commented templates of station.toml, procedure.toml and specification.toml into FOLDER.
+    """Write commented templates into FOLDER: station, procedure, specification and certificate.
 
     FOLDER is the current one by default. Existing files are not overwritten.
     """

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import (
-    certificate_option,
+    certificate_options,
+    details_of,
     jobs_option,
     overlay_option,
     specification_option,
@@ -25,9 +26,10 @@ from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS
 from station.common.log import log, log_json_option
+from station.common.models import ModelField, TableSource, fields_of, read_model
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import SettingField, fields_of, read_settings
+from station.procedure.settings import to_record
 
 if TYPE_CHECKING:
     from station.results.measurement import Measurement
@@ -41,7 +43,7 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SCENE: ("IMAGES...", -1),
     Inputs.SERIES: ("FOLDER", 1),
     Inputs.SEVERAL: ("PHOTO...", -1),
-    Inputs.RESULTS: ("FIRST SECOND", 2),
+    Inputs.RESULTS: ("FIRST SECOND...", -1),
 }
 """Metavar and number of arguments by kind of input."""
 
@@ -72,7 +74,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
-        *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_option]),
+        *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_options]),
         *([overlay_option] if procedure.has_mtf and procedure.inputs is not Inputs.SERIES else []),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
@@ -113,7 +115,7 @@ class ListCommand(click.Command):
         return super().parse_args(ctx, spelled)
 
 
-def _option(one: SettingField) -> Any:
+def _option(one: ModelField) -> Any:
     """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
@@ -122,7 +124,12 @@ def _option(one: SettingField) -> Any:
     if one.kind is bool:
         return click.option(*flags, is_flag=True, default=None, help=one.description)
     return click.option(
-        *flags, type=_type(one), multiple=one.several, required=one.required, help=shown, metavar=one.metavar or None
+        *flags,
+        type=_type(one),
+        multiple=one.several,
+        required=one.required,
+        help=shown,
+        metavar=one.extra("metavar") or None,
     )
 
 
@@ -140,7 +147,7 @@ class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some re
             self.fail(f"give a whole number, or {self.word}; got {value!r}", param, ctx)
 
 
-def _type(one: SettingField) -> click.ParamType[Any]:
+def _type(one: ModelField) -> click.ParamType[Any]:
     if one.word:
         return NumberOr(one.word)
     if one.choices:
@@ -167,7 +174,7 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
     from station.batch.procedure_file import BatchProcedure
     from station.cli.batch import carry_out
 
-    terms, settings = terms_of(given), read_settings(procedure.Settings, chosen)
+    terms, settings = terms_of(given), read_model(procedure.Settings, chosen, TableSource())
     settings.check()
     batch = BatchProcedure(procedure, settings, terms)
     carry_out(batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], as_json=given["as_json"])
@@ -182,9 +189,9 @@ def _results(
     from station.results.result_files import ResultFolder
 
     out, terms, overlays = given["out"], terms_of(given), given.get("overlays", ())
-    settings = read_settings(procedure.Settings, chosen)
+    settings = read_model(procedure.Settings, chosen, TableSource())
     settings.check()
-    overlays = procedure.read_overlays(overlays, terms)
+    overlays, details = procedure.read_overlays(overlays, terms), details_of(given)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in ([one] if one.is_file() else photographs(one))]
     with progress(procedure.steps(paths)) as shown:
@@ -193,14 +200,18 @@ def _results(
             start = time.perf_counter()
             with ResultFolder(out / place, force=forced()) as folder:
                 measurement = next(results)
-                head = replace(measurement.head, duration_s=round(time.perf_counter() - start, 3))
+                taken = round(time.perf_counter() - start, 3)
+                given_settings = measurement.head.settings or to_record(settings)
+                head = replace(
+                    measurement.head, arguments=[str(one) for one in paths], settings=given_settings, duration_s=taken
+                )
                 measurement = replace(measurement, head=head, overlays=overlays)
                 if (given.get("report") or overlays) and procedure.draws(measurement):
                     folder.write(procedure.page_name, procedure.page(measurement))
-                if given["certificate"]:
+                if details is not None:
                     from station.reports.certificate_print import write_certificate
 
-                    write_certificate(folder, procedure.report(measurement))
+                    write_certificate(folder, procedure.report(measurement), measurement.record(), details)
                 text = write_measurement(folder, measurement)
             report(procedure, measurement, out / place / "result.json")
             yield measurement.planes, text, bool(procedure.missed(measurement))

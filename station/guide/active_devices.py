@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import CameraSettings, Caveat, ExposedFile, Imu, ShakePath, Travel
+from drivers.interfaces import CameraSettings, Caveat, ExposedFile, Imu, ProbeReading, ShakePath, Travel
 from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
+from station.results.environment import ENVIRONMENT
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
 NOT_THERE = ("not connected", "the folder is gone")
-SETTABLE = ("gphoto", "micromanager_camera", "genicam", "alpaca_camera")
+SETTABLE = ("gphoto", "micromanager_camera", "genicam", "v4l2", "rpicam", "alpaca_camera")
 """Drivers whose camera is set through its cable; others are set by hand."""
 AT = "at_"
 """Prefix of an axis' name: the fact with its position."""
@@ -35,12 +36,14 @@ class Snapshot:
     axes : position by name, in the unit of the name
     distance_mm : from the rangefinder's housing
     silent : devices that did not answer, with the reason
+    environment : readings by probe and quantity
     """
 
     axes: Mapping[str, float] = field(default_factory=dict)
     distance_mm: float | None = None
     light_level: float | None = None
     silent: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, Mapping[str, ProbeReading]] = field(default_factory=dict)
 
     def facts(self) -> dict[str, Fact]:
         """The state as facts."""
@@ -55,6 +58,11 @@ class Snapshot:
         """The state as an entry of the session's journal."""
         record: dict[str, Any] = {"axes": dict(self.axes)}
         record |= {name: value for name, value in self.facts().items() if not name.startswith(AT)}
+        if self.environment:
+            record[ENVIRONMENT] = {
+                probe: {name: asdict(one) for name, one in readings.items()}
+                for probe, readings in self.environment.items()
+            }
         return record | ({"silent": dict(self.silent)} if self.silent else {})
 
 
@@ -287,6 +295,7 @@ class ActiveDevices:
     def snapshot(self) -> Snapshot:
         """State of every device; one that fails is recorded as silent and skipped until `recover`."""
         axes: dict[str, float] = {}
+        environment: dict[str, Mapping[str, ProbeReading]] = {}
         distance_mm = None
         for name in self.names():
             device = self._device(name)
@@ -297,12 +306,14 @@ class ActiveDevices:
                     axes |= _homed_position(device)
                 elif name == "rangefinder":
                     distance_mm = self.measure_mm()
+                elif hasattr(device, "read"):
+                    environment[name] = device.read()
             except DeviceError as error:
                 if self.places or not isinstance(error, NotHomed):  # a plan without movements does not home
                     self.silent[name] = error.reason
         lamp = self._device("light")
         level = lamp.level() if lamp is not None else None
-        return Snapshot(axes, distance_mm, level, dict(self.silent))
+        return Snapshot(axes, distance_mm, level, dict(self.silent), environment)
 
     def announce(self, number: int) -> None:
         """Number the next frame as the session's shot."""

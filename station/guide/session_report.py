@@ -16,14 +16,18 @@ from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable
 from station.guide.catalogue import entry_named, plan_named
+from station.guide.drift import drift_lines
 from station.guide.session_result import SessionResult, compute
 from station.procedure.registry import procedure_named
+from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
-from station.reports.report import METHODS, Report, ReportLine, ReportShot
+from station.reports.report import METHODS, Report, ReportLine, ReportShot, environment_lines
 from station.reports.report_page import measurement_page
+from station.results.environment import environment_of
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
+from station.results.reader import read_record
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import SessionState, replay
@@ -96,14 +100,18 @@ def session_report(folder: Path, result: SessionResult | None = None) -> Report:
     return _report(record, state, result or compute(folder, state, plan_named(state.plan, folder)))
 
 
-def certificate_files(folder: Path, result: SessionResult | None = None) -> dict[str, bytes]:
-    """Certificate files of a session's last result by name: page and PDF. Raises as `session_report`."""
-    from station.reports import certificate
-    from station.reports.certificate_print import certificate_pdf
+def certificate_files(
+    folder: Path, result: SessionResult | None = None, details: CertificateDetails | None = None
+) -> dict[str, bytes]:
+    """Certificate of a session's last result: page and PDF by name. Raises as `session_report`.
 
-    report = session_report(folder, result)
-    page = certificate.certificate_page(report).encode()
-    return {certificate.PAGE: page, certificate.PRINT: certificate_pdf(report)}
+    details : as in a file; by default those of certificate.toml in the current folder
+    """
+    from station.reports import certificate_print
+
+    report, last = session_report(folder, result), read_session(folder).state.results[-1]
+    record = read_record(folder / last.folder)
+    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -126,7 +134,8 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
         frames=result.frames,
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_operator_inputs(state, result), *_conditions(state)],
+        conditions=[*_operator_inputs(state, result), *_conditions(state), *environment_lines(_environment(state))],
+        drift=drift_lines(state, result.planes),
         devices=list(_devices(record)),
         specification=terms_of_session(record.folder).specification.title,
         made=last.at[:16].replace("T", " ") + " UTC",
@@ -174,6 +183,10 @@ def _conditions(state: SessionState) -> Iterator[ReportLine]:
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
         words, unit = _unit_of(printable(name))
         yield ReportLine(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
+
+
+def _environment(state: SessionState) -> dict[str, Any] | None:
+    return environment_of(shot.snapshot for shot in state.counting())
 
 
 def _unit_of(name: str) -> tuple[str, str]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from procedures.outcome import Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
-from procedures.raw import ImuRecord, RawFrame, ShakerPath, read_frame
+from procedures.raw import ImuRecord, RawFrame, ShakerPath, ShakerResponse, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
+from station.results.environment import environment_of
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder
@@ -84,7 +85,13 @@ def imu_during(shot: SessionShot) -> ImuRecord | None:
         checked_array(motion[name], f"`{name}` of a recorded motion")
         for name in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
-    return ImuRecord(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
+    opened_s = checked_number(shutter["flash_s"], "`flash_s` of a shutter")
+    clock, box_s = motion.get("clock"), checked_number(shutter.get("within_s") or 0.0, "`within_s` of a shutter")
+    if clock is None:
+        return ImuRecord(times - opened_s, acceleration, rotation)
+    own_s = checked_number(clock["within_s"], "`within_s` of a clock")
+    # a unit on the box's own cable shares the error of its round trip, which cancels
+    return ImuRecord(times - opened_s, acceleration, rotation, own_s if clock["by"] == "box" else own_s + box_s)
 
 
 COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
@@ -102,7 +109,13 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
         position_m[:, COLUMNS[axis]] = checked_array(offsets, f"`{axis}` of a shaker's path", (count,)) / 1000
     flash_s = shutter.get("flash_s")
     since_s = None if flash_s is None else float(flash_s) - float(shake["began_s"])
-    return ShakerPath(position_m, float(shake["interval_s"]), since_s)
+    given = {COLUMNS[axis]: one for axis, one in (shake.get("response") or {}).items()}
+    response = tuple(
+        ShakerResponse(given[i]["gain"], given[i]["frequency_hz"], given[i]["damping"]) if i in given
+        else ShakerResponse() for i in range(3)
+    )  # fmt: skip
+    within_s = max((float(one["within_s"]) for one in given.values()), default=0.0)
+    return ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
 
 
 def derive(
@@ -166,7 +179,11 @@ def _head(
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
     provenance = {key: one.record() for key, one in provenance_of(plan, state.facts, frames).items()}
     return RecordHead(
-        plan.name, files, {**state.facts, **({"whose_word": provenance} if provenance else {})}, specification
+        plan.name,
+        files,
+        {**state.facts, **({"whose_word": provenance} if provenance else {})},
+        specification,
+        environment=environment_of(shot.snapshot for shot in state.counting()),
     )
 
 

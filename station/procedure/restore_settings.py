@@ -119,6 +119,10 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
         None
     )
     exposure_s: Annotated[tuple[float, ...], setting("Exposure time, for --imu.  [default: as recorded]")] = ()
+    imu_within_s: Annotated[
+        float,
+        setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0),
+    ] = 0.0
     metres: Annotated[
         Literal["front", "behind"] | None,
         setting(
@@ -231,8 +235,8 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
             self._check_shapes(images)
         if self.prototype_region is not None:
             self._check_region(images)
-        if self.exposure_s and not self.imu:
-            raise _unfit("--exposure-s goes with --imu")
+        if (self.exposure_s or self.imu_within_s) and not self.imu:
+            raise _unfit(f"{'--exposure-s' if self.exposure_s else '--imu-within-s'} goes with --imu")
         for option, given in (("--ratio", self.ratio), ("--offset", self.offset)):
             if len(given) >= images:
                 raise _unfit(f"{option} is for images after the first, here {images - 1}; got {len(given)} values")

@@ -34,11 +34,13 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
             "procedure": {"const": procedure.record_name},
             "input": {"type": "array", "items": {"$ref": "#/$defs/input"}},
             "parameters": {"type": "object"},
+            "arguments": {"type": "array", "items": {"type": "string"}},
             "settings": settings,
             procedure.results_key: results if procedure.results_key == BY_PLANE else {"$ref": "#/$defs/plane"},
             "left_out": {"type": "array", "items": {"$ref": "#/$defs/missed"}},
             "specification": {"$ref": "#/$defs/specification"},
             "software": {"type": "object"},
+            "environment": {"$ref": "#/$defs/environment"},
             "duration_s": {"type": "number", "minimum": 0},
             "files": {"type": "object", "additionalProperties": {"$ref": "#/$defs/sha256"}},
             "sha256": {"$ref": "#/$defs/sha256"},
@@ -66,6 +68,8 @@ def _definitions() -> dict[str, Any]:
     }  # fmt: skip
     limit = {"type": "object", "required": ["number", "min", "max"],
              "properties": {"number": text, "min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}}  # fmt: skip
+    reading = {"type": "object", "required": ["value", "unit", "uncertainty", "min", "max", "n"],
+               "properties": {"value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL}}  # fmt: skip
     judged = {"enum": [*(str(one) for one in Compliance), None]}
     return {
         "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
@@ -74,6 +78,7 @@ def _definitions() -> dict[str, Any]:
         "missed": {"type": "object", "required": ["source", "reason", "remedy"],
                    "properties": {"source": text, **cause}},
         "quantity": quantity,
+        "environment": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": reading}},
         "number": {"anyOf": [{"$ref": "#/$defs/quantity"}, NUMBER_OR_NULL, {"type": "array"}]},
         "specification": {"type": "object", "required": ["verdict", "limits"],
                           "properties": {"verdict": judged, "limits": {"type": "array", "items": limit}}},

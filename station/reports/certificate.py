@@ -1,17 +1,23 @@
-"""A certificate: one printed page with camera and lens, conditions, numbers, both verdicts, method and hashes.
+"""A certificate: laboratory and customer, camera and lens, conditions, numbers, both verdicts, method and hashes.
 
-Uncertainties on it are expanded: two standard uncertainties, about 95 % (ISO/IEC Guide 98-3, section 6.2).
+Its contents follow ISO/IEC 17025:2017, section 7.8. Uncertainties on it are expanded: two standard uncertainties, about
+95 % (ISO/IEC Guide 98-3, section 6.2). Its digest is that of the record, so that `station verify` finds what it is of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from procedures.numbers import RADIAL, Group, in_group, label
 from station.common.uncertainty_text import stated
-from station.reports.page import Block, Items, Note, Section, Table, html, render, sentence, small
+from station.reports.certificate_figure import curves_figure, qr_code
+from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
 from station.reports.report import METHODS, Report, comparison
 from station.results.plane_result import PlaneResult
+from station.results.result_files import SEAL, json_text
 from station.results.units import Pixels, Unit
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
@@ -25,10 +31,24 @@ VALIDITY = {
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
 MAX_LIMITS = 10
 MAX_SHOTS = 6
+DECISION_RULE = (
+    "Decision rule (ISO 14253-1, ILAC-G8): a limit is met if the number lies within it by its guard band, which is "
+    "two standard uncertainties unless the specification states another; otherwise it is undecided, or not met."
+)
+CODE = "calibration-station certificate sha256:"
+"""Text of the QR code before the digest."""
+
+
+def record_digest(record: Mapping[str, Any]) -> str:
+    """SHA-256 of a record without the list of its files and its own hash, which include the certificate."""
+    contents = {name: value for name, value in record.items() if name not in ("files", SEAL)}
+    return hashlib.sha256(json_text(contents).encode()).hexdigest()
 
 
 def certificate_sections(report: Report) -> list[Section]:
-    """Subject and verdicts, numbers, conditions, method and provenance."""
+    """Parties, subject and verdicts, numbers, curves, conditions, method and provenance."""
+    details = report.details
+    laboratory = [details.laboratory, details.laboratory_address, details.accreditation]
     made = report.made or next((line.words for line in report.conditions if line.name == "Taken"), "")
     judged = report.against_specification or "none was given: what the lens should be is not judged"
     verdicts = [
@@ -36,7 +56,16 @@ def certificate_sections(report: Report) -> list[Section]:
         [small("Specification", report.specification), _coloured(str(report.judged or ""), judged)],
     ]
     reasons = [Note(f"{one.name}: {one.reason}") for one in report.planes if one.reason]
-    subject = Section("", [", ".join(one for one in (report.subject, made) if one)])
+    logo = [PrintedPicture(Path(details.logo).read_bytes(), "", 35)] if details.logo else []
+    subject = Section(
+        "",
+        [
+            *logo,
+            ", ".join(one for one in laboratory if one),
+            *([Table(details.lines)] if details.lines else []),
+            ", ".join(one for one in (report.subject, made) if one),
+        ],
+    )
     lines = [[line.name, line.words] for line in (*report.conditions, *report.devices)]
     given = ", ".join(f"{name} = {value}" for name, value in report.parameters.items() if value is not None)
     version = report.software.get("version") or "not installed"
@@ -44,10 +73,23 @@ def certificate_sections(report: Report) -> list[Section]:
     return [
         subject,
         Section("Verdicts", [Table(verdicts, style="verdicts"), *reasons, *_limits(report.planes)]),
-        Section("Numbers", [number_table(report.planes), Note(_footnote(report))]),
+        Section("Numbers", [number_table(report.planes), Note(_footnote(report)), *_curves(report.planes)]),
         *([Section("Conditions", [Table(lines)])] if lines else []),
-        Section("Method and provenance", [method, Table(_shots(report))]),
+        Section("Method and provenance", [method, Table(_shots(report)), *_record(report)]),
     ]
+
+
+def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
+    figure = curves_figure(planes)
+    return [PrintedPicture(figure, "MTF with the band that holds 95 %; PSF on its support.", 178)] if figure else []
+
+
+def _record(report: Report) -> list[Block]:
+    """The digest of the record, as text and as a code."""
+    if not report.record:
+        return []
+    how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
+    return [PrintedPicture(qr_code(CODE + report.record), how, 20)]
 
 
 def _coloured(verdict: str, words: str) -> str:
@@ -61,7 +103,9 @@ def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
     words = [f"{name}: {one.words}" for name, one in limits[:MAX_LIMITS]]
     rest = len(limits) - MAX_LIMITS
     words += [f"and {rest} more, in result.json"] if rest > 0 else []
-    return [Note("Against the limits, ± one standard uncertainty:"), Items(words)] if words else []
+    if not words:
+        return []
+    return [Note(f"Against the limits, ± one standard uncertainty. {DECISION_RULE}"), Items(words)]
 
 
 def number_table(planes: Sequence[PlaneResult]) -> Table:
@@ -102,5 +146,8 @@ def _shots(report: Report) -> list[list[str]]:
 
 
 def certificate_page(report: Report) -> str:
-    """The certificate as HTML that prints on one page."""
-    return render("certificate.html", subject=report.subject, sections=certificate_sections(report))
+    """The certificate as HTML."""
+    return render(
+        "certificate.html", subject=report.subject, record=report.record, authoriser=report.details.authoriser,
+        sections=certificate_sections(report),
+    )  # fmt: skip

@@ -1,10 +1,11 @@
-"""The certificate as PDF: its sections on one page of A4, set by reportlab; what is too long is set smaller."""
+"""The certificate as PDF: its sections on numbered pages of A4, set by reportlab."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -12,17 +13,19 @@ from reportlab.lib import colors
 from reportlab.lib.pagesizes import A4
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
+from reportlab.lib.utils import ImageReader
 from reportlab.pdfgen.canvas import Canvas
-from reportlab.platypus import Frame, KeepInFrame, Paragraph, Spacer
+from reportlab.platypus import BaseDocTemplate, Frame, Image, KeepTogether, PageTemplate, Paragraph, Spacer
 from reportlab.platypus import Table as PrintedTable
 
 from station.drawing import colours
-from station.reports.certificate import PAGE, PRINT, certificate_page, certificate_sections
-from station.reports.page import Block, Items, Note, Table
+from station.reports.certificate import PAGE, PRINT, certificate_page, certificate_sections, record_digest
+from station.reports.certificate_details import CertificateDetails
+from station.reports.page import SMALL_MM, Block, Items, Note, PrintedPicture, Table
 from station.reports.report import Report
 from station.results.result_files import ResultFolder
 
-MARGIN = 16 * mm
+MARGIN = 13 * mm
 WIDTH = A4[0] - 2 * MARGIN
 INK, SOFT = colors.HexColor(colours.TEXT), colors.HexColor(colours.SOFT)
 PLAIN = ParagraphStyle("plain", fontName="Helvetica", fontSize=9, leading=11.5, textColor=INK)
@@ -37,6 +40,7 @@ ROWS = [
     ("VALIGN", (0, 0), (-1, -1), "TOP"),
     ("LINEBELOW", (0, 0), (-1, -1), 0.25, colors.HexColor(colours.RULE)),
 ]
+BESIDE = [("VALIGN", (0, 0), (-1, -1), "MIDDLE"), ("LEFTPADDING", (0, 0), (0, 0), 0)]
 SIGNATURES = [
     ("LINEABOVE", (0, 0), (0, 0), 0.5, INK),
     ("LINEABOVE", (2, 0), (2, 0), 0.5, INK),
@@ -48,28 +52,49 @@ REPLACEMENTS = {"≥": ">=", "≤": "<=", "−": "-", "σ": "sigma", "γ": "gamm
 
 
 def certificate_pdf(report: Report) -> bytes:
-    """The certificate on one page; the same bytes for the same report."""
+    """The certificate on numbered pages; the same bytes for the same report."""
+    pages = _printed_pages(report, 0)[1]
+    return _printed_pages(report, pages)[0]
+
+
+def _printed_pages(report: Report, pages: int) -> tuple[bytes, int]:
+    """The certificate and its number of pages; `pages` is the number that its pages state."""
     data = io.BytesIO()
-    canvas = Canvas(data, pagesize=A4, invariant=1)
-    canvas.setTitle(_letters(f"Certificate: {report.subject}"))
-    canvas.setCreator("calibration-station")
-    height = A4[1] - 2 * MARGIN
+    document = BaseDocTemplate(
+        data, pagesize=A4, invariant=1, title=_letters(f"Certificate: {report.subject}"), creator="calibration-station",
+        keywords=f"record-sha256 {report.record}",
+    )  # fmt: skip
+
+    def foot(canvas: Canvas, shown: BaseDocTemplate) -> None:
+        canvas.setFont("Helvetica", 7.5)
+        canvas.setFillColor(SOFT)
+        canvas.drawString(MARGIN, MARGIN / 2, _letters(report.details.number))
+        canvas.drawRightString(A4[0] - MARGIN, MARGIN / 2, f"page {shown.page} of {pages}")
+
     story = [Paragraph("Calibration station", SMALL), Paragraph("Certificate of measurement", TITLE)]
     for section in certificate_sections(report):
         story += [Paragraph(section.heading, HEAD)] if section.heading else []
         story += [part for block in section.blocks for part in _printed(block)]
-    signatures = PrintedTable([["date", "", "operator"]], (0.45 * WIDTH, 0.1 * WIDTH, 0.45 * WIDTH), style=SIGNATURES)
-    whole = KeepInFrame(WIDTH, height, [*story, Spacer(1, 14 * mm), signatures], mode="shrink")
-    Frame(MARGIN, MARGIN, WIDTH, height, 0, 0, 0, 0).addFromList([whole], canvas)
-    canvas.showPage()
-    canvas.save()
-    return data.getvalue()
+    signed = ["date", "", _letters(report.details.authoriser or "operator")]
+    signatures = PrintedTable([signed], (0.45 * WIDTH, 0.1 * WIDTH, 0.45 * WIDTH), style=SIGNATURES)
+    frame = Frame(MARGIN, MARGIN, WIDTH, A4[1] - 2 * MARGIN, 0, 0, 0, 0)
+    document.addPageTemplates(PageTemplate(frames=[frame], onPage=foot))
+    document.build([*story, KeepTogether([Spacer(1, 9 * mm), signatures])])
+    return data.getvalue(), document.page
 
 
-def write_certificate(folder: ResultFolder, report: Report) -> None:
-    """Stage the certificate of a report, as a page and as a PDF."""
-    folder.write(PAGE, certificate_page(report).encode())
-    folder.write(PRINT, certificate_pdf(report))
+def certificate_files(report: Report, record: Mapping[str, Any], details: CertificateDetails) -> dict[str, bytes]:
+    """Page and PDF of the certificate of a record, by name."""
+    report = replace(report, record=record_digest(record), details=details)
+    return {PAGE: certificate_page(report).encode(), PRINT: certificate_pdf(report)}
+
+
+def write_certificate(
+    folder: ResultFolder, report: Report, record: Mapping[str, Any], details: CertificateDetails
+) -> None:
+    """Stage the certificate of a record, as a page and as a PDF."""
+    for name, data in certificate_files(report, record, details).items():
+        folder.write(name, data)
 
 
 def _printed(block: Block) -> Iterator[Any]:
@@ -78,6 +103,14 @@ def _printed(block: Block) -> Iterator[Any]:
         yield _paragraph(block.text, SMALL)
     elif isinstance(block, Items):
         yield from (_paragraph(f"- {one}", SMALL) for one in block.texts)
+    elif isinstance(block, PrintedPicture):
+        columns, rows = ImageReader(io.BytesIO(block.data)).getSize()
+        width = block.width_mm * mm
+        image = Image(io.BytesIO(block.data), width, width * rows / columns, hAlign="LEFT")
+        caption = [_paragraph(block.caption, SMALL)] if block.caption else []
+        beside = caption and block.width_mm < SMALL_MM
+        yield from [PrintedTable([[image, *caption]], (width + 3 * mm, WIDTH - width - 3 * mm), style=BESIDE)
+                    ] if beside else [image, *caption]  # fmt: skip
     elif isinstance(block, str):
         yield _paragraph(block, PLAIN)
     elif isinstance(block, Table) and block.rows:

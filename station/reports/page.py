@@ -91,7 +91,27 @@ class Figures:
     kind: ClassVar[str] = "figures"
 
 
-Block = Text | Markup | Markup | Note | Heading | Items | KeyNumbers | Table | Figures
+SMALL_MM = 60
+"""Narrower pictures have their caption beside them."""
+
+
+@dataclass(frozen=True)
+class PrintedPicture:
+    """A PNG or JPEG image, `width_mm` wide in print, with its caption: below, or beside a small one."""
+
+    data: bytes
+    caption: str
+    width_mm: float
+
+    def __html__(self) -> Markup:
+        """The image and its caption."""
+        kind = "jpeg" if self.data.startswith(b"\xff\xd8") else "png"
+        uri = f"data:image/{kind};base64,{base64.b64encode(self.data).decode()}"
+        return html('<figure class="{}"><img src="{}" alt="" style="width: {}mm"><figcaption>{}</figcaption></figure>',
+                    "beside" if self.width_mm < SMALL_MM else "", uri, self.width_mm, self.caption)  # fmt: skip
+
+
+Block = Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +11,10 @@ from procedures.outcome import Miss
 from procedures.raw import Exposure, RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
+from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.results.comparison import Comparison, Compliance
+from station.results.environment import condition_words
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay
@@ -63,6 +65,15 @@ class ReportShot:
     note: str = ""
 
 
+@dataclass(frozen=True)
+class DriftLine:
+    """The drift of one number over a session, in words: its name, per hour, per kelvin."""
+
+    name: str
+    per_hour: str
+    per_kelvin: str
+
+
 @dataclass(frozen=True, eq=False)
 class Report:
     """Contents of a page or a certificate.
@@ -80,6 +91,9 @@ class Report:
     files : the result's files, from the folder of the page
     method : publication or standard
     duration_s : processing time
+    drift : drift over the session
+    record : digest of the record, see `certificate.record_digest`
+    details : what a certificate states besides the measurement
     """
 
     subject: str
@@ -99,6 +113,9 @@ class Report:
     title: str = ""
     method: str = ""
     duration_s: float | None = None
+    drift: Sequence[DriftLine] = ()
+    record: str = ""
+    details: CertificateDetails = field(default_factory=CertificateDetails)
 
     @property
     def verdict(self) -> str:
@@ -159,7 +176,7 @@ def measurement_report(
         planes=measurement.planes,
         shots=[shot_of(one) for one in frames] or [ReportShot(one.path, one.sha256) for one in measurement.head.input],
         parameters=measurement.head.parameters,
-        conditions=exposure_lines(measurement.exposure),
+        conditions=[*exposure_lines(measurement.exposure), *environment_lines(measurement.head.environment)],
         specification=measurement.terms.specification.title,
         overlays=measurement.overlays,
         frames=frames,
@@ -169,6 +186,13 @@ def measurement_report(
         method=METHODS.get(procedure, method),
         duration_s=measurement.head.duration_s,
     )
+
+
+def environment_lines(environment: Mapping[str, Any] | None) -> Iterator[ReportLine]:
+    """One line for each quantity that a probe has measured."""
+    for probe, quantities in (environment or {}).items():
+        for name, entry in quantities.items():
+            yield ReportLine(printable(f"{name} ({probe})"), printable(condition_words(entry)))
 
 
 def _subject(measurement: Measurement, title: str) -> str:

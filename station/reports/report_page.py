@@ -37,6 +37,11 @@ from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
 Array = npt.NDArray[np.float64]
+DRIFT = (
+    "Slopes of straight lines through the photographs that were taken from one position, ± one standard uncertainty. "
+    "Time and temperature are compared one at a time: in a session in which the temperature only rises or falls, a "
+    "slope per kelvin includes whatever else changed with time."
+)
 UNJUDGED = "None was given: what the lens should be is not judged."
 
 
@@ -74,6 +79,9 @@ def report_page(
         for title, facts in lines
         if facts
     ]
+    if report.drift:
+        rows = [[one.name, one.per_hour, one.per_kelvin] for one in report.drift]
+        sections.append(Section("Drift over the session", [Table(rows, ["", "per hour", "per kelvin"]), Note(DRIFT)]))
     sections += [*closing, *exclusions("Excluded inputs", report.missed, "input"), _provenance(report)]
     if report.files:
         links = [html('<a href="{}"><code>{}</code></a>', one, one) for one in report.files]

@@ -62,7 +62,7 @@ def _card(name: str, value: object) -> str:
     elif isinstance(value, str):
         text = "'" + _plain(value).replace("'", "''").ljust(8) + "'"
     else:
-        text = f"{value!r:>20}"
+        text = f"{value!r:>20}".upper()  # the standard knows the exponents E and D, no small e
     return f"{name:<8}= {text}".ljust(CARD)[:CARD]
 
 

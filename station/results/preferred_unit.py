@@ -8,23 +8,20 @@ unit = "lp/mm"                  # station.toml, above its devices; or "cycles/pi
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from procedures.outcome import BadParameter
-from station.common.sanitise import printable
-from station.common.toml_table import TomlTable
+from station.common.models import ModelField, TableSource, fields_of, read_value
+from station.results.specification_file import SpecificationTable
 from station.results.units import Unit
 
 FILE = Path("station.toml")
 """The station's file of settings, in the working directory."""
+UNIT: ModelField = next(one for one in fields_of(SpecificationTable) if one.name == "unit")
 
 
-def unit_named(name: str, where: str) -> Unit:
-    """The unit of that name, in letters of any size. Raises BadParameter, saying where it stands."""
-    try:
-        return Unit(name.lower())
-    except ValueError as error:
-        reason = f"{where}: there is no unit {printable(name)!r}"
-        raise BadParameter(reason, f"use one of {', '.join(Unit)}") from error
+def unit_named(name: Any, source: TableSource) -> Unit:
+    """The unit of that name, in letters of any size. Raises BadParameter."""
+    return Unit(read_value(UNIT, name, source, ("unit",)))
 
 
 def preferred_unit(file: Path | None = None) -> Unit:
@@ -37,5 +34,5 @@ def preferred_unit(file: Path | None = None) -> Unit:
     """
     if file is None and not FILE.is_file():
         return Unit.CYCLES
-    path = file or FILE
-    return unit_named(TomlTable.read(path).get("unit", str, str(Unit.CYCLES)), f"{printable(path)}, unit")
+    content, source = TableSource.read(file or FILE)
+    return unit_named(content.get("unit", Unit.CYCLES), source)

@@ -33,7 +33,7 @@ MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
 RESULT_KEYS = ("result", "rig")
 """Entries of records with one result instead of planes."""
-OF_HEAD = ("specification", "batch", "field", "duration_s")
+OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "environment", "duration_s")
 NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
 PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
 """Entries of a plane that are attributes of its result."""
@@ -41,9 +41,7 @@ PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untol
 
 def read_result(folder: Path) -> Measurement:
     """The measurement in a folder, with the MTF and the samples of PSFs. Raises BadInput if it is damaged."""
-    record = parse_json(_own(folder / RECORD), str(folder / RECORD), _AGAIN)
-    if not isinstance(record, dict):
-        raise BadInput(f"{folder / RECORD} is no record of a result", _AGAIN)
+    record = read_record(folder)
     key = next((one for one in (BY_PLANE, *RESULT_KEYS) if one in record), BY_PLANE)
     entries = record.get(key, {}) if key == BY_PLANE else {key: record[key]}
     if BY_PLANE not in record and "verdict" in record:  # a refusal, or a record of an earlier version
@@ -59,6 +57,14 @@ def read_result(folder: Path) -> Measurement:
         missed=tuple(Miss(*(str(one.get(name, "")) for name in ("source", "reason", "remedy"))) for one in missed)
         if "left_out" in record else None,
     )  # fmt: skip
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The contents of the record in a folder. Raises BadInput if it is damaged."""
+    record = parse_json(_own(folder / RECORD), str(folder / RECORD), _AGAIN)
+    if not isinstance(record, dict):
+        raise BadInput(f"{folder / RECORD} is no record of a result", _AGAIN)
+    return record
 
 
 def find_results(sessions: Path) -> list[Path]:
@@ -116,10 +122,7 @@ def _quantity(value: object) -> Quantity | None:
 
 
 def _number(value: object) -> float:
-    try:
-        return float(value) if isinstance(value, int | float) else math.nan
-    except OverflowError:
-        return math.nan
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _samples(path: Path) -> Array:

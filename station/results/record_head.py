@@ -41,8 +41,12 @@ class RecordHead:
     ----------
     parameters : mapping
         By name, as JSON has them: each procedure has its own, and a record is read by versions that know other ones.
+    arguments, settings : sequence of str, mapping; or None
+        Paths and settings as given, by which the result can be computed again.
     specification, batch, field : mapping or None
         Entries of records that have them.
+    environment : mapping or None
+        Readings of the bench's probes during the photographs, by probe and quantity.
     duration_s : float or None
         How long it took; None where the same files have to come of it again.
     """
@@ -53,7 +57,10 @@ class RecordHead:
     specification: Mapping[str, Any] | None = None
     batch: Mapping[str, Any] | None = None
     field: Mapping[str, Any] | None = None
+    environment: Mapping[str, Any] | None = None
     duration_s: float | None = None
+    arguments: Sequence[str] | None = None
+    settings: Mapping[str, Any] | None = None
 
     def to_record(self) -> dict[str, Any]:
         """Its entries."""
@@ -61,9 +68,12 @@ class RecordHead:
             "procedure": self.procedure,
             "input": [asdict(one) for one in self.input],
             "parameters": dict(self.parameters),
+            "arguments": None if self.arguments is None else list(self.arguments),
+            "settings": None if self.settings is None else dict(self.settings),
             "specification": self.specification,
             "batch": self.batch,
             "field": self.field,
+            "environment": self.environment,
             "duration_s": self.duration_s,
         }
         return {name: value for name, value in entries.items() if value is not None}

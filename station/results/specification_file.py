@@ -18,21 +18,82 @@ place = "centre"                    # or "sides", "corners", "anywhere"
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
 
 from procedures.numbers import DIRECTIONS, FAMILIES, MTF
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.text import read_text
+from station.common.models import TableSource, one_of, read_model
 from station.common.sanitise import printable
-from station.common.toml_table import TomlTable
+from station.common.toml_lines import Path as KeyPath
 from station.results.limits import BOTH, Limit, Place, Specification, limited_numbers
 from station.results.units import Unit
 
 PLANES = (*MOSAIC_PLANES, GREY_PLANE)
+FrequencyValue = Annotated[float, Meta(ge=0)]
+UnitName = Annotated[str, one_of(lambda: Unit)]
+PlaneName = Annotated[str, one_of(lambda: PLANES)]
+DirectionName = Annotated[str, one_of(lambda: DIRECTIONS)]
+PlaceName = Annotated[str, one_of(lambda: Place)]
+NumberName = Annotated[str, one_of(limited_numbers)]
+WITHOUT_FREQUENCY = one_of(lambda: [one for one in limited_numbers() if one != MTF])
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitTable:
+    """Limit of the number that is its key."""
+
+    min: float = -math.inf
+    max: float = math.inf
+    at: FrequencyValue | None = None
+    planes: tuple[PlaneName, ...] = ()
+    directions: tuple[DirectionName, ...] = ()
+    place: PlaceName = Place.ANYWHERE
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedLimitTable(LimitTable):
+    """Limit of a number."""
+
+    number: NumberName
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpecificationTable:
+    """A specification, its own file or a part of a procedure file."""
+
+    title: str = ""
+    coverage: Annotated[float, Meta(ge=0, extra={"example": "2"})] = 2.0
+    unit: UnitName = Unit.CYCLES
+    limits: Annotated[dict[str, LimitTable], WITHOUT_FREQUENCY] = field(default_factory=dict)
+    limit: tuple[NumberedLimitTable, ...] = ()
+
+    def to_specification(self, source: TableSource) -> Specification:
+        """The limits. Raises BadParameter if one is inconsistent."""
+        short = self.limits.items()
+        rows: list[tuple[KeyPath, str, LimitTable]] = [(("limits", name), name, row) for name, row in short]
+        rows += [(("limit", n), row.number, row) for n, row in enumerate(self.limit)]
+        return Specification(tuple(self._limit(number, row, source, path) for path, number, row in rows), self.title)
+
+    def _limit(self, number: str, row: LimitTable, source: TableSource, path: KeyPath) -> Limit:
+        if not row.min <= row.max or (math.isinf(row.min) and math.isinf(row.max)):
+            source.refuse((*path, "min"), "and max must leave a range", "give min, max, or min below max")
+        if (number == MTF) is not (row.at is not None):
+            source.refuse((*path, "at"), f'is the frequency of number = "{MTF}"', "give it there, and nowhere else")
+        if row.directions and number not in FAMILIES:
+            remedy = "the name of this number gives its own"
+            source.refuse((*path, "directions"), f"go with {', '.join(FAMILIES)}", remedy)
+        return Limit(
+            number, row.min, row.max, self.coverage, row.planes, row.at, row.directions or BOTH, Place(row.place),
+            Unit(self.unit),
+        )  # fmt: skip
 
 
 def read_specification(path: Path) -> Specification:
@@ -41,7 +102,7 @@ def read_specification(path: Path) -> Specification:
     Raises
     ------
     BadParameter
-        If it cannot be read, has a key that is not known or a value that cannot be meant, or sets no limit.
+        If it cannot be read, has a key that is not known or a value that is not valid, or sets no limit.
     """
     return parse_specification(specification_text(path), str(path))
 
@@ -54,65 +115,11 @@ def specification_text(path: Path) -> str:
         raise BadParameter(printable(error.reason), error.remedy) from error
 
 
-def parse_specification(text: str, source: str) -> Specification:
-    """The specification in the text of a file, `source` its path. Raises BadParameter as `read_specification` does."""
-    table = TomlTable.parse(text, source)
-    specification = specification_in(table, Path(source).name)
-    table.end()
+def parse_specification(text: str, file: str) -> Specification:
+    """The specification in the text of a file. Raises BadParameter as `read_specification` does."""
+    content, source = TableSource.parse(text, file)
+    specification = read_model(SpecificationTable, content, source).to_specification(source)
     if not specification.limits:
-        raise BadParameter(f"{printable(source)} sets no limit", "write [[limit]] tables; station init shows them")
-    return Specification(specification.limits, specification.title, source, hashlib.sha256(text.encode()).hexdigest())
-
-
-def specification_in(table: TomlTable, title: str = "") -> Specification:
-    """The specification that a table holds, its own file or a part of a procedure. Raises BadParameter."""
-    coverage, unit = table.get("coverage", float, 2.0), _unit(table)
-    if not 0 <= coverage < math.inf:
-        raise table.wrong("coverage", f"must not be negative; it is {coverage:g}", "2 leaves 2.5 % on either side")
-    title = table.get("title", str, title)
-    short = table.table("limits").tables([one for one in limited_numbers() if one != MTF])
-    limits = [_limit(name, one, coverage, unit) for name, one in short.items()]
-    limits += [_limit(_number(one), one, coverage, unit) for one in table.list_of_tables("limit")]
-    return Specification(tuple(limits), title)
-
-
-def _unit(table: TomlTable) -> Unit:
-    name = table.get("unit", str, str(Unit.CYCLES))
-    try:
-        return Unit(name.lower())
-    except ValueError as error:
-        raise table.wrong("unit", f"is {printable(name)!r}", f"use one of {', '.join(Unit)}") from error
-
-
-def _number(table: TomlTable) -> str:
-    name = table.get("number", str, "")
-    if name not in (known := limited_numbers()):
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-        remedy = f"did you mean {' or '.join(near)}?" if near else "station manual numbers lists them"
-        raise table.wrong("number", f"is {printable(name)!r}, which is no number", remedy)
-    return name
-
-
-def _limit(name: str, table: TomlTable, coverage: float, unit: Unit) -> Limit:
-    least, most = table.get("min", float, -math.inf), table.get("max", float, math.inf)
-    planes, directions = _words(table, "planes", PLANES), _words(table, "directions", tuple(DIRECTIONS))
-    at = table.get("at", float, 0.0) if table.has("at") else None
-    place = _words(table, "place", tuple(Place))
-    table.end()
-    if not least <= most or (math.isinf(least) and math.isinf(most)):
-        raise table.wrong("min", "and max must leave a range", "give min, max, or min below max")
-    if (name == MTF) is not (at is not None) or (at is not None and not 0 <= at < math.inf):
-        raise table.wrong("at", f'is the frequency of number = "{MTF}"', "give it there, and nowhere else")
-    if directions and name not in FAMILIES:
-        raise table.wrong("directions", f"go with {', '.join(FAMILIES)}", "the name of this number says its own")
-    where = Place(place[0]) if place else Place.ANYWHERE
-    return Limit(name, least, most, coverage, planes, at, directions or BOTH, where, unit)
-
-
-def _words(table: TomlTable, key: str, known: tuple[str, ...]) -> tuple[str, ...]:
-    """A list of words, or one word, out of known ones."""
-    words = table.words(key) if isinstance(table.peek(key), list) else (table.get(key, str, ""),)
-    for word in words:
-        if word and word not in known:
-            raise table.wrong(key, f"has {printable(word)!r}", f"use one of {', '.join(known)}")
-    return tuple(word for word in words if word)
+        raise BadParameter(f"{printable(file)} sets no limit", "write [[limit]] tables; station init shows them")
+    title = specification.title or Path(file).name
+    return replace(specification, title=title, source=file, sha256=hashlib.sha256(text.encode()).hexdigest())

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import binascii
 import ipaddress
+import re
 import secrets
 import socket
 from http.cookies import CookieError, SimpleCookie
@@ -27,6 +28,11 @@ API = "/station/v1"
 STOP = "/stop"
 FREE = ("/", API + STOP)
 """Paths without token: the page, which shows nothing without it, and the stop."""
+ALPACA_STOPS = re.compile(r"/api/v1/[a-z]+/\d+/(halt|abortexposure|action)")
+"""Alpaca's members that can stop something; of its actions without token only the emergency stop is carried out."""
+RIGHTS = "station.rights"
+EVERYTHING, STOP_ONLY = "everything", "stop only"
+"""The rights of a request with the token, and without; kept in its scope."""
 SEALED = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 """The default policy of answers: reports and other files of sessions run no script, and are not
 pages of this server to a browser."""
@@ -74,7 +80,7 @@ def names_of(host: str) -> frozenset[str]:
 
 def answered_beyond_limits(path: str) -> bool:
     """Whether a path is the page or a stop, which are answered even with too many open connections."""
-    return path in FREE or path.rpartition("/")[2] in ("halt", "abortexposure", "action")
+    return path in FREE or ALPACA_STOPS.fullmatch(path) is not None
 
 
 class Gate:
@@ -105,10 +111,13 @@ class Gate:
         await (refusal or self._app)(scope, receive, sealed)
 
     def _refusal(self, scope: Scope) -> JSONResponse | None:
-        headers, free = Headers(scope=scope), scope["path"] in FREE
+        headers, path = Headers(scope=scope), scope["path"]
+        free = path in FREE or (scope["method"] == "PUT" and ALPACA_STOPS.fullmatch(path) is not None)
+        unknown = self._unknown(headers)
+        scope[RIGHTS] = EVERYTHING if unknown is None else STOP_ONLY
         if free and "origin" not in headers:
             return None
-        return self._foreign(headers) or (None if free else self._unknown(headers))
+        return self._foreign(headers) or (None if free else unknown)
 
     def _foreign(self, headers: Headers) -> JSONResponse | None:
         """Refuse requests of a browser for a page of another site, and names that are not this server's."""
@@ -126,13 +135,17 @@ class Gate:
         """Refuse requests without the token."""
         if self._token is None or any(secrets.compare_digest(self._token.encode(), t) for t in tokens_in(headers)):
             return None
-        given = "a wrong one was sent" if tokens_in(headers) else "none was sent"
-        return refused(
-            401,
-            f"the token is required; {given}",
-            "send `Authorization: Bearer TOKEN` with the token that `station serve` printed; Alpaca clients give it as "
-            "password: any:TOKEN@host:port",
-        )
+        return token_required("a wrong one was sent" if tokens_in(headers) else "none was sent")
+
+
+def token_required(given: str) -> JSONResponse:
+    """The answer to a request without the right token."""
+    return refused(
+        401,
+        f"the token is required; {given}",
+        "send `Authorization: Bearer TOKEN` with the token that `station serve` printed; Alpaca clients give it as "
+        "password: any:TOKEN@host:port",
+    )
 
 
 def refused(status: int, reason: str, remedy: str) -> JSONResponse:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any
@@ -31,6 +31,8 @@ class ServedBench:
         self.tenancy = Tenancy()
         self.picture = LatestPicture()
         self.runs = Runs(lab, self.tenancy, self.picture)
+        self.clients: Callable[[], list[dict[str, Any]]] = list
+        """The Alpaca clients with their rights, as records."""
         self._executors: list[ThreadPoolExecutor] = []
         self.stopper = self.threads(STOPPERS, "stop")
         """Threads for stops only: more than connections, so that no stop waits for another."""
@@ -59,6 +61,7 @@ class ServedBench:
         return {
             "devices": [_device(state) for state in self.states()],
             "tenant": self.tenancy.tenant,
+            "clients": self.clients(),
             "run": run_record(run) if run is not None else None,
             "picture": self.picture.number,
             "stops": self.bench.stops if self.bench is not None else 0,

@@ -9,7 +9,7 @@ from typing import Any
 
 from procedures.budget import with_frequencies
 from procedures.outcome import ProcedureError
-from station.common.sanitise import printable
+from station.common.models import TableSource
 from station.results.plane_result import PlaneResult, curves_of, numbers_of
 from station.results.preferred_unit import unit_named
 from station.results.specification_file import parse_specification, specification_text
@@ -38,7 +38,7 @@ def terms_of_session(folder: Path) -> Terms:
     """
     config, _ = read_config(folder)
     frozen_config = config.get("config", {})
-    unit = unit_named(str(frozen_config.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
+    unit = unit_named(frozen_config.get(UNIT, Unit.CYCLES), TableSource(places={UNIT: (f"{folder}, {UNIT}",)}))
     specification: Mapping[str, Any] = frozen_config.get(KEY, {})
     if not isinstance(specification, Mapping) or not isinstance(specification.get("text"), str):
         return USUAL if unit is Unit.CYCLES else Terms(unit)

@@ -321,11 +321,13 @@ def _blur(path: Path) -> None:
 
 
 def _geometry(path: Path) -> None:
-    """The poses of a geometry, with their covariance."""
+    """The views of a geometry, with their points."""
     views = [{"source": f"{n}.dng", "R": np.eye(3).tolist(), "t_mm": [0.0, 10.0 * n, 900.0]} for n in range(3)]
-    planes = {"Y": {"views": views, "chart": {"scale_uncertainty": 1e-4}}}
+    camera = {"model": "SIMPLE_RADIAL", "columns": 90, "rows": 60, "params": [100.0, 45.0, 30.0, 0.0]}
+    planes = {"Y": {"views": views, "camera": camera, "region": [[0, 0], [89, 0], [89, 59]]}}
     (path.parent / "result.json").write_text(json.dumps({"procedure": "geometry", "planes": planes}))
-    np.save(path.parent / "geometry_joint_covariance.npy", np.eye(20) * 1e-4)
+    np.save(path.parent / "geometry_nodes.npy", np.zeros((4, 3)))
+    np.save(path.parent / "geometry_points.npy", [[n, node, 5, 7, 0.1, 0, 0.1] for n in range(3) for node in range(4)])
 
 
 def _vignetting(path: Path) -> None:
@@ -517,7 +519,7 @@ READERS: dict[str, tuple[Callable[[Path], None], Callable[[Path], object]]] = {
     "journal.jsonl": (_session, _read_session),
     "journal.head": (_session, _read_session),
     "kernel_1.npy": (_kernel, _shape),
-    "geometry_joint_covariance.npy": (_geometry, lambda path: read_rig_camera(path.parent)),
+    "geometry_points.npy": (_geometry, lambda path: read_rig_camera(path.parent)),
     "vignetting_covariance.npy": (_vignetting, _lights),
     "shape.txt": (_text(SHAPE), _shape),
     "psf.txt": (_text(SHAPE), lambda path: _shape(path, 3)),

@@ -1,6 +1,6 @@
 """How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
 
-tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs | bins]... [--draws=N]
+tests/benchmarks/geometry.py [spread | spline | doubts | opencv | speed | photographs | bins]... [--draws=N]
 
 A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
@@ -21,7 +21,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
@@ -32,9 +31,6 @@ from simulated_views import (  # noqa: E402
     TrueCamera,
     apart,
     fixed_to_charts,
-    plan,
-    printed,
-    seen,
     take,
     true_poses,
 )
@@ -44,10 +40,8 @@ from procedures.geometry.cameras import MODELS  # noqa: E402
 from procedures.geometry.chart_bins.photographs import view_of  # noqa: E402
 from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.rig import estimate_rig, posed_charts  # noqa: E402
 from procedures.geometry.shape import estimated_node_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
-from procedures.geometry.views import Pose  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart  # noqa: E402
 from procedures.pattern_psf.correspondences import bin_centres  # noqa: E402
@@ -61,9 +55,6 @@ SHOOT = Shoot(print_mm=0.05, bend_mm=0.5)
 RICH, POOR = "RAD_TAN_THIN_PRISM_FISHEYE", "OPENCV"
 WAVY = replace(SHOOT, camera=TrueCamera(wave_px=0.3), every=2)
 PLAIN = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
-SECOND = TrueCamera((5180.0, 5186.0), (2990.0, 2004.0), radial=(-0.1, 0.05, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
-STANDS = Pose(Rotation.from_rotvec([0.02, 0.2, 0.01]).as_matrix(), np.array([-120.0, 3.0, 8.0]))
-"""How a rig's second camera stands to the first."""
 BLURRED = ((380, 0.1, 2.8), (380, 0.3, 5.6), (380, 1.0, 5.6), (380, 2.0, 5.6), (800, 0.3, 5.6), (800, 1.2, 8.0))
 """Of `bins`: a chart's width in pixels, standard deviation of a blur besides the lens's, f-number."""
 DISTANCES = (500.0, float("inf"))
@@ -118,36 +109,6 @@ def _spread(draws: int, model: str, shoot: Shoot) -> None:
         off = float(np.sqrt(np.mean(np.sum((np.array(moved[d]) - pixels) ** 2, axis=-1))))
         places += f"; error over stated {off / mean:.2f}"
         print(f"  at {d:g} mm: stated {mean:.5f} pixel, spread {wide:.5f}, ratio {mean / wide:.3f}; {places}")
-
-
-def rig(draws: int) -> None:
-    """Error over stated uncertainty of a second camera's pose, both calibrated from the same charts.
-
-    A print whose cells are said to be sure to nothing: what its own errors make of its scale is left.
-    """
-    shoot = replace(SHOOT, camera=PLAIN, every=3)
-    nodes, poses = plan(shoot), true_poses(shoot)
-    cameras = ((PLAIN, poses), (SECOND, [Pose(STANDS.R @ one.R, STANDS.R @ one.t + STANDS.t) for one in poses]))
-    along = STANDS.t / np.linalg.norm(STANDS.t)
-    axes = np.linalg.qr(np.column_stack([along, np.eye(3)[1:].T]))[0].T
-    pulls = []
-    for draw in range(draws):
-        rng = np.random.default_rng(100 + draw)
-        true_nodes, charts = printed(shoot, rng), []
-        for camera, stood in cameras:
-            views = seen(replace(shoot, camera=camera), stood, true_nodes, rng)
-            one = calibrate_geometry(views, camera.size, GeometryParameters(CELL_MM, 0.0, POOR), nodes).value
-            assert one is not None
-            charts.append(posed_charts(one))
-        found = estimate_rig(*charts).value
-        assert found is not None
-        turn = found.pose.R @ STANDS.R.T
-        error = np.stack([Rotation.from_matrix(turn).as_rotvec(), found.pose.t - turn @ STANDS.t])
-        stated = np.sqrt([np.diag(axes @ found.covariance[i : i + 3, i : i + 3] @ axes.T) for i in (0, 3)])
-        pulls.append(error @ axes.T / stated)
-    turn, shift = np.sqrt(np.mean(np.square(pulls), axis=0))
-    print(f"rig, {draws} draws, error over stated along the baseline and across: "
-          f"turn {turn.round(2)}, shift {shift.round(2)}", flush=True)  # fmt: skip
 
 
 def doubts(draws: int) -> None:
@@ -288,7 +249,6 @@ def main() -> None:
     parts = {
         "spread": spread,
         "spline": spline,
-        "rig": rig,
         "doubts": doubts,
         "opencv": opencv,
         "speed": speed,

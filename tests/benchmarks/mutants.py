@@ -3,10 +3,13 @@
     python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
-into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code is invisible
-to coverage: in a file with compiled loops, lines without a test of their own are tried with all tests of that file. A
-mutant whose tests take more than ten times as long as before counts as killed. Printed are the share killed with its
-95 % interval (Clopper-Pearson) and the survivors as a difference.
+into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
+processes are invisible to coverage: a line without a test is tried with the tests of its file, and every line with the
+tests of its file's name. A mutant is killed too if a test takes more than ten times as long as before. Printed are the
+share killed with its 95 % interval (Clopper-Pearson), the survivors as a difference, and what was too slow.
+
+With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
+survived and whose rows still stand.
 
 Needs coverage (`pip install coverage`).
 """
@@ -15,17 +18,24 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import copy
+import difflib
+import hashlib
+import importlib
 import json
 import os
 import random
+import resource
+import select
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +43,12 @@ from scipy.stats import beta
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("station", "drivers", "procedures", "simulators", "tests", "pyproject.toml", "README.md", "CHANGELOG.md")
+PRELOADED = (
+    "cv2", "h5py", "hypothesis", "matplotlib.pyplot", "msgspec", "numba", "pytest", "rawpy", "scipy.ndimage",
+    "scipy.optimize", "scipy.signal", "textual.app",
+)  # fmt: skip
+"""Loaded once; every mutant's tests run in a fork."""
+PROCEDURE = ("base", "optics", "registry", "schema", "settings")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
@@ -43,10 +59,29 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "sessions": (("station/sessions",), ("tests/station/sessions",)),
     "batch": (("station/batch",), ("tests/station/batch",)),
     "stop path": (
-        ("station/common/stop_signals.py", "station/bench", "drivers/transport.py", "drivers/grbl.py"),
-        ("tests/station/common", "tests/station/bench", "tests/drivers", "tests/conformance"),
+        (
+            "station/common/stop_signals.py",
+            "station/bench/stopping.py",
+            "station/bench/stage_watch.py",
+            "station/bench/motions.py",
+            "drivers/transport.py",
+            "drivers/grbl.py",
+            "drivers/grbl_envelope.py",
+            "drivers/homing_state.py",
+            "drivers/move_checks.py",
+            "drivers/watchdog.py",
+            "drivers/zaber.py",
+        ),
+        ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
-    "measurement": (("station/results", "station/procedure"), ("tests/station/results", "tests/station/procedure")),
+    "measurement": (
+        ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
+        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py"),
+    ),
+    "corruption": (
+        ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
+        ("tests/procedures/corruption", "tests/procedures/slanted_edge"),
+    ),
 }
 """Area -> its sources and its tests."""
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
@@ -56,10 +91,13 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.And: ast.Or, ast.Or: ast.And, ast.LShift: ast.RShift,
     ast.Break: ast.Continue, ast.Continue: ast.Break,
 }  # fmt: skip
+USES_LOOPS = b"numerics.compiled import"
 SLOWER = 10.0
-GRACE_S = 30.0
-MOST_TESTS_S = 240.0
-"""Tests of one mutant take at most this long by the times of the first run; further ones are not tried."""
+GRACE_S = 20.0
+MOST_TESTS_S = 25.0
+"""Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
+AGAIN = 2
+"""As many times longer for a mutant that is tried again, then also tests that do not execute its line themselves."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +142,10 @@ def _changes(node: ast.AST) -> Iterator[tuple[Any, str]]:
 def _stays(node: ast.AST) -> bool:
     if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
         return True
+    if isinstance(node, ast.FunctionDef) and node.name in ("__repr__", "__str__"):
+        return True
+    if isinstance(node, ast.Expr) and "log" in ast.unparse(node.value).split("(")[0].lower():
+        return True
     return isinstance(node, (ast.JoinedStr, ast.Raise, ast.Import, ast.ImportFrom, ast.Global, ast.Assert))
 
 
@@ -140,18 +182,14 @@ def _own_changes(node: Any) -> Iterator[tuple[Any, str]]:
 
 
 class Recorder:
-    """Plugin of pytest: which test executes which line of the sources, and how long it takes."""
+    """Plugin of pytest: which test executes which line of the sources, and its seconds of processor, at least 10 ms."""
 
-    def __init__(self, sources: Sequence[str], out: Path) -> None:
+    def __init__(self, sources: Sequence[str]) -> None:
         import coverage
 
-        self.coverage = coverage.Coverage(
-            data_file=None,
-            source=None,
-            include=[f"{s}{end}" for s in sources for end in ("", "/**")],
-            config_file=False,
-        )
-        self.out, self.seconds, self.failed = out, dict[str, float](), list[str]()
+        include = [f"{source}{end}" for source in sources for end in ("", "/**")]
+        self.coverage = coverage.Coverage(data_file=None, source=None, include=include, config_file=False)
+        self.begin_s, self.seconds, self.failed, self.lines = 0.0, dict[str, float](), list[str](), dict[str, Any]()
 
     def pytest_sessionstart(self) -> None:
         self.coverage.start()
@@ -159,82 +197,224 @@ class Recorder:
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.coverage.switch_context(nodeid)
+        self.begin_s = _processor_s()
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        self.seconds[nodeid] = max(_processor_s() - self.begin_s, 0.01)
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             self.failed.append(report.nodeid)
 
     def pytest_sessionfinish(self) -> None:
         self.coverage.stop()
-        data, lines = self.coverage.get_data(), {}
+        data = self.coverage.get_data()
         for file in data.measured_files():
-            name = Path(file).relative_to(Path.cwd()).as_posix()
-            lines[name] = data.contexts_by_lineno(file)
-        self.out.write_text(json.dumps({"seconds": self.seconds, "lines": lines, "failed": self.failed}))
+            self.lines[Path(file).relative_to(Path.cwd()).as_posix()] = data.contexts_by_lineno(file)
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of the programs that it has waited for."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+class Announcer:
+    """Plugin of pytest: writes the name of each test that begins into a pipe."""
+
+    def __init__(self, pipe: int) -> None:
+        self.pipe = pipe
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        os.write(self.pipe, f"{nodeid}\n".encode())
 
 
 class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
     def __init__(self, name: str, folder: Path) -> None:
-        sources, self.tests = AREAS[name]
-        self.name, self.folder = name, folder
-        self.files = sorted(
-            path.relative_to(folder).as_posix()
-            for source in sources
-            for path in ([folder / source] if source.endswith(".py") else (folder / source).rglob("*.py"))
-        )
-        self.environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1",
-                            "STATION_SHARED_DATA": str(ROOT.parent / "shared" / "data")}  # fmt: skip
-        out = folder / "recorded.json"
-        words = [sys.executable, str(Path(__file__).resolve()), "--record", str(out), *sources, "--", *self.tests]
-        subprocess.run(words, cwd=folder, env=self.environment, check=False, stdout=subprocess.DEVNULL)
-        record = json.loads(out.read_text())
-        if record["failed"]:
-            print(f"{name}: fail without a mutant, and are not used: {', '.join(record['failed'])}")
-        self.seconds: dict[str, float] = {t: s for t, s in record["seconds"].items() if t not in record["failed"]}
+        self.name, self.folder, self.again = name, folder, False
+        self.too_slow: list[Mutant] = []
+        self.sources, self.tests = AREAS[name]
+        self.files = _files_of(folder, self.sources, "*.py")
+        kept = folder / f"{name}-record.json"
+        record: dict[str, Any] = {"digests": {}, "seconds": {}, "lines": {}, "sources": {}}
+        if kept.exists():
+            record |= json.loads(kept.read_text())
+        self.seconds: dict[str, float] = record["seconds"]
         self.lines: dict[str, dict[str, list[str]]] = record["lines"]
+        sources = {file: (folder / file).read_text() for file in self.files}
+        for file in {*sources, *record["sources"]}:
+            row_of = moved_rows(record["sources"].get(file, ""), sources.get(file, ""))
+            before = self.lines.get(file, {})
+            self.lines[file] = {str(new): before[str(old)] for old, new in row_of.items() if str(old) in before}
+        record["digests"] = self._recorded(record["digests"])
+        kept.write_text(json.dumps({**record, "seconds": self.seconds, "lines": self.lines, "sources": sources}))
+
+    def _recorded(self, before: dict[str, str]) -> dict[str, str]:
+        """Run the files of tests that changed, and keep what each test executes: digests of the files."""
+        files = _files_of(self.folder, self.tests, "test_*.py")
+        now = {file: hashlib.sha256((self.folder / file).read_bytes()).hexdigest() for file in files}
+        changed = [file for file in files if now[file] != before.get(file)]
+        if not changed:
+            return now
+
+        def old(test: str) -> bool:
+            return test.partition("::")[0] in changed or test.partition("::")[0] not in now
+
+        self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
+        out = self.folder / "recording.json"
+        _wait(self._fork(lambda: _record(self.sources, changed, out), self.folder / "recording.log"))
+        new = json.loads(out.read_text())
+        if new["failed"]:
+            print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
+        self.seconds |= {test: s for test, s in new["seconds"].items() if test not in new["failed"]}
+        for file in {*self.lines, *new["lines"]}:
+            rows, more = self.lines.setdefault(file, {}), new["lines"].get(file, {})
+            for row in {*rows, *more}:
+                rows[row] = [test for test in rows.get(row, []) if not old(test)] + more.get(row, [])
+        return now
+
+    def _fork(self, run: Callable[[], int], log: Path) -> int:
+        """Fork a process group that runs this in the copy: its id."""
+        child = os.fork()
+        if child:
+            return child
+        code = 70
+        try:
+            os.setsid()
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            os.chdir(self.folder)
+            with log.open("wb") as file:
+                os.dup2(file.fileno(), 1)
+                os.dup2(file.fileno(), 2)
+            os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1",
+                           "NUMBA_CACHE_DIR": str(self.folder / "compiled"),
+                           "STATION_SHARED_DATA": str(ROOT.parent / "shared" / "data")}  # fmt: skip
+            sys.dont_write_bytecode = True
+            sys.path[:] = [str(self.folder), *(one for one in sys.path if not Path(one).is_relative_to(ROOT))]
+            code = run()
+        except Exception:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
 
     def mutants(self, count: int, rng: random.Random) -> list[Mutant]:
-        """Random mutants, each line alike."""
+        """Random mutants, each as likely as another."""
         all_of = [m for file in self.files for m in mutants_of(file, (self.folder / file).read_bytes())]
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, the fastest first; all of the area where it runs only at import."""
+        """The tests that execute its line, or its file where none does, and those of its name; the fastest first."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
-        compiled = "compiled" in (self.folder / mutant.file).read_text()
-        if not tests and ("imports" in lines.get(str(mutant.line), []) or compiled):
-            tests = {t for line in lines.values() for t in line if t in self.seconds} or set(self.seconds)
-        ordered, chosen, total_s = sorted(tests, key=lambda t: self.seconds[t]), [], 0.0
-        for test in ordered:
+        tests = tests or {test for line in lines.values() for test in line if test in self.seconds}
+        named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
+        tests |= {test for test in self.seconds if named in test}
+        chosen, total_s = [], 0.0
+        all_of = self.seconds if self.again or not tests else tests
+        for test in sorted(all_of, key=lambda test: (test not in tests, self.seconds[test])):
             total_s += self.seconds[test]
-            if chosen and total_s > MOST_TESTS_S:
+            if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
                 break
             chosen.append(test)
         return chosen
 
     def killed(self, mutant: Mutant) -> bool:
         """Whether a test fails, or takes far longer, with the mutant in place."""
-        tests = self.tests_of(mutant)
-        if not tests:
-            return False
         file = self.folder / mutant.file
-        original = file.read_bytes()
+        original, status = file.read_bytes(), file.stat()
+        has_loops = USES_LOOPS in original
         file.write_bytes(mutant.apply(original))
-        (self.folder / "chosen.txt").write_text("\n".join(tests))
-        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:randomly", "-p", "no:cacheprovider", "-n", "0",
-                 "--nightly", "@chosen.txt"]  # fmt: skip
-        limit_s = SLOWER * sum(self.seconds[t] for t in tests) + GRACE_S
+        (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
+        listen, announce = os.pipe()
+        words = ["-x", "--nightly", "@chosen.txt"]
+        child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
+        os.close(announce)
         try:
-            done = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            return True
+            # a test may have to make what another one made in the first run
+            if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
+                self.too_slow.append(mutant)
+                return True
+            return _wait(child) != 0
         finally:
+            _end(child)
+            os.close(listen)
             file.write_bytes(original)
-        return done.returncode != 0
+            os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+    def _in_time(self, announcements: int, grace_s: float) -> bool:
+        """Follow the tests until the pipe is closed: whether none took too long."""
+        limit_s = 6 * GRACE_S  # tests are collected
+        while select.select([announcements], [], [], limit_s)[0]:
+            names = os.read(announcements, 1 << 16).decode().split("\n")[:-1]
+            if not names:
+                return True
+            limit_s = SLOWER * self.seconds.get(names[-1], 1.0) + grace_s
+        return False
+
+
+def moved_rows(old: str, new: str) -> dict[int, int]:
+    """Number of a row in the old text -> its number in the new one, of rows that are the same; from 1 on."""
+    blocks = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False).get_matching_blocks()
+    return {block.a + i + 1: block.b + i + 1 for block in blocks for i in range(block.size)}
+
+
+def moved(mutant: Mutant, old: str, new: str) -> Mutant | None:
+    """A mutant of the old text in the new one; None where its rows are gone."""
+    row_of = moved_rows(old, new)
+    last = mutant.line + old.encode()[mutant.start : mutant.end].count(b"\n")
+    rows = [row_of[row] for row in range(mutant.line, last + 1) if row in row_of]
+    if len(rows) <= last - mutant.line:
+        return None
+    before, after = (text.encode().splitlines(keepends=True) for text in (old, new))
+    by = sum(map(len, after[: rows[0] - 1])) - sum(map(len, before[: mutant.line - 1]))
+    return replace(mutant, line=rows[0], start=mutant.start + by, end=mutant.end + by)
+
+
+def copy_checkout(folder: Path) -> None:
+    """Copy sources and tests."""
+    for one in COPIED:
+        path = ROOT / one
+        shutil.rmtree(folder / one, ignore_errors=True)
+        (shutil.copytree if path.is_dir() else shutil.copy2)(path, folder / one)
+
+
+def _files_of(folder: Path, places: Sequence[str], pattern: str) -> list[str]:
+    """The files at or below these places, relative to a folder."""
+    found = [p for one in places for p in ([folder / one] if one.endswith(".py") else (folder / one).rglob(pattern))]
+    return sorted(path.relative_to(folder).as_posix() for path in found)
+
+
+def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> int:
+    """Run tests; loops compiled before are taken again if nothing changed in them."""
+    import pytest
+
+    if same_loops:
+        compiled = importlib.import_module("procedures.numerics.compiled")
+        compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
+    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
+    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
+
+
+def _record(sources: Sequence[str], tests: Sequence[str], out: Path) -> int:
+    """Run tests and write which of them executes which line."""
+    recorder = Recorder(sources)
+    code = _pytest(tests, recorder)
+    out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
+    return code
+
+
+def _wait(child: int) -> int:
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def _end(child: int) -> None:
+    """End what is left of a child's group."""
+    for end in (lambda: os.killpg(child, signal.SIGKILL), lambda: os.waitpid(child, 0)):
+        with contextlib.suppress(ProcessLookupError, ChildProcessError):
+            end()
 
 
 def described(mutant: Mutant, folder: Path) -> str:
@@ -247,49 +427,55 @@ def described(mutant: Mutant, folder: Path) -> str:
     return f"{mutant.file}:{mutant.line}\n    - {before.strip()}\n    + {after.strip()}"
 
 
-def tried(name: str, count: int, seed: int, folder: Path) -> tuple[int, int]:
-    """Try random mutants of an area and print what survives: number killed, number tried."""
+def tried(name: str, count: int, seed: int, folder: Path) -> None:
+    """Try random mutants of an area, or those that survived in a kept folder, and print what survives."""
     begin = time.monotonic()
     area = Area(name, folder)
-    mutants = area.mutants(count, random.Random(f"{seed} {name}"))
-    survivors = [one for one in mutants if not area.killed(one)]
-    total, dead = len(mutants), len(mutants) - len(survivors)
+    kept = folder / f"{name}-mutants.json"
+    if kept.exists():
+        state = json.loads(kept.read_text())
+        all_of = [Mutant(**one) for one in state["survivors"]]
+        texts = {file: (folder / file).read_text() if file in area.files else "" for file in state["sources"]}
+        now = [moved(one, state["sources"][one.file], texts[one.file]) for one in all_of]
+        mutants = [one for one in now if one is not None]
+        total = state["total"] - len(all_of) + len(mutants)
+        area.again = True
+    else:
+        mutants = area.mutants(count, random.Random(f"{seed} {name}"))
+        total = len(mutants)
+    survivors = []
+    for one in mutants:
+        if not area.killed(one):
+            survivors.append(one)
+            print(f"  {described(one, folder)}\n    {len(area.tests_of(one))} tests", flush=True)
+    for one in area.too_slow:
+        print(f"  too slow: {described(one, folder)}")
+    sources = {one.file: (folder / one.file).read_text() for one in survivors}
+    kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors], "sources": sources}))
+    dead = total - len(survivors)
     low = beta.ppf(0.025, dead, total - dead + 1) if dead else 0.0
     high = beta.ppf(0.975, dead + 1, total - dead) if dead < total else 1.0
     print(f"{name}: {dead} of {total} killed ({dead / total:.0%}, 95 % interval {low:.0%} to {high:.0%}),"
-          f" {len(area.seconds)} tests, {time.monotonic() - begin:.0f} s")  # fmt: skip
-    for one in survivors:
-        tests = len(area.tests_of(one))
-        print(
-            f"  {described(one, folder)}\n    {f'{tests} tests execute it' if tests else 'no test executes it'}",
-            flush=True,
-        )
-    return dead, total
-
-
-def record(out: Path, sources: Sequence[str], tests: Sequence[str]) -> int:
-    """Run tests and write which of them executes which line."""
-    import pytest
-
-    return pytest.main(["-q", "-n", "0", "-p", "no:randomly", *tests], plugins=[Recorder(sources, out)])
+          f" {len(area.seconds)} tests, {time.monotonic() - begin:.0f} s", flush=True)  # fmt: skip
 
 
 def main() -> int:
     """Read the command line and try the mutants."""
-    if sys.argv[1:2] == ["--record"]:
-        split = sys.argv.index("--")
-        return record(Path(sys.argv[2]), sys.argv[3:split], sys.argv[split + 1 :])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("areas", nargs="*", metavar="AREA", help=", ".join(AREAS))
     parser.add_argument("--count", type=int, default=25)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copies, records and survivors; by default none")
     options = parser.parse_args()
-    for name in options.areas or AREAS:
-        with tempfile.TemporaryDirectory() as folder:
-            for one in COPIED:
-                path = ROOT / one
-                (shutil.copytree if path.is_dir() else shutil.copy2)(path, Path(folder) / one)
-            tried(name, options.count, options.seed, Path(folder))
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # no mutant stays in a kept copy
+    for module in PRELOADED:
+        __import__(module)
+    with tempfile.TemporaryDirectory() as passing:
+        folder = (options.keep or Path(passing)).resolve()
+        copy_checkout(folder)
+        for name in options.areas or AREAS:
+            tried(name, options.count, options.seed, folder)
     return 0
 
 

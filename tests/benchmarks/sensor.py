@@ -1,12 +1,14 @@
 """How right a sensor's numbers are: every truth against its 95 % interval, coverage over many sets, the peer, speed.
 
-python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [speed]
+python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [speed] [published FOLDER]
 
 truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-, DSNU 1.5 DN, PRNU 0.5 %, two sinusoids,
           200 outliers, a response that bends by 1 %
 coverage  small sets of the same kind, 64 x 64 pixels: how often intervals hold the truth
 speed     levels and stacks of 24 megapixels, per picture
-Agreement with the published program is tested in tests/procedures/sensor/test_peer.py.
+published a clone of the public repository EMVA1288/datasets: every number against the published program, both with
+          the program's own level of saturation and with ours
+Agreement with the published program on its own simulated data is tested in tests/procedures/sensor/test_peer.py.
 """
 
 from __future__ import annotations
@@ -25,7 +27,10 @@ from procedures.sensor.estimate import characterise  # noqa: E402
 from procedures.sensor.levels import measure_level  # noqa: E402
 from procedures.sensor.stacks import StackSums  # noqa: E402
 from procedures.sensor.uniformity import spatial_variances  # noqa: E402
+from station.calibration.sensor import measure_sensor  # noqa: E402
+from station.calibration.sensor_folder import find_shots  # noqa: E402
 from tests.procedures.sensor.known_sensor import SHARES, KnownSensor  # noqa: E402
+from tests.procedures.sensor.peer import peer_numbers  # noqa: E402
 
 WAVES = {"row_wave": (0.8, 0.0731), "column_wave": (0.6, 0.2113)}
 
@@ -112,6 +117,20 @@ def speed() -> None:
     print(f"level of two pictures {min(level):.2f} s, a picture of a stack {min(stack):.2f} s")
 
 
+def published(folder: Path) -> None:
+    """Numbers of the public data sets, and the relative difference from the published program in per cent."""
+    for one in sorted(path.parent for path in folder.glob("*/EMVA1288_Data.txt")):
+        (plane,) = measure_sensor(find_shots(one), None).planes
+        result = plane.outcome.result()
+        saturation = result.transfer.saturation
+        peers = [peer_numbers(one / "EMVA1288_Data.txt", at) for at in (None, saturation)]
+        print(f"{one.name}: {plane.outcome.verdict} {plane.outcome.reason}")
+        for name, number in result.numbers.items():
+            if name in peers[0]:
+                own, same = (100 * (number.value / peer[name] - 1) for peer in peers)
+                print(f"{name:32s} {number.value:11.5g} +- {number.uncertainty:9.3g}: {own:+6.2f} {same:+6.2f} %")
+
+
 if __name__ == "__main__":
     words = sys.argv[1:] or ["truth", "coverage", "500", "speed"]
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, {platform.machine()}")
@@ -122,3 +141,5 @@ if __name__ == "__main__":
         coverage(int(words[at]) if at < len(words) and words[at].isdigit() else 500)
     if "speed" in words:
         speed()
+    if "published" in words:
+        published(Path(words[words.index("published") + 1]))

@@ -18,24 +18,33 @@ import pytest
 from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
 from drivers.frames import ExposureMetadata
+from drivers.gcs import GcsParser, GcsStage
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
-from drivers.imu import FastImu, WitImu
+from drivers.imu import FastImu, StrigImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
+from drivers.newport import Esp301Stage, NewportParser, Smc100Stage
+from drivers.polled_stage import PolledAxis
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
 from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.scpi import ProbeChannel, ScpiLight, ScpiParser, ScpiProbe, SupplySettings
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.thorlabs import AptParser, AptStage
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.gcs import GcsTwin
 from simulators.devices.grbl import GrblController
+from simulators.devices.newport import Esp301Twin, Smc100Twin
+from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, plug, unplug
+from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 
@@ -138,6 +147,20 @@ def _toy(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any
     return ToyStage(wire("stage", ToyParser), clock)
 
 
+def _polled(
+    stage: Callable[..., Any], parser: Any, twin: Callable[..., Any], **axis: Any
+) -> Callable[..., Any]:  # fmt: skip
+    """One axis of a polled stage, in the place of the bench's own."""
+
+    def make(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any:
+        if bench is not None:
+            bench.cables["stage"] = cable = Cable(twin({"x_mm": bench.world.axes["x_mm"]}), bench.clock)
+            plug(f"{bench.name}/stage", cable)
+        return stage(wire("stage", parser, baud=twin.baud), [PolledAxis("x_mm", **axis)], clock=clock)
+
+    return make
+
+
 def _variant(variant: str) -> Callable[..., GrblStage]:
     def make(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GrblStage:
         if bench is not None:
@@ -165,6 +188,13 @@ def _shaker(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> 
     return StrigShaker(box, [ShakerAxis("x_mm", 0, 2.0), ShakerAxis("y_mm", 1, 2.0)], clock=clock)
 
 
+def _box_imu(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> StrigImu:
+    """On the shutter's box."""
+    box = StrigShutter(wire("shutter", StrigParser), clock=clock)
+    box.connect()
+    return StrigImu(box, clock=clock)
+
+
 def _gphoto_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GphotoCamera:
     """The folder of the simulated body, seen through libgphoto2's own camera that browses folders."""
     pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
@@ -184,6 +214,10 @@ STAGES: dict[str, Callable[..., Any]] = {
     "FluidNC": _variant("FluidNC"),
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
     "tmcl": _tmcl,
+    "esp301": _polled(Esp301Stage, NewportParser, Esp301Twin),
+    "smc100": _polled(Smc100Stage, NewportParser, Smc100Twin),
+    "apt": _polled(AptStage, AptParser, AptTwin, scale=1 / 34304, travel=(0.0, 300.0)),
+    "gcs": _polled(GcsStage, GcsParser, GcsTwin, number="1"),
     "toy-stage": _toy,
 }
 GRBLS = {name: STAGES[name] for name in ("grbl", "grblHAL", "FluidNC")}
@@ -195,6 +229,8 @@ SHUTTERS: dict[str, Callable[..., Any]] = {
     "relay": lambda wire, clock, *_: RelayShutter(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
 IMUS: dict[str, Callable[..., Any]] = {
+    "strig_imu": _box_imu,
+    "strig_imu_host": _box_imu,
     "wit": lambda wire, clock, *_: WitImu(wire("imu", WitParser), clock=clock),
     "fast": lambda wire, clock, *_: FastImu(wire("fast_imu", FastParser), clock=clock),
 }
@@ -202,10 +238,26 @@ RANGEFINDERS: dict[str, Callable[..., Any]] = {
     "jrt": lambda wire, clock, *_: JrtRangefinder(wire("rangefinder", JrtParser, baud=19200), clock=clock),
     "bosch": lambda wire, clock, *_: BoschRangefinder(wire("bosch", BoschParser), clock=clock),
 }
+
+
+def _instrument(make: Callable[..., Any]) -> Callable[..., Any]:
+    """A SCPI instrument on the bench."""
+
+    def made(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any:
+        if bench is not None:
+            bench.cables["instrument"] = cable = Cable(ScpiTwin(bench.world), bench.clock)
+            plug(f"{bench.name}/instrument", cable)
+        return make(wire("instrument", ScpiParser, baud=9600), clock)
+
+    return made
+
+
 LIGHTS: dict[str, Callable[..., Any]] = {
+    "scpi_light": _instrument(lambda line, clock: ScpiLight(line, SupplySettings(full=2.0), clock=clock)),
     "dmx": lambda wire, clock, *_: DmxLight(wire("light", DmxParser), clock=clock),
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
+PROBES = {"scpi_probe": _instrument(lambda line, _: ScpiProbe(line, (ProbeChannel("temperature", "MEAS:TEMP?", 0.2),)))}
 CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera, "gphoto_camera": _gphoto_camera}
 SHAKERS: dict[str, Callable[..., Any]] = {"strig_shaker": _shaker, "strig_shaker_host": _shaker}
 KINDS = {
@@ -215,10 +267,11 @@ KINDS = {
     "rangefinder": RANGEFINDERS,
     "light": LIGHTS,
     "camera": CAMERAS,
+    "probe": PROBES,
 }
-ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
-"""All that have a line of their own; a shaker has its shutter's."""
-MAKERS = {**ALONE, **SHAKERS}
+ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items() if not name.startswith("strig_imu")}
+"""All that have a line of their own; a shaker, or an inertial unit on a box, has its shutter's."""
+MAKERS = {**ALONE, **IMUS, **SHAKERS}
 
 
 def _frame(opening: object) -> bytes:
@@ -334,6 +387,7 @@ shutter_rig = _fixture("shutter")
 imu_rig = _fixture("imu")
 rangefinder_rig = _fixture("rangefinder")
 light_rig = _fixture("light")
+probe_rig = _fixture("probe")
 camera_rig = _fixture("camera")
 shaker_rig = _fixture("shaker")
 device_rig = _fixture("device")

@@ -1,7 +1,8 @@
-"""Devices behind other people's software: Micro-Manager's demo devices, Aravis' fake camera, any Alpaca server."""
+"""Devices without a port: behind other people's software, at the kernel's boundary, or behind a program."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -21,8 +22,12 @@ from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
 from drivers.micromanager.shutter import MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
+from drivers.rpicam import RpicamCamera, RpicamSettings
+from drivers.v4l2.camera import V4l2Camera
+from simulators.devices.v4l2 import FakeCamera
 
 from ..aravis_fake import IGNORED, fake_camera, require_aravis
+from ..drivers.rpicam_twin import install_twin
 
 DEMO = """\
 Property,Core,Initialize,0
@@ -79,10 +84,27 @@ def _genicam(request: pytest.FixtureRequest, folder: Path) -> Iterator[GenicamCa
         yield camera
 
 
+@contextmanager
+def _v4l2(request: pytest.FixtureRequest, folder: Path) -> Iterator[V4l2Camera]:
+    with _left(V4l2Camera(_frames(folder), kernel=FakeCamera(period_s=1 / 200))) as camera:
+        yield camera
+
+
+@contextmanager
+def _rpicam(request: pytest.FixtureRequest, folder: Path) -> Iterator[RpicamCamera]:
+    if sys.platform == "win32":
+        pytest.skip("the twin is a shell script")
+    program = install_twin(folder.parent)
+    with _left(RpicamCamera(_frames(folder), settings=RpicamSettings(exposure_s=0.02), program=str(program))) as camera:
+        yield camera
+
+
 LABS: dict[str, Lab] = {
     "micromanager_stage": Lab("stage", _demo(lambda core, _: MicroManagerStage(core, TABLE, patience_s=20.0))),
     "micromanager_shutter": Lab("shutter", _demo(lambda core, _: MicroManagerShutter(core, "Door"))),
     "micromanager_camera": Lab("camera", _demo(lambda core, folder: MicroManagerCamera(core, "Cam", _frames(folder)))),
+    "v4l2_camera": Lab("camera", _v4l2, ()),
+    "rpicam_camera": Lab("camera", _rpicam, ()),
     "genicam_camera": Lab("camera", _genicam, (pytest.mark.slow, pytest.mark.filterwarnings(IGNORED))),
 }
 ALPACA: dict[str, Callable[[str, int, str, Path], Any]] = {

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import pytest
 
 from drivers.errors import FrameMissing, FrameWrong
 from drivers.interfaces import CameraSettings
+from station.bench.opening import inspect_raw
 
 
 @pytest.fixture
@@ -35,6 +37,14 @@ def test_ten_exposures_are_ten_different_files(camera):
     exposures = [camera.expose() for _ in range(10)]
     assert len({exposure.sha256 for exposure in exposures}) == 10
     assert len({exposure.path for exposure in exposures}) == 10
+
+
+def test_the_sensor_is_that_of_the_frames(camera):
+    first = camera.expose()
+    sensor = camera.sensor()
+    if sensor is None:
+        pytest.skip("the folder's files of this rig are no photographs")
+    assert inspect_raw(first.path).sensor in (sensor, replace(sensor, pixel_pitch_um=None))
 
 
 def test_settings_are_kept_and_checked(camera):

@@ -7,13 +7,15 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frames import ExposureMetadata
 from drivers.gphoto import BodyFile, GphotoCamera, read_choice
 from drivers.interfaces import CameraSettings, ShutterTimes
@@ -93,6 +95,19 @@ def test_a_frame_that_never_comes_is_an_error(camera):
     camera.emergency_stop()
     with pytest.raises(FrameMissing, match="set the body to RAW"):
         camera.expose()
+
+
+def test_a_stop_ends_the_wait_and_the_late_file_is_not_taken_for_the_next_one(camera, body):
+    camera._patience_s, writer = 20.0, camera._shutter
+    writer.data, data = b"", writer.data
+    threading.Timer(0.05, camera.emergency_stop).start()
+    begin_s = time.monotonic()
+    with pytest.raises(EmergencyStopped):
+        camera.expose()
+    assert time.monotonic() - begin_s < 10.0  # half of its patience
+    (body / "DSC_0001.NEF").write_bytes(b"the late one")
+    writer.data = data
+    assert camera.expose().path.name == "DSC_0002.NEF"
 
 
 def test_what_does_not_decode_is_an_error(camera):

@@ -87,7 +87,7 @@ def test_transcript_of_many_threads_is_whole(tmp_path):
 
 
 def test_a_deadline_without_reply_is_an_error_that_says_what_to_do(loop):
-    with pytest.raises(NoAnswer, match=r"6 bytes came .* check baud rate"):
+    with pytest.raises(NoAnswer, match=r": 6 bytes came .* check baud rate"):
         loop.request(b"hello\n", lambda event: None, 0.05)
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected
+from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected, WasReset
 from drivers.protocols.zaber import FLAGS, REJECTIONS, ZaberParser, checksum
 from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
@@ -135,10 +135,11 @@ def test_somebody_elses_move_is_noticed(homed, bench, chain):
     assert isinstance(moved, MoveFailed)
 
 
-def test_an_answer_without_checksum_is_not_trusted_once_they_are_on(homed, chain):
-    chain.devices[1].checksum = False
-    with pytest.raises(NoAnswer):
+def test_answers_without_checksum_once_they_are_on_are_those_of_a_device_that_was_reset(homed, chain):
+    chain.restart(homed.clock.now_s())
+    with pytest.raises(WasReset, match=r"device 1 at .* was switched off and on"):
         homed.position()
+    assert not homed.condition().usable
 
 
 def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
@@ -178,3 +179,25 @@ def test_every_rejection_has_a_name_and_a_remedy(reason):
 def test_an_unknown_axis_is_named_with_those_that_are(homed):
     with pytest.raises(BadConfiguration, match="axes are pan_deg, tilt_deg"):
         homed.move_to(roll_deg=1.0)
+
+
+def test_a_question_is_asked_three_times(homed, bench):
+    now_s = bench.clock.now_s()
+    bench.cables["head"].faults.silent = ((now_s, now_s + 60.0),)
+    before = len(sent(homed))
+    with pytest.raises(NoAnswer):
+        homed.position()
+    assert len(sent(homed)) == before + 3
+
+
+def test_a_stop_that_an_axis_refuses_is_sent_once_more_and_every_axis_gets_it(homed, monkeypatch):
+    orders = []
+
+    def refuse(device, axis, command, **options):
+        orders.append((device, command))
+        raise Rejected(f"device {device} refused", "look", "BADDATA")
+
+    monkeypatch.setattr(homed, "_send", refuse)
+    with pytest.raises(Rejected, match="device 1 refused"):
+        homed.stop()
+    assert orders == [(1, "stop")] * 2 + [(2, "stop")] * 2

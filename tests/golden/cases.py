@@ -34,8 +34,7 @@ from tests.procedures.correction.small_lens import SmallLens
 from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
-from tests.station.cli.test_rig import FIRST, in_second
-from tests.station.cli.test_rig import write as write_geometry_record
+from tests.station.cli.test_rig import write as write_rig_cameras
 from tests.station.manual.conftest import defocused, edge_levels, render_samples, six_charts
 
 Words = Sequence[object]
@@ -110,9 +109,8 @@ def geometry(folder: Path) -> None:
 
 
 def rig(folder: Path) -> Words:
-    """Two cameras by their records of geometry."""
-    first = write_geometry_record(folder / "left", FIRST)
-    return "rig", first, write_geometry_record(folder / "right", [in_second(one) for one in FIRST])
+    """Two cameras by their results of geometry."""
+    return "rig", *write_rig_cameras(folder)
 
 
 def sensor(folder: Path) -> Words:

@@ -9,8 +9,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-PASSING = ("duration_s", "seconds", "software", "seal", "sha256", "record_sha256")
-"""Entries of a record that say when, where and with what it was made."""
+PASSING = ("arguments", "settings", "duration_s", "seconds", "software", "seal", "sha256", "record_sha256")
+"""Entries of a record that say how, when, where and with what it was made."""
 PASSING_LINES = ("time taken", "calibration-station")
 RELATIVE, OF_UNCERTAINTY = 5e-4, 0.02
 """How far numbers may differ: other processors, and the compiled loops, add single-precision numbers in another order,

@@ -82,13 +82,14 @@ class RestorationParameters:
                 raise BadParameter(f"{name} must be positive, got {value}", "omit it to derive it from the noise")
 
 
-def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
+def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVEL_PX) -> float:
     """Standard deviation of the photographs' noise, from the residual of any common picture at any depth.
 
     Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
-    the levels is taken, and its lower quartile over the frame, where blur is constant and levels fit.
+    the levels, `step` pixels apart, is taken, and its lower quartile over the frame, where blur is constant and levels
+    fit.
     """
-    levels = initial_depth.levels_of(stacks)
+    levels = initial_depth.levels_of(stacks, step)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 

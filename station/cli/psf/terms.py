@@ -14,14 +14,35 @@ from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import UNITS
 
 if TYPE_CHECKING:
+    from station.reports.certificate_details import CertificateDetails
     from station.results.terms import Terms
     from station.results.units import Unit
 
 Command = Callable[..., Any]
 
-certificate_option = click.option(
-    "--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too: one printed page."
-)
+DETAILS = click.option(
+    "--certificate-details", type=click.Path(path_type=Path), metavar="FILE",
+    help="Laboratory, customer, serial numbers and dates of the certificate, in TOML; includes --certificate."
+    "  [default: certificate.toml where there is one]",
+)  # fmt: skip
+
+
+def certificate_options(command: Command) -> Command:
+    """Add --certificate and --certificate-details to a command."""
+    flag = click.option("--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too.")
+    return flag(DETAILS(command))
+
+
+def details_of(options: dict[str, Any]) -> CertificateDetails | None:
+    """Details of the requested certificate; None without one. Raises BadParameter."""
+    path = options.get("certificate_details")
+    if not (options.get("certificate") or path):
+        return None
+    from station.reports.certificate_details import CertificateDetails
+
+    return CertificateDetails.read(path)
+
+
 overlay_option = click.option(
     "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
     help="Draw the MTF of this result or session over the page's too; as often as wanted.",

@@ -18,12 +18,10 @@ from procedures.quality import Diffraction
 from simulators.camera.optics import WAVELENGTHS_UM
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import ClaimCheck, Row, RowValues, Setting, register
+from station.demo.reproduce.row import RowValues, Setting
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "camera")
 
 F = cameras.FREQUENCIES
 NYQUIST = int(np.argmin(abs(F - 0.5)))
@@ -57,19 +55,6 @@ def _error(estimate: PatternPsf, truth: Array) -> float:
     return float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
 
 
-@row(
-    place="Thesis, Figure 2.10",
-    checks=(
-        ClaimCheck("least MTF at Nyquist, f/3.2 to f/16", "significantly greater than zero", low=0.1),
-        ClaimCheck("MTF at Nyquist at f/32, over that", "only f/32 is not", high=0.5),
-        ClaimCheck("MTF at Nyquist at f/16, over the least of f/3.2 to f/12.9", "cut significantly more", high=0.9),
-        ClaimCheck("MTF at Nyquist at f/32, over the same", "cut significantly more", high=0.5),
-    ),
-    setup=(
-        "The thesis has curves without numbers. On this pitch diffraction lowers the MTF at Nyquist by 33 %, 41 %"
-        " and 87 % at f/12.9, f/16 and f/32."
-    ),
-)
 def apertures(setting: Setting) -> RowValues:
     """The PSF at five apertures: f/16 and f/32 cut high frequencies, the camera aliases at all but f/32."""
     estimates = {N: _at_aperture(N)[0] for N in APERTURES}
@@ -86,14 +71,6 @@ def apertures(setting: Setting) -> RowValues:
     )
 
 
-@row(
-    place="Thesis, Figure 2.12",
-    checks=(
-        ClaimCheck("greatest excess over diffraction", "under the ideal response", high=0.02),
-        ClaimCheck("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
-    ),
-    setup="Near zero both are 1; there the light outside the support raises the estimate by up to 2 %.",
-)
 def diffraction(setting: Setting) -> RowValues:
     """At f/5.6 the MTF is below that of diffraction alone, because of photosites and low-pass filter."""
     estimate, _ = _at_aperture(5.6)
@@ -115,19 +92,6 @@ def diffraction(setting: Setting) -> RowValues:
     return RowValues((float(excess.max()), float(excess[under & (quality.frequencies < 1)].max())), (figure,))
 
 
-@row(
-    place="Thesis, Figure 2.13",
-    checks=(
-        ClaimCheck("greatest imaginary part", "both curves coincide", high=0.02),
-        ClaimCheck(
-            "greatest distance of the phase from 0 or π where the MTF exceeds 5 %", "0 or π", high=0.2, unit="rad"
-        ),
-    ),
-    setup=(
-        "The photograph's noise gives the imaginary part a standard deviation of 0.3 %; a centre error of 0.005 pixel"
-        " adds 0.03 rad per cycle per pixel."
-    ),
-)
 def phase(setting: Setting) -> RowValues:
     """At f/5.6 in the middle of the frame the OTF is real: modulus and real part coincide, the phase is 0 or π."""
     estimate, _ = _at_aperture(5.6)
@@ -143,14 +107,6 @@ def phase(setting: Setting) -> RowValues:
     return RowValues((float(np.abs(otf.imag).max()), float(np.minimum(phase, np.pi - phase).max())), (figure,))
 
 
-@row(
-    place="Thesis, section 2.6; IPOL 2012, abstract",
-    checks=(
-        ClaimCheck("mean relative error", "2 to 5 %", high=0.05),
-        ClaimCheck("greatest relative error", "2 to 5 %", high=0.05),
-    ),
-    setup="Simulated photographs, known truth.",
-)
 def accuracy(setting: Setting) -> RowValues:
     """The relative error of the PSF is of the order of 2 to 5 %."""
     shots = [(N, seed) for N in (2.8, 4.0, 5.6, 8.0) for seed in range(5 if setting.full else 2)]
@@ -165,21 +121,6 @@ DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 """Frequencies at which photosites without a corner differ along the two diagonals."""
 
 
-@row(
-    place="Thesis, Figures 1.7 and 2.15",
-    checks=(
-        ClaimCheck("radius of 80 % energy, R over the larger green", "larger", low=1.005),
-        ClaimCheck("the same, R over B", "larger", low=1.005),
-        ClaimCheck("the same, G1 over G2", "alike", 0.98, 1.02),
-        ClaimCheck("difference of the diagonals' MTF, R over minus green's", "rotated from green", 0.0),
-        ClaimCheck("the same, B", "rotated from green", 0.0),
-    ),
-    setup=(
-        "Diffraction grows by 13 % from green to red and is a small part of the PSF at f/5.6. The thesis explains"
-        " the rotation by L-shaped photosites; the simulated sensor has them. Of the last two numbers the sign is"
-        " the claim."
-    ),
-)
 def planes(setting: Setting) -> RowValues:
     """PSFs of the four Bayer planes: red is larger, the MTFs of red and blue are rotated from green's."""
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
@@ -210,16 +151,6 @@ def _lean(h: Array) -> float:
     return float(np.mean(there - across))
 
 
-@row(
-    place="Thesis, Figures 1.4 and 2.16; IPOL 2012, section 5.2",
-    checks=(
-        ClaimCheck("radius of 80 % energy, edge over centre", "larger", low=1.05),
-        ClaimCheck("the same, corner over centre", "larger", low=1.05),
-        ClaimCheck("asymmetry, edge over centre", "more asymmetrical", low=1.5),
-        ClaimCheck("asymmetry, corner over centre", "more asymmetrical", low=1.5),
-    ),
-    setup="The thesis has no numbers, and the lens is simulated, with coma, astigmatism and a curved field.",
-)
 def places(setting: Setting) -> RowValues:
     """PSFs far from the middle of the frame are larger and more asymmetrical."""
     lens = {"coma_um": 0.10, "astigmatism_um": 0.10, "field_curvature_um": 0.06, "spherical_um": 0.02}
@@ -247,14 +178,6 @@ def _asymmetry(h: Array) -> float:
 # --- Figure 2.17: stability ---
 
 
-@row(
-    place="Thesis, Figure 2.17",
-    checks=(
-        ClaimCheck("relative sensitivity, whole spectrum", "does not exceed 0.08", high=0.08),
-        ClaimCheck("the same where the MTF is 5 % or more", "less than 3 %", high=0.03),
-    ),
-    setup="Simulated photographs: no vibration, refocusing or change of light between them, which lowers the scatter.",
-)
 def stability(setting: Setting) -> RowValues:
     """Thirteen photographs from similar viewpoints: mean of the MTF's standard deviation over mean of the MTF."""
     rng = np.random.default_rng(13)

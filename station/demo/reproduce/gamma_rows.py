@@ -11,17 +11,13 @@ import numpy.typing as npt
 from procedures.pattern_psf.gamma.amplification import gamma_bound
 from station.demo.reproduce import patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "gamma")
 
 S = 4
 SUPPORTS = (9, 17, 25, 33)
-JOSHI_PUBLISHED = ("99.44", "1133.05", "6445.87", "58419.08")
-BERNOULLI_PUBLISHED = ("0.19", "0.69", "1.54", "2.98")
-BOUND_PUBLISHED = ("0.10", "0.35", "0.70", "1.15")
+BERNOULLI_PUBLISHED = (0.19, 0.69, 1.54, 2.98)
 REGION = (53, 54)
 """Pixels of the noise region in Table 2.2, derived from its bounds: see `table_window`."""
 DISC_PX = 20.0
@@ -65,11 +61,6 @@ OTHERS: dict[str, patterns.Drawing] = {
 """Patterns made of step edges."""
 
 
-def _sized(name: str, published: tuple[str, ...]) -> tuple[ClaimCheck, ...]:
-    """A check for each support."""
-    return tuple(ClaimCheck.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
-
-
 def _table_order(values: tuple[float, ...]) -> bool:
     bounds, noise, joshi = (np.array(values[n : n + 4]) for n in (0, 4, 8))
     return bool(
@@ -83,22 +74,11 @@ def _table_order(values: tuple[float, ...]) -> bool:
 # --- Tables 1.1 and 2.2 ---
 
 
-@row(
-    place="Thesis, Tables 1.1 and 2.2",
-    checks=(
-        *_sized("bound", BOUND_PUBLISHED),
-        *_sized("noise pattern", BERNOULLI_PUBLISHED),
-        *_sized("Joshi et al.", JOSHI_PUBLISHED),
-    ),
-    order=Order(
+@ordered(
+    Order(
         "bound < noise pattern < a tenth of Joshi's γ, and the ratio of the two patterns grows with the support",
         _table_order,
-    ),
-    setup=(
-        "The table does not state its window and its s/t: the bounds give the window, and within s/t = 1 to 1.1 γ"
-        " changes by 3 %. The pattern of Joshi et al. is not published as data. A disc of arcs with a radius of 20"
-        " pixels replaces it; its γ varies by a factor of ten with the radius."
-    ),
+    )
 )
 def gamma_table(setting: Setting) -> RowValues:
     """γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4."""
@@ -116,7 +96,7 @@ def gamma_table(setting: Setting) -> RowValues:
         x="side of the PSF's support, samples",
         y="γ",
         log="y",
-        published=Curve("published noise pattern", SUPPORTS, [float(v) for v in BERNOULLI_PUBLISHED], "--"),
+        published=Curve("published noise pattern", SUPPORTS, BERNOULLI_PUBLISHED, "--"),
     )
     farther = _mean_gamma(17, table_window(17), range(1), 1.1)
     remark = f"γ is the sum of 1/σ². At s/t = 1.1 the noise pattern has {farther:.2f} for 17 × 17."
@@ -126,16 +106,6 @@ def gamma_table(setting: Setting) -> RowValues:
 # --- other patterns ---
 
 
-@row(
-    place="Thesis, sections 1 and 2.3.4",
-    checks=tuple(
-        ClaimCheck(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS
-    ),
-    setup=(
-        "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
-        " leave the problem ill-posed. Significantly larger is read as five times the variance."
-    ),
-)
 def gamma_patterns(setting: Setting) -> RowValues:
     """Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)."""
     r = 17
@@ -154,14 +124,6 @@ def gamma_patterns(setting: Setting) -> RowValues:
 WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 
 
-@row(
-    place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
-    checks=(
-        ClaimCheck("greatest relative difference", "extremely close", high=1e-3),
-        ClaimCheck("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
-    ),
-    setup="The difference is 3 / (M N), the bound 4 N / M: one part in 4 N² / 3.",
-)
 def bound_solved(setting: Setting) -> RowValues:
     """The bound of Lemma 3 and the exact solution of its constrained minimum."""
     N = 17 * 17
@@ -181,14 +143,6 @@ def bound_solved(setting: Setting) -> RowValues:
     return RowValues((float(np.max((solved - plain) / plain)), float(np.min(solved - plain))), (both, apart))
 
 
-@row(
-    place="Thesis, Proposition 1 and Figure 2.3",
-    checks=(
-        ClaimCheck("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
-        ClaimCheck("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
-    ),
-    setup="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
-)
 def bound_expected(setting: Setting) -> RowValues:
     """γ of the expected Bernoulli operator lies above the bound by 4 / M."""
     N = 17 * 17
@@ -206,18 +160,6 @@ def bound_expected(setting: Setting) -> RowValues:
     return RowValues((float(share.min()), float(share.max())), (figure,))
 
 
-@row(
-    place="Thesis, Figure 2.4",
-    checks=(
-        ClaimCheck("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
-        ClaimCheck("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
-        ClaimCheck("least γ over the bound of any", "never below it", low=1.0),
-    ),
-    setup=(
-        "Random matrices of M rows and N columns with independent entries have M / (M − N − 1) times the expected γ:"
-        " 1.03 for 17 × 17 and 1.12 for 33 × 33 in 100 × 100 pixels. Here neighbouring rows share entries."
-    ),
-)
 def bound_realised(setting: Setting) -> RowValues:
     """Random zeros and ones as samples approach the bound at finite windows and supports, s = 4."""
     """Random zeros and ones as samples, without cells and their low-pass filter."""
@@ -243,16 +185,6 @@ def bound_realised(setting: Setting) -> RowValues:
 CELLS_PER_SAMPLE = (0.4, 0.55, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 
 
-@row(
-    place="Thesis, section 2.3.3 and Figure 2.5 (b)",
-    checks=(
-        ClaimCheck("t/s with the least γ", "close to one", 0.7, 1.3),
-        ClaimCheck("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
-        ClaimCheck("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
-        ClaimCheck("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
-    ),
-    setup="The figure has a logarithmic scale of decades: close is read as a factor of three.",
-)
 def gamma_zoom(setting: Setting) -> RowValues:
     """γ over the zoom: near its least between 0.7 and 2, growing when the chart is seen from too near or too far."""
     r, window = 17, (60, 60)
@@ -294,18 +226,6 @@ def _whole_chart(r: int) -> tuple[Array, Array]:
     return ratios, np.array(gammas)
 
 
-@row(
-    place="Thesis, Figure 2.5 (a)",
-    checks=(
-        ClaimCheck("least step of γ from one support to the next", "grows", low=0.0),
-        ClaimCheck("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
-        ClaimCheck("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
-    ),
-    setup=(
-        "The low-pass filter of cells of one sample costs a factor of (2 ln 2)² = 1.92 in the mean over the band;"
-        " finite windows add M / (M − N − 1). The table's ratios are rounded to 5 %."
-    ),
-)
 def gamma_support(setting: Setting) -> RowValues:
     """γ of the noise pattern grows with the PSF's support, s/t = 1."""
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
@@ -326,17 +246,6 @@ def gamma_support(setting: Setting) -> RowValues:
 # --- Figure 2.7 ---
 
 
-@row(
-    place="Thesis, Figure 2.7",
-    checks=(
-        ClaimCheck("second over last eigenvalue, noise pattern", "very similar", high=40.0),
-        ClaimCheck("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
-    ),
-    setup=(
-        "Cells of one sample attenuate the band's corner by 1 / sinc(1/2)⁴ = 6.1 in power, and eigenvalues of random"
-        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in total, read as 40 because rows share samples."
-    ),
-)
 def eigenvalues(setting: Setting) -> RowValues:
     """Eigenvalues after the first are similar for the noise pattern and decay fast for Joshi's (81 × 81, 25 × 25)."""
     r, window = 25, (81, 81)

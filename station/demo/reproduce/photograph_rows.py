@@ -10,11 +10,9 @@ from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import read_frame
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import pictures
-from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "camera")
 
 F = cameras.FREQUENCIES
 PHOTOGRAPH = ("pattern_photo/img_example.pgm", "pattern_photo/pattern_noise.pgm")
@@ -27,16 +25,7 @@ def published(setting: Setting, *, k: int = 17, solver: str = "ls") -> PatternPs
     return cameras.estimated(read_frame(image).planes["Y"], Source.from_file(cells).chart, k=k, solver=solver)
 
 
-@row(
-    place="Thesis, Figure 2.18; IPOL 2012, section 5.3",
-    checks=(
-        ClaimCheck.at_most("energy of the difference over the PSF's", "0.001"),
-        ClaimCheck("greatest difference of the MTFs", "extremely close", high=0.05),
-    ),
-    order=Order("the difference has less than 1 % of the energy", lambda v: v[0] < 0.01 and v[1] < 0.1),
-    setup="The published photograph is not the figure's, and its noise differs.",
-    needs=PHOTOGRAPH,
-)
+@ordered(Order("the difference has less than 1 % of the energy", lambda v: v[0] < 0.01 and v[1] < 0.1))
 def nonnegative(setting: Setting) -> RowValues:
     """Non-negative and free least squares give the same PSF."""
     free, constrained = (published(setting, solver=solver).psf.h for solver in ("ls", "nnls"))
@@ -56,19 +45,6 @@ def nonnegative(setting: Setting) -> RowValues:
     return RowValues((ratio, float(apart.max())), figures)
 
 
-@row(
-    place="Thesis, Figure 2.19",
-    checks=(
-        ClaimCheck("greatest difference of MTF, 25 and 33 from 17", "very close to each other", high=0.06),
-        ClaimCheck("greatest difference of 9 from 17, over that", "hardly sufficient", low=1.0),
-    ),
-    setup=(
-        "As in the thesis, the MTF is that of the support. At 25 and 33 samples γ is 1.5 and 3.0: with the"
-        " photograph's noise of 1.3 % the MTFs scatter by 0.03, and 2 to 3 % of the light is outside 17 samples."
-        " Very close is read as 0.06."
-    ),
-    needs=PHOTOGRAPH,
-)
 def supports(setting: Setting) -> RowValues:
     """The PSF for supports of 9, 17, 25 and 33 samples: the last three similar, the first hardly sufficient."""
     estimates = {k: published(setting, k=k).psf.h for k in (9, 17, 25, 33)}
@@ -86,18 +62,6 @@ def _middle(h: Array) -> Array:
     return h[half - 4 : half + 5, half - 4 : half + 5]
 
 
-@row(
-    place="IPOL 2012, section 5, and its program's results",
-    checks=(
-        ClaimCheck("correlation, free least squares", "the program's own PSF", low=0.98),
-        ClaimCheck("correlation, non-negative", "the program's own PSF", low=0.98),
-    ),
-    setup=(
-        "The program registers by the marks alone and does not model ink spread, which causes errors that this program"
-        " does not share. A correlation of 0.98 is a relative difference of a fifth."
-    ),
-    needs=(*PHOTOGRAPH, *REFERENCES),
-)
 def published_photograph(setting: Setting) -> RowValues:
     """The PSF of the published photograph, compared with the published program's."""
     results = [np.loadtxt(setting.path(name)) for name in REFERENCES]

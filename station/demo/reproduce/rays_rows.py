@@ -21,15 +21,12 @@ from procedures.ray_histogram.filter import PAPER
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import checked_array, read_npz
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "rays")
 
 FILMS = {64: "rays/cornell_00064_f16.npz", 256: "rays/cornell_00256_f16.npz"}
 REFERENCE = "rays/cornell_reference.npz"
-NEEDS = (*FILMS.values(), REFERENCE)
 GAMMA = 2.2
 WIDE_PX = 6.0
 """Standard deviation of the low-pass filter that separates noise of low frequency, pixels: beyond the search block."""
@@ -66,43 +63,23 @@ def _shown(picture: npt.NDArray[np.floating]) -> Array:
 
 # --- the rendered picture, and the published program ---
 
-PUBLISHED = {
-    (256, 1.0, 1): "45.37",
-    (256, 1.0, 2): "45.55",
-    (256, 1.0, 3): "46.35",
-    (256, 0.8, 2): "45.78",
-    (256, 0.8, 3): "46.15",
-    (64, 1.0, 2): "41.36",
-    (64, 1.0, 3): "42.39",
-    (64, 0.8, 2): "41.97",
-    (64, 0.8, 3): "42.79",
-}
-"""(samples, kappa, scales): PSNR in dB, values clipped to 0..1, of the published program on these films."""
+CASES = (
+    (256, 1.0, 1), (256, 1.0, 2), (256, 1.0, 3), (256, 0.8, 2), (256, 0.8, 3),
+    (64, 1.0, 2), (64, 1.0, 3), (64, 0.8, 2), (64, 0.8, 3),
+)  # fmt: skip
+"""Samples, kappa and scales of the published program's answers."""
 
 
-@row(
-    place="Thesis, Figures 4.6 to 4.8, and the published program's answers",
-    checks=(
-        ClaimCheck.printed("as rendered, 256 samples", "32.7", "dB"),
-        *(
-            ClaimCheck.at_least(f"{n} samples, κ = {kappa:g}, scales: {scales}", value, "dB")
-            for (n, kappa, scales), value in PUBLISHED.items()
-        ),
-    ),
-    order=Order(
+@ordered(
+    Order(
         "the filter gains 10 dB or more, each further scale increases the PSNR, and so do more samples",
         lambda v: v[1] - v[0] > 10 and v[1] < v[2] < v[3] and v[4] < v[5] and v[6] < v[7] < v[3] and v[8] < v[9] < v[5],
-    ),
-    setup=(
-        "The rendered picture has 250 instead of 256 pixels a side. The paper leaves the rims, and which patches always"
-        " count, open; there the published program and this one differ."
-    ),
-    needs=NEEDS,
+    )
 )
 def rays_cornell(setting: Setting) -> RowValues:
     """PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does."""
     film, truth = _of(setting, 256)
-    ours = [_decibels(setting, *case) for case in PUBLISHED]
+    ours = [_decibels(setting, *case) for case in CASES]
     figure = pictures(
         "rays",
         [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
@@ -117,17 +94,7 @@ def rays_cornell(setting: Setting) -> RowValues:
 KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 
 
-@row(
-    place="Thesis, Figure 4.20",
-    checks=(
-        ClaimCheck("κ of the least error", "0.7 to 1.0", 0.7, 1.0),
-        ClaimCheck("error at κ = 0.3 over the least", "high variance", low=1.2),
-        ClaimCheck("error at κ = 3 over the least", "high bias", low=1.2),
-    ),
-    order=Order("the error has a minimum between", lambda v: min(v[1:]) > 1),
-    setup="The thesis's figure is of another scene, toasters. High is read as 1.2 times.",
-    needs=NEEDS,
-)
+@ordered(Order("the error has a minimum between", lambda v: min(v[1:]) > 1))
 def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
     _, truth = _of(setting, 256)
@@ -148,20 +115,7 @@ def rays_kappa(setting: Setting) -> RowValues:
 # --- Figure 4.2 ----------------------------------------------------------------------------------------------------
 
 
-@row(
-    place="Thesis, Figure 4.2, and the published program's answers",
-    checks=(
-        ClaimCheck("error at low frequencies, three scales over one", "almost completely eliminated", high=0.2),
-        ClaimCheck.at_least("gain of three scales over one, κ = 1", "0.98", "dB"),
-    ),
-    order=Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0),
-    setup=(
-        "The thesis does not name the figure's scene. On this film part of the error at low frequencies is bias along"
-        " edges, which no scale removes; the published program gains as little by its scales."
-        " Almost completely is read as four fifths."
-    ),
-    needs=NEEDS,
-)
+@ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = _of(setting, 256)
@@ -194,17 +148,7 @@ def _wide_noise(picture: Array, truth: Array) -> float:
 OCTAVES = 2.0
 
 
-@row(
-    place="Thesis, section 4.6 and Figure 4.21",
-    checks=(
-        ClaimCheck.printed("path tracing, 64 to 256 samples", "3", "dB/octave"),
-        ClaimCheck.printed("filtered", "2.8", "dB/octave"),
-        ClaimCheck("gain of the filter at 256 samples", "10 to 15", low=10.0, unit="dB"),
-    ),
-    order=Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10),
-    setup="The thesis's 2.8 dB are for another scene. The published program gains 1.98 dB per octave on these films.",
-    needs=NEEDS,
-)
+@ordered(Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10))
 def rays_samples(setting: Setting) -> RowValues:
     """PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level."""
     rendered = {n: psnr_db(_of(setting, n)[0].mean, _of(setting, n)[1])[0] for n in FILMS}

@@ -14,11 +14,9 @@ from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges
 from station.demo.reproduce import cameras, patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "camera")
 
 S, K = 4, 17
 NOISE = 0.02
@@ -112,33 +110,11 @@ def edge_mtf(picture: Array) -> EdgeMtf:
     return outcome.value
 
 
-@row(
-    place="Thesis, Figure 2.9",
-    checks=(
-        *(
-            ClaimCheck(
-                f"PSNR, noise pattern over Joshi, {name} regularisation", "significantly outperforms", 3.0, unit="dB"
-            )
-            for name in LEVELS
-        ),
-        ClaimCheck("PSNR, noise pattern over Joshi, level tuned by the known kernel", "outperforms", 0.0, unit="dB"),
-        ClaimCheck("noise of the MTF below 0.1, little regularisation over noise pattern", "extremely noisy", 2.0),
-        ClaimCheck(
-            "bias of the MTF from 0.2 up, strong regularisation", "under-estimated high frequencies", high=-0.03
-        ),
-        ClaimCheck("size of that bias, noise pattern", "noiseless and unbiased", high=0.005),
-        ClaimCheck("greatest error of the slanted edge's MTF up to Nyquist", "one direction only", high=0.06),
-    ),
-    order=Order(
+@ordered(
+    Order(
         "the noise pattern is better than little and strong regularisation, one noisy, the other biased",
         lambda v: v[0] > 3 and v[2] > 3 and v[4] > 1 and v[5] < 0 and v[6] < -v[5],
-    ),
-    setup=(
-        "The thesis publishes neither its levels nor the kernel's width. A Gaussian is the smoothest kernel: a"
-        " penalty on the gradient suits it, and a level tuned by the known kernel does better than no"
-        " regularisation. Of Figure 3.10 the thesis says so itself. PSNRs are means over realisations, with a"
-        " standard error of 0.3 dB; significantly is read as 3 dB."
-    ),
+    )
 )
 def simulated_rivals(setting: Setting) -> RowValues:
     """The noise pattern without regularisation outperforms Joshi et al. at three levels, kernel known, noise 0.02."""

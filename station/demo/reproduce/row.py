@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -164,15 +165,30 @@ class Row:
     long: bool = False
 
 
-def register(rows: list[Row], chapter: str) -> Callable[..., Callable[[Compute], Compute]]:
-    """A decorator that appends a row to `rows`: its arguments, name and docstring are the row's."""
+def ordered(order: Order) -> Callable[[Compute], Compute]:
+    """A decorator of a row's function: what must hold for values that deviate to have the paper's direction."""
 
-    def row(**fields: Any) -> Callable[[Compute], Compute]:
-        def append(compute: Compute) -> Compute:
-            title = (compute.__doc__ or "").removesuffix(".")
-            rows.append(Row(compute.__name__.replace("_", "-"), chapter, title=title, compute=compute, **fields))
-            return compute
+    def mark(compute: Compute) -> Compute:
+        compute.order = order  # type: ignore[attr-defined]
+        return compute
 
-        return append
+    return mark
 
-    return row
+
+def read_row(name: str, table: Mapping[str, Any]) -> Row:
+    """The row of a table of `rows.toml`, computed by the function of its name in its module."""
+    given = dict(table)
+    compute = getattr(import_module(f"{__package__}.{given.pop('module')}"), name.replace("-", "_"))
+    checks, needs = tuple(map(read_check, given.pop("checks"))), tuple(given.pop("needs", ()))
+    title, order = compute.__doc__.removesuffix("."), getattr(compute, "order", None)
+    return Row(name, title=title, checks=checks, needs=needs, compute=compute, order=order, **given)
+
+
+def read_check(entry: Mapping[str, Any]) -> ClaimCheck:
+    """The check of an entry: a range of values, or a printed number read with its rounding."""
+    given = dict(entry)
+    read = given.pop("read", "")
+    if not read:
+        return ClaimCheck(**given)
+    printed = {"printed": ClaimCheck.printed, "at most": ClaimCheck.at_most, "at least": ClaimCheck.at_least}
+    return printed[read](**given)

@@ -17,13 +17,11 @@ from simulators.camera.optics import GaussianBlur, Optics
 from simulators.camera.truth import true_psf
 from station.demo.reproduce import cameras, patterns, rival_rows
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.rival_rows import LEVELS, NOISE, edge_mtf, view
-from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.rival_rows import LEVELS, edge_mtf, view
+from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
-ROWS: list[Row] = []
-row = register(ROWS, "two-photo")
 
 F = cameras.FREQUENCIES
 RATIO = 4.3
@@ -68,21 +66,6 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
     return replace(camera, sensor=sensor, optics=optics, white_e_per_s=100 * camera.white_e_per_s)
 
 
-@row(
-    place="Thesis, Figures 3.3 and 3.4",
-    checks=(
-        ClaimCheck("relative error of the PSF", "accurate", high=0.08),
-        ClaimCheck(
-            "greatest difference of MTF up to 1 cycle per pixel, inter-image kernel from PSF",
-            "very close",
-            high=0.05,
-        ),
-    ),
-    setup=(
-        "The thesis has pictures only. Accurate is read as 8 %: it states 2 to 5 % for the chart, and a wall is"
-        " noisier. The kernels' variances differ by 1/λ², 5 %, which is 0.02 in MTF."
-    ),
-)
 def two_photo_simulated(setting: Setting) -> RowValues:
     """A known Gaussian PSF from a simulated pair at a ratio of about 4, s = 4, registered automatically."""
     pair = cameras.wall_pair(_gaussian_camera, RATIO)
@@ -126,32 +109,11 @@ def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     return RowValues(tuple(apart), figures)
 
 
-ZOOM_CHECKS = (
-    ClaimCheck("greatest difference of MTF up to 0.9 cycles per pixel, 2× from 4×", "good overlap", high=0.1),
-    ClaimCheck("the same, 3× from 4×", "good overlap", high=0.06),
-)
-ZOOM_SETUP = (
-    "The thesis has curves only, 1× among them; the program estimates from 2× on. At 2× the MTF is not zero at the"
-    " band's end, 1 cycle per pixel; the light beyond is folded into the fit, so that the last tenth is excluded."
-)
-
-
-@row(
-    place="Thesis, Figure 3.8",
-    checks=ZOOM_CHECKS,
-    setup=ZOOM_SETUP,
-)
 def two_photo_zoom(setting: Setting) -> RowValues:
     """The PSF at 2×, 3× and 4× from one simulated pair: the MTFs overlap in their common range."""
     return _zoom_of(wall_pair(), "zoom")
 
 
-@row(
-    place="Thesis, Figure 3.8, with the published pair of IPOL 2013",
-    checks=ZOOM_CHECKS,
-    setup=ZOOM_SETUP + " The magazine's photographs are not published; this wall's are.",
-    needs=PAIR,
-)
 def two_photo_zoom_published(setting: Setting) -> RowValues:
     """The PSF at 2×, 3× and 4× from the published pair of a wall: the MTFs overlap in their common range."""
     return _zoom_of(_published(setting), "zoom-published")
@@ -168,23 +130,6 @@ def _by_chart() -> Array:
     return cameras.estimated(cameras.plane_of(shot), chart).psf.h
 
 
-@row(
-    place="Thesis, Figures 1.6 and 3.5",
-    checks=(
-        ClaimCheck("greatest difference of MTF up to Nyquist", "quite close", high=0.03),
-        ClaimCheck(
-            "differences of MTF up to 2 cycles per pixel over the wall's standard uncertainty, rms",
-            "mostly noise of the two-scale estimate",
-            high=1.5,
-        ),
-        ClaimCheck("MTF50, wall over chart", "sizes are similar", 0.97, 1.03),
-        ClaimCheck("first zero of the MTF, wall over chart", "the MTFs vanish in the same locations", 0.9, 1.1),
-    ),
-    setup=(
-        "The thesis does not quantify the noise; the stated uncertainty does. It grows towards the band's end, as the"
-        " wall's spectrum falls. Where the MTF vanishes, its uncertainty of 0.014 moves the zero by a twentieth."
-    ),
-)
 def wall_chart(setting: Setting) -> RowValues:
     """The PSF of one simulated camera from two photographs of a wall and from the noise chart, s = 4."""
     by_chart, estimate = _by_chart(), estimated(wall_pair(), 4).psf
@@ -208,22 +153,7 @@ def wall_chart(setting: Setting) -> RowValues:
     return RowValues((float(apart[F <= 0.5].max()), in_noise, width[0] / width[1], zero[0] / zero[1]), figures, remark)
 
 
-@row(
-    place="Thesis, Figures 1.3, 2.20 and 3.10",
-    checks=(
-        ClaimCheck("greatest difference from the chart up to 0.15 cycles per pixel", "very similar", high=0.06),
-        ClaimCheck("spread of Joshi's levels between 0.4 and 1.2", "depends strongly on the level", low=0.08),
-        ClaimCheck(
-            "rms difference from the chart, wall over the best of the others", "closest to the noise chart", high=1.0
-        ),
-    ),
-    order=Order("the differences grow from low to high frequencies", lambda v: v[0] < v[1]),
-    setup=(
-        f"Joshi et al. and the edge have noise of {NOISE:g}. Strong regularisation widens the kernel, which changes"
-        " even low frequencies by some hundredths. Methods are compared up to 1 cycle per pixel, the end of the"
-        " edge's MTF."
-    ),
-)
+@ordered(Order("the differences grow from low to high frequencies", lambda v: v[0] < v[1]))
 def comparison(setting: Setting) -> RowValues:
     """MTFs by five methods agree at low frequencies; Joshi's varies with its level, the wall's is nearest the chart."""
     truth = true_psf(cameras.optics(5.6), 4, 17).h
@@ -255,18 +185,6 @@ def comparison(setting: Setting) -> RowValues:
 # --- IPOL 2013 ---
 
 
-@row(
-    place="IPOL 2013, section 5, and its program's results",
-    checks=(
-        ClaimCheck("correlation of the PSFs", "the program's own PSF", low=0.97),
-        ClaimCheck("correlation of the inter-image kernels", "the program's own kernel", low=0.97),
-    ),
-    setup=(
-        "The program registers by 14 to 21 matches and has errors of 3 to 22 % on known walls. A correlation of 0.97"
-        " is a relative difference of a quarter."
-    ),
-    needs=(*PAIR, *REFERENCES),
-)
 def published_pair(setting: Setting) -> RowValues:
     """PSF and inter-image kernel of the published pair, s = 3, compared with the published program's."""
     estimate = estimated(_published(setting), 3)

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
-
-import msgspec
+from typing import Any
 
 from procedures.drawings import steps as drawings
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Refused, Verdict
@@ -29,10 +27,10 @@ from procedures.plan import (
     TourStop,
 )
 from procedures.raw import RawFrame
+from station.common.models import ModelField, TableSource, fields_of, read_model, read_value
 from station.guide.dialogue import FILE_SEPARATOR
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named
-from station.procedure.settings import SettingField, Settings, fields_of, read_settings
 from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -73,7 +71,7 @@ def plan(name: str, folder: Path | None = None) -> Plan:
         (
             Step(
                 "settings", "Settings", "Choose the settings of the procedure. Enter keeps the default.",
-                (*([] if count else [how_many]), *(_question(procedure, one) for one in _asked(procedure))),
+                (*([] if count else [how_many]), *(_question(one) for one in _asked(procedure))),
             ),
             Step(
                 "photographs", "Photographs", "Prepare subject and camera, then take the photographs.",
@@ -112,14 +110,14 @@ def _accept(frame: RawFrame, facts: Facts) -> Advice:
 # --- settings ----------------------------------------------------------------------------------------------------
 
 
-def _asked(procedure: Procedure[Any]) -> list[SettingField]:
+def _asked(procedure: Procedure[Any]) -> list[ModelField]:
     return [one for one in fields_of(procedure.Settings) if one.name not in NOT_ASKED]
 
 
-def _question(procedure: Procedure[Any], one: SettingField) -> Ask:
+def _question(one: ModelField) -> Ask:
     """A setting as a question with its default; an empty answer leaves an optional setting out."""
     question = f"{one.name.replace('_', ' ')}: {one.description}"
-    ask = Ask(SETTING + one.name, question, "text", check=partial(_check, procedure, one))
+    ask = Ask(SETTING + one.name, question, "text", check=partial(_check, one))
     if one.kind is bool:
         return replace(ask, kind="choice", choices=(NO, YES), default=YES if one.default else NO)
     if one.choices and one.default is not None and not one.several:
@@ -133,22 +131,19 @@ def _question(procedure: Procedure[Any], one: SettingField) -> Ask:
     return replace(ask, default=default, names_file=lambda part: one.kind is Path and bool(part))
 
 
-def _check(procedure: Procedure[Any], one: SettingField, answer: Fact, facts: Facts) -> None:
+def _check(one: ModelField, answer: Fact, facts: Facts) -> None:
     """Raises BadParameter if an answer is not a value of the setting."""
-    hint = get_type_hints(procedure.Settings, include_extras=True)[one.name]
-    alone: Any = msgspec.defstruct(
-        "Alone", [(one.name, hint, one.default)], bases=(Settings,), frozen=True, kw_only=True
-    )
-    read_settings(alone, _given([one], {SETTING + one.name: answer}))
+    for value in _given([one], {SETTING + one.name: answer}).values():
+        read_value(one, value, TableSource(), (one.name,))
 
 
-def _given(fields: Sequence[SettingField], facts: Facts) -> dict[str, Any]:
+def _given(fields: Sequence[ModelField], facts: Facts) -> dict[str, Any]:
     """The settings in the operator's answers."""
     answers = ((one, facts.get(SETTING + one.name, "")) for one in fields)
     return {one.name: _value(one, answer) for one, answer in answers if answer != ""}
 
 
-def _value(one: SettingField, answer: Fact) -> Any:
+def _value(one: ModelField, answer: Fact) -> Any:
     if one.kind is bool:
         return answer in (True, YES)
     if one.several:
@@ -179,7 +174,7 @@ def _estimate(
     read = list(frames)  # reading verifies the hashes
     given = _given(_asked(procedure), facts)
     try:
-        settings = read_settings(procedure.Settings, given).placed(folder)
+        settings = read_model(procedure.Settings, given, TableSource()).placed(folder)
         settings.check()
         measured = procedure.measure([one.path for one in read], settings, terms_of_session(folder))
         if not measured.planes:
@@ -216,7 +211,9 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     """Write the files of the procedure's command for a session."""
     procedure = procedure_named(head.procedure)
     measured: Measurement = planes[0].estimate
-    measured = replace(measured, head=replace(measured.head, input=head.input, duration_s=None))
+    measured = replace(
+        measured, head=replace(measured.head, input=head.input, environment=head.environment, duration_s=None)
+    )
     if procedure.has_page and procedure.draws(measured):
         folder.write("report.html", procedure.page(measured))
     return write_measurement(folder, measured)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -178,8 +179,10 @@ def _source(
         poses = tuple(read_poses(Path(one)) for one in settings.poses)
         return RecordedMotion(poses, settings.focal_px, settings.max_inverse_depth)
     if settings.imu:
-        poses = poses_of_records([Path(one) for one in settings.imu], _exposures(settings, frames))
-        return RecordedMotion(poses, settings.focal_px, settings.max_inverse_depth)
+        late = partial(poses_of_records, [Path(one) for one in settings.imu], _exposures(settings, frames))
+        return RecordedMotion(
+            late(), settings.focal_px, settings.max_inverse_depth, settings.imu_within_s, lambda late_s: late(late_s)
+        )
     ratios = _later(settings.ratio, 1.0, len(frames))
     if settings.prototype_region is not None:
         paths = tuple(read_path(Path(one)) for one in settings.recorded_path)
@@ -346,7 +349,8 @@ def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
     if isinstance(source, RecordedMotion):
         masks = MaskField.of(blur.masks[0])
         given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
-        return {**given, "nodes": list(masks.grid), "half_size": masks.R}
+        fitted = {} if blur.time_shift is None else {"time_shift": asdict(blur.time_shift)}
+        return {**given, **fitted, "nodes": list(masks.grid), "half_size": masks.R}
     entries: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
     if isinstance(source, KnownShapes) and any(source.offsets):
         entries["offset"] = list(source.offsets[1:])

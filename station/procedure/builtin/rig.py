@@ -1,13 +1,14 @@
-"""The pose of one camera on a rig by the other, from the results of their geometries."""
+"""The poses of the cameras on a rig by the first, from the results of their geometries."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from procedures.geometry.rig import estimate_rig
-from procedures.outcome import BadInput
+from procedures.geometry.rig import CONVENTION, RigPoses, estimate_rig
+from procedures.outcome import BadInput, BadParameter
 from station.calibration.rig import read_rig_camera
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, plane_result, upper_plane
@@ -21,48 +22,62 @@ from station.results.terms import USUAL, Terms
 class RigSettings(Settings, frozen=True, kw_only=True):
     """Which plane."""
 
-    plane: Annotated[str | None, setting("Of both.  [default: G1, or the first there is]")] = None
+    plane: Annotated[str | None, setting("Of all.  [default: G1, or the first there is]")] = None
 
 
 class Rig(Procedure[RigSettings]):
-    """Two geometries of one chart that both cameras saw."""
+    """Geometries of one chart that the cameras of a rig saw."""
 
     name = "rig"
-    title = "pose of a rig's second camera by its first"
-    help = """Measure the pose of a rig's SECOND camera by its FIRST: results of station geometry, of one chart seen by
-    both.
+    title = "poses of a rig's cameras by its first"
+    help = """Measure the poses of the cameras of a rig by its FIRST: results of station geometry, of one chart seen by
+    two or more cameras at once.
 
-    Photographs that were taken at one time have one name in both; where none has, they belong together in their
+    Photographs that were taken at one time have one name in all; where none has, they belong together in their
     order."""
     inputs = Inputs.RESULTS
     Settings = RigSettings
     suffixes = frozenset((RECORD,))
     endings = {"first": "_left", "second": "_right"}  # noqa: RUF012  (a constant of the class)
     results_key = "rig"
-    method = "mean of the relative poses of charts that both cameras saw, weighted by their covariances"
+    method = "one adjustment of all cameras and the chart that they share"
 
     def measure(
         self, paths: Sequence[Path], settings: RigSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The pose of the second camera by the first."""
+        """The poses of all cameras by the first."""
+        if len(paths) < 2:
+            raise BadParameter("a rig has two cameras or more; got one result", "name the results of all its cameras")
         cameras = []
         for path in paths:
             cameras.append(read_rig_camera(path, upper_plane(settings.plane)))
             progress(f"read {path}")
-        first, second = cameras
-        if first.file.sha256 == second.file.sha256:
-            raise BadInput(f"{paths[0]} and {paths[1]} are one geometry", "name the results of the rig's two cameras")
-        outcome = estimate_rig(first.charts, second.charts)
-        estimate = outcome.value
-        details = {} if estimate is None else {
-            "R": estimate.pose.R.tolist(), "t_mm": estimate.pose.t.tolist(), "charts": list(estimate.charts),
-            "diagnostics": {"misfit": estimate.misfit, "chance": estimate.chance},
-        }  # fmt: skip
-        head = RecordHead(self.name, (first.file, second.file), to_record(settings))
+        hashes = [one.file.sha256 for one in cameras]
+        for second, sha256 in enumerate(hashes):
+            if (first := hashes.index(sha256)) < second:
+                reason = f"{paths[first]} and {paths[second]} are one geometry"
+                raise BadInput(reason, "name the results of the rig's different cameras")
+        outcome = estimate_rig([one.camera for one in cameras])
+        head = RecordHead(self.name, tuple(one.file for one in cameras), to_record(settings))
+        rig = outcome.value
         return Measurement(
-            self.schema, head, (plane_result(self.name, outcome, details),), results_key=self.results_key,
-            files={} if estimate is None else {"rig_covariance.npy": npy(estimate.covariance)},
+            self.schema, head, (plane_result(self.name, outcome, None if rig is None else _entries(rig, paths)),),
+            results_key=self.results_key,
+            files={} if rig is None else {"rig_covariance.npy": npy(rig.covariance)},
         ).compared(terms)  # fmt: skip
+
+
+def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
+    """Entries of the record: the second camera's pose, and those of all further ones."""
+    cameras = [
+        {"result": str(path), "R": pose.R.tolist(), "t_mm": pose.t.tolist(),
+         **{name: asdict(number) for name, number in rig.numbers_of(i).items()}}
+        for i, (path, pose) in enumerate(zip(paths[1:], rig.poses, strict=True))
+    ]  # fmt: skip
+    return {
+        "R": cameras[0]["R"], "t_mm": cameras[0]["t_mm"], "charts": list(rig.charts), "convention": CONVENTION,
+        "cameras": cameras, "diagnostics": {"misfit": rig.misfit, "chance": rig.chance},
+    }  # fmt: skip
 
 
 PROCEDURE = Rig()

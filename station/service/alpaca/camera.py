@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from drivers.interfaces import Camera, CameraSettings, ExposedFile
+from drivers.interfaces import Camera, CameraSettings, ExposedFile, FrameFormat
 from procedures.raw import RawFrame, default_plane, read_frame
+from station.bench.opening import frame_format
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
 from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
-from station.service.alpaca.image import Mosaic, SensorImage, sensor_image
+from station.service.alpaca.image import Mosaic, SensorImage, first_red, sensor_image
 from station.service.alpaca.parameters import Parameters
 from station.service.bench_state import ServedBench
 
@@ -32,7 +33,7 @@ class Taken:
 
 
 class BenchCamera(AlpacaDevice):
-    """ICameraV4. The sensor's size, type and pixels are known after the first photograph."""
+    """ICameraV4. The sensor's format is the driver's, and from the first photograph on that of the file."""
 
     def __init__(self, served: ServedBench, number: int) -> None:
         assert served.bench is not None
@@ -59,13 +60,13 @@ class BenchCamera(AlpacaDevice):
             "imageready": lambda given: self._image_ready(),
             "lastexposureduration": lambda given: self._last_duration(),
             "lastexposurestarttime": lambda given: self._last.began.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3],
-            "maxadu": lambda given: self._sensor.image.white,
+            "maxadu": lambda given: self._sensor.white,
             "numx": lambda given: self._wanted("numx", self._size[0]),
             "numy": lambda given: self._wanted("numy", self._size[1]),
             "percentcompleted": lambda given: self._percent(),
             "pixelsizex": lambda given: self._pitch_um(),
             "pixelsizey": lambda given: self._pitch_um(),
-            "sensortype": lambda given: MONOCHROME if self._sensor.image.red is None else RGGB,
+            "sensortype": lambda given: MONOCHROME if self._sensor.cfa is None else RGGB,
             "startx": lambda given: self._part["startx"],
             "starty": lambda given: self._part["starty"],
         }
@@ -116,8 +117,7 @@ class BenchCamera(AlpacaDevice):
     def _abort(self) -> None:
         if self._task.running:
             self._aborted = True
-            self._task.halted()
-            self._camera.emergency_stop()
+            self._task.halt(self._camera.emergency_stop)
 
     def _state(self) -> int:
         if self._task.running:
@@ -166,10 +166,15 @@ class BenchCamera(AlpacaDevice):
     # --- properties of the last photograph
 
     @property
-    def _sensor(self) -> Taken:
-        if self._taken is None:
-            raise AlpacaError(VALUE_NOT_SET, "the sensor is known after the first photograph; StartExposure takes one")
-        return self._taken
+    def _sensor(self) -> FrameFormat:
+        if self._taken is not None:
+            frame = self._taken.frame
+            return frame_format(list(frame.planes.values()), frame.exposure.pixel_pitch_um)
+        known = self._camera.sensor()
+        if known is None:
+            remedy = "write `sensor` for the camera in station.toml, or take a photograph with StartExposure"
+            raise AlpacaError(VALUE_NOT_SET, f"the sensor of {self._camera.address} is not known yet; {remedy}")
+        return known
 
     @property
     def _last(self) -> Taken:
@@ -179,12 +184,11 @@ class BenchCamera(AlpacaDevice):
 
     @property
     def _size(self) -> tuple[int, int]:
-        rows, columns = self._sensor.image.levels.shape
-        return columns, rows
+        return self._sensor.columns, self._sensor.rows
 
     @property
     def _red(self) -> tuple[int, int]:
-        red = self._sensor.image.red
+        red = first_red(self._sensor)
         if red is None:
             raise AlpacaError(NOT_IMPLEMENTED, "BayerOffset is not implemented: the sensor has no colours")
         return red
@@ -197,7 +201,7 @@ class BenchCamera(AlpacaDevice):
         return recorded if recorded is not None else cast(float, requested)
 
     def _pitch_um(self) -> float:
-        pitch_um = self._sensor.frame.exposure.pixel_pitch_um
+        pitch_um = self._sensor.pixel_pitch_um
         if pitch_um is None:
             raise AlpacaError(VALUE_NOT_SET, "the camera's files do not give the pixel pitch; look it up in its data")
         return pitch_um

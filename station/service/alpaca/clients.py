@@ -1,9 +1,12 @@
-"""Connection state of a device by client: a client that disconnects does not affect the others."""
+"""The clients: which of them are connected to a device, and all that have sent requests, with their rights."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from station.service.alpaca.errors import as_alpaca
 
@@ -65,3 +68,46 @@ class ConnectedClients:
         if failure is not None:
             raise as_alpaca(failure)
         return False
+
+
+MOST_LISTED = 64
+"""Clients are listed by what they sent last: numbers of clients are invented by them."""
+
+
+@dataclass(frozen=True)
+class ClientEntry:
+    """A client's last request, by the monotonic clock, and what it may do."""
+
+    rights: str
+    last_s: float
+
+
+class ClientList:
+    """The clients that have sent requests, by address and ClientID. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._entries: dict[tuple[str, int], ClientEntry] = {}
+
+    def note(self, host: str, client: int, rights: str) -> None:
+        """Record a request."""
+        with self._lock:
+            self._entries.pop((host, client), None)  # the newest stands last
+            self._entries[host, client] = ClientEntry(rights, time.monotonic())
+            if len(self._entries) > MOST_LISTED:
+                del self._entries[next(iter(self._entries))]
+
+    def records(self, devices: Mapping[str, ConnectedClients]) -> list[dict[str, Any]]:
+        """Each client with its rights, the devices that it has connected, and the time since its last request."""
+        with self._lock:
+            entries, now_s = list(self._entries.items()), time.monotonic()
+        return [
+            {
+                "address": host,
+                "client": client,
+                "rights": entry.rights,
+                "devices": [name for name, connected in devices.items() if client in connected],
+                "last_request_s_ago": round(now_s - entry.last_s, 3),
+            }
+            for (host, client), entry in reversed(entries)
+        ]

@@ -37,6 +37,8 @@ POLLS = 2
 """Concurrent requests to one device; others wait."""
 HALT_S = 0.02
 """How long a halt is awaited: its bytes are on the line by then; `IsMoving` reports whether the axis stands."""
+AGAIN_S = 0.1
+"""After this time a halt is repeated while its operation goes on: the order may have come after the first halt."""
 HALTED_S = 3.0
 """Time for a driver to report the end of its move after the axis stands. Clients wait five seconds."""
 NOT_AT_ALL: Mapping[str, Member] = {}
@@ -177,14 +179,20 @@ class Task:
 
     def halt(self, stop: Callable[[], None]) -> None:
         """End the operation by `stop`, which continues in the background after HALT_S. Raises what it does."""
-        self.halted()
-        self._halting = self._served.stopper.submit(stop)
+        self._halted = True
+        self._halting = self._served.stopper.submit(self._stop_until_ended, stop)
         with suppress(TimeoutError):
             self._halting.result(HALT_S)
 
-    def halted(self) -> None:
-        """Mark the operation as ended on request, which is not a failure."""
-        self._halted = True
+    def _stop_until_ended(self, stop: Callable[[], None]) -> None:
+        thread = self._thread
+        for _ in range(round(HALTED_S / AGAIN_S)):
+            stop()
+            if thread is None:
+                return
+            thread.join(AGAIN_S)
+            if not thread.is_alive():
+                return
 
     @property
     def was_halted(self) -> bool:

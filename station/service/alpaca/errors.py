@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from drivers.errors import BadConfiguration, DeviceError, LineLost, NotConnected, NotHomed, OutsideTravel
+from drivers.errors import BadConfiguration, DeviceError, Held, LineLost, NotConnected, NotHomed, OutsideTravel
 from procedures.outcome import ProcedureError
 from station.service.tenancy import InUse
 
 NOT_IMPLEMENTED, INVALID_VALUE, VALUE_NOT_SET, NOT_CONNECTED = 0x400, 0x401, 0x402, 0x407
 INVALID_OPERATION, ACTION_NOT_IMPLEMENTED, DRIVER = 0x40B, 0x40C, 0x500
+HELD = 0x501
+"""The driver's own error number of a stage that a person has paused: the action Resume continues."""
 KINDS: tuple[tuple[type[Exception], int], ...] = (
     (OutsideTravel, INVALID_VALUE),
     (BadConfiguration, INVALID_VALUE),
@@ -15,6 +17,7 @@ KINDS: tuple[tuple[type[Exception], int], ...] = (
     (InUse, INVALID_OPERATION),
     (LineLost, NOT_CONNECTED),
     (NotConnected, NOT_CONNECTED),
+    (Held, HELD),
 )
 """Errors for which the standard has a number; all others are the driver's own."""
 
@@ -36,6 +39,8 @@ def as_alpaca(error: Exception) -> AlpacaError:
     if isinstance(error, AlpacaError):
         return error
     number = next((number for kind, number in KINDS if isinstance(error, kind)), DRIVER)
+    if isinstance(error, Held):
+        return AlpacaError(number, f"{error.reason}; {error.remedy}: the action Resume continues it")
     if isinstance(error, DeviceError | ProcedureError):
         return AlpacaError(number, f"{error.reason}; {error.remedy}")
     return AlpacaError(number, f"{type(error).__name__}: {error}")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Stage, Travel
+from drivers.interfaces import Condition, Stage, Travel
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
 from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
 from station.service.alpaca.parameters import Parameters
@@ -17,14 +17,14 @@ STEPS_PER_MM = 1000.0 / STEP_UM
 
 
 class AxisFocuser(AlpacaDevice):
-    """One axis of a stage of the bench, such as `z_mm`; its action Home homes the whole stage."""
+    """One axis of a stage of the bench, such as `z_mm`; its actions home the whole stage, and end a pause of it."""
 
     def __init__(self, served: ServedBench, number: int, stage: str, axis: str) -> None:
         assert served.bench is not None
         self._bench, self._stage_name, self._axis = served.bench, stage, axis
         self._stage = cast(Stage, served.bench.devices[stage])
         self._task = Task(served)
-        self.actions = {"Home": self._home}
+        self.actions = {"Home": self._home, **({"Resume": self._resume} if hasattr(self._stage, "resume") else {})}
         super().__init__(served, "focuser", number, f"{stage} {axis}", {stage: self._stage})
 
     def readable(self) -> Mapping[str, Member]:
@@ -77,17 +77,19 @@ class AxisFocuser(AlpacaDevice):
         condition = self._stage.condition()
         if motion is not None and not motion.target:
             raise refuse_operation(f"{self._stage_name} is homing and has no position; wait for IsMoving")
-        if not condition.usable:
-            raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")
+        self._require_usable(condition)
         return round((self._stage.position()[self._axis] - self._travel.low) * STEPS_PER_MM)
+
+    def _require_usable(self, condition: Condition) -> None:
+        if not condition.usable:
+            way = ": the action Home does that" if "home" in condition.remedy else ""
+            raise refuse_operation(f"{condition.word}; {condition.remedy}{way}")
 
     def _move(self, given: Parameters) -> None:
         step = given.whole("Position")
         if not 0 <= step <= self._last_step:
             raise AlpacaError(INVALID_VALUE, f"Position must be between 0 and {self._last_step}; got {step}")
-        condition = self._stage.condition()
-        if not condition.usable:
-            raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")
+        self._require_usable(self._stage.condition())
         goal = min(self._travel.low + step / STEPS_PER_MM, self._travel.high)
         self._task.begin(
             f"a move of {self._axis}", lambda: self._bench.motions.move(self._stage_name, {self._axis: goal})
@@ -102,4 +104,9 @@ class AxisFocuser(AlpacaDevice):
             f"the homing of {self._stage_name}",
             lambda: self._bench.motions.home(self._stage_name, lambda: self._bench.check_stops(stops)),
         )
+        return ""
+
+    def _resume(self, words: str) -> str:
+        resume = cast(Any, self._stage).resume
+        self._task.begin(f"the end of a pause of {self._stage_name}", resume)
         return ""

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.raw import GREY_PLANE, Plane
+from drivers.interfaces import FrameFormat
+from procedures.raw import Plane
+from station.bench.opening import frame_format
 
 Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
@@ -32,18 +34,20 @@ class SensorImage:
 
 def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     """Reassemble the planes of a photograph to the sensor's mosaic."""
-    first = planes[0]
-    white = round(first.white)
-    if first.name == GREY_PLANE:
-        return SensorImage(_levels(first), white, None)
-    rows = max(plane.origin[1] + 2 * plane.samples.shape[0] - 1 for plane in planes)
-    columns = max(plane.origin[0] + 2 * plane.samples.shape[1] - 1 for plane in planes)
-    mosaic = np.zeros((rows, columns), np.uint16)
+    form = frame_format(planes)
+    mosaic = np.zeros((form.rows, form.columns), np.uint16)
     for plane in planes:
         x, y = plane.origin
-        mosaic[y::2, x::2] = _levels(plane)
-    red = next(plane.origin for plane in planes if plane.name == "R")
-    return SensorImage(mosaic, white, (red[0] % 2, red[1] % 2))
+        mosaic[y :: plane.pitch, x :: plane.pitch] = _levels(plane)
+    return SensorImage(mosaic, form.white, first_red(form))
+
+
+def first_red(form: FrameFormat) -> tuple[int, int] | None:
+    """The first red pixel (x, y); None for a monochrome sensor."""
+    if form.cfa is None:
+        return None
+    y, x = divmod(form.cfa.index("R"), 2)
+    return x, y
 
 
 def _levels(plane: Plane) -> Mosaic:

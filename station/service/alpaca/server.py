@@ -15,8 +15,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from drivers.interfaces import Stage
-from station.service.access import refused
+from station.service.access import RIGHTS, STOP_ONLY, refused, token_required
 from station.service.alpaca.camera import BenchCamera
+from station.service.alpaca.clients import ClientList
 from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.errors import BadRequest, as_alpaca
 from station.service.alpaca.focuser import AxisFocuser
@@ -53,6 +54,8 @@ class AlpacaServer:
         self._served = served
         self._devices = {(device.kind, device.number): device for device in devices_of(served)}
         self._transactions = itertools.count(1)
+        self._clients = ClientList()
+        served.clients = self.clients
 
     def routes(self) -> list[Route]:
         """The routes of the interface."""
@@ -64,6 +67,10 @@ class AlpacaServer:
             Route("/setup/v1/{kind}/{number:int}/setup", to_page),
             Route("/api/v1/{kind}/{number}/{member}", self.device, methods=["GET", "PUT"]),
         ]
+
+    def clients(self) -> list[dict[str, Any]]:
+        """The clients, the one that sent the last request first."""
+        return self._clients.records({f"{one.kind} {one.number}": one.clients for one in self._devices.values()})
 
     def _constant(self, value: Any) -> Callable[[Request], Response]:
         return lambda request: self._answered(
@@ -79,6 +86,11 @@ class AlpacaServer:
         if device is None:
             known = ", ".join(f"{kind}/{number}" for kind, number in self._devices) or "none"
             return bad_request(f"there is no device {kind}/{number}; there are {known}")
+        rights, stops = request.scope[RIGHTS], not reading and is_stop(member, given)
+        if rights == STOP_ONLY and not stops:
+            return token_required("without it only stops are carried out")
+        with suppress(BadRequest):  # it is answered below
+            self._clients.note(request.client.host if request.client else "", given.client(), rights)
         as_bytes = BYTES in request.headers.get("accept", "")
 
         def make(client: int) -> Response:
@@ -87,7 +99,7 @@ class AlpacaServer:
                 return self._image(value, client, as_bytes)
             return self._framed(client, **({} if value is None else {"Value": value}))
 
-        threads = self._served.stopper if not reading and is_stop(member, given) else device.polls
+        threads = self._served.stopper if stops else device.polls
         work = asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
         left = asyncio.ensure_future(request.receive())  # the request is complete: the next event is a disconnection
         with suppress(asyncio.CancelledError):  # the server shuts down

@@ -109,6 +109,21 @@ def test_a_lost_answer_does_not_put_the_conversation_out_of_step(homed, bench):
     homed.move_to(z_mm=100.0)
 
 
+@pytest.mark.parametrize("end", [b"", b"\x15", b"("])
+def test_an_order_whose_end_was_lost_is_never_carried_out(homed, bench, end):
+    # it waits in the controller's line buffer for the next end of line, whoever sends it
+    wire, receive = bench.cables["stage"].device, bench.cables["stage"].device.receive
+    wire.receive = lambda data, now_s: receive(data.replace(b"\n", end) if b"J=" in data else data, now_s)
+    with pytest.raises(NoAnswer):
+        homed.move_to(z_mm=100.0)
+    wire.receive, before = receive, homed.position()
+    homed.link.command("$G")
+    bench.clock.sleep(5.0)
+    assert homed.position() == before
+    homed.move_to(z_mm=200.0)
+    assert homed.position()["z_mm"] == pytest.approx(200.0)
+
+
 def test_a_board_that_must_not_be_reset_keeps_its_position(bench):
     def connected(reset_on_open, dtr):
         wire = SerialTransport(bench.address("stage"), GrblParser, clock=bench.clock, dtr=dtr)

@@ -161,3 +161,8 @@ def test_homing_has_the_time_that_the_firmware_takes_until_it_gives_up_itself(se
     quick = {**{110 + i: 3000.0 for i in range(3)}, 24: 300.0, 25: 3000.0, 27: 1.0}
     limit_s = Controls(quick | settings).homing_limit_s({0: 10.0, 1: 1000.0, 2: 40.0})
     assert needed_s < limit_s < 4 * needed_s
+
+
+def test_homing_has_twice_the_way_there_and_back_and_ten_seconds():
+    # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
+    assert Controls({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}).homing_limit_s({0: 100.0}) == 2 * 25 + 12 + 10

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from procedures.numerics import loops
-from procedures.numerics.loops import edges, layouts, matrices, saddles, splines
+from procedures.numerics.loops import build_extension, edges, layouts, matrices, saddles, splines
 from procedures.numerics.spatial_bins import field_of
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM, RULES
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS
@@ -206,3 +206,12 @@ def test_build_without_a_compiler_says_so_in_one_line_and_goes_on(tmp_path):
     assert said.startswith("no extension, the loops will be compiled by Numba when first used: ")
     assert data == "{'artifacts': []}"
     assert not list(folder.glob("_native*"))
+
+
+def test_wheel_with_the_extension_is_for_this_system(monkeypatch):
+    monkeypatch.setattr(build_extension, "build", lambda: None)
+    data = {"artifacts": []}
+    build_extension.LoopExtension("", {}, None, None, "", "wheel").initialize("standard", data)
+    (module,) = data.pop("artifacts")
+    assert module.startswith("procedures/numerics/loops/_native")
+    assert data == {"pure_python": False, "infer_tag": True}

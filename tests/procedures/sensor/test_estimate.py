@@ -224,3 +224,12 @@ def test_poor_pictures_are_refused_or_doubtful(changes, recorded, verdict, words
     assert outcome.verdict is verdict
     assert words in outcome.reason
     assert outcome.remedy
+
+
+def test_an_outlying_level_is_named():
+    recording = SMALL.record(3, stack=0)
+    lights = list(recording.lights)
+    lights[30] = replace(lights[30], mean=lights[30].mean * 1.1)
+    outcome = characterise(replace(recording, lights=tuple(lights)), np.random.default_rng(0))
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert f"that of light {lights[30].light:g}" in outcome.reason

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.sensor.levels import bottom_pile, measure_level
-from procedures.sensor.measured import root, with_share
+from procedures.sensor.measured import from_draws, root, with_share
 from procedures.sensor.spectrograms import find_periods
 from procedures.sensor.stacks import measure_stack
 from procedures.sensor.uniformity import spatial_variances
@@ -110,3 +110,11 @@ def test_the_uncertainty_of_a_divisor_widens_the_interval():
     number = with_share(root(4.0, 0.4, 1.0, "DN", "", 1), 0.1)
     assert number.uncertainty == pytest.approx((0.1**2 + 0.2**2) ** 0.5)
     assert number.low < 1.62 < number.value < 2.38 < number.high
+
+
+@pytest.mark.parametrize("spread", [0.1, 3.0])
+def test_no_interval_of_a_positive_quantity_reaches_below_zero(spread):
+    draws = np.array([1.0, 1 - spread, 1 + spread])
+    number, signed = (from_draws(draws, "e-", "", 1, signed=one) for one in (False, True))
+    assert 0 < number.low < number.value < number.high
+    assert signed.low == pytest.approx(1 - 1.96 * spread)

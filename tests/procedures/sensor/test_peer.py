@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -14,21 +13,18 @@ from procedures.sensor.measured import IntervalNumber
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import find_shots
 
+from .peer import peer_numbers, repair_numpy
+
 pytest.importorskip("emva1288")
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """Numbers of the peer's results object, and ours, of one data set on the disk."""
+    """Numbers of the peer, and ours, of one data set on the disk."""
     with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore")
-        # it calls a function that NumPy 2 has no more
-        patch.setattr(np, "asfarray", partial(np.asarray, dtype=np.float64), raising=False)
+        repair_numpy()
         from emva1288.camera.dataset_generator import DatasetGenerator
-        from emva1288.process.data import Data1288
-        from emva1288.process.loader import LoadImageData
-        from emva1288.process.parser import ParseEmvaDescriptorFile
-        from emva1288.process.results import Results1288
 
         def save(self, picture: np.ndarray, name: str) -> None:
             cv2.imwrite(str(Path(self.outdir) / "images" / name), picture.astype(np.uint16))
@@ -41,27 +37,9 @@ def both(tmp_path_factory):
             dsnu=15 * np.random.default_rng(1).standard_normal((80, 120)),
             prnu=1 + 0.01 * np.random.default_rng(2).standard_normal((80, 120)),
         )  # fmt: skip
-        parsed = ParseEmvaDescriptorFile(set_.descriptor_path)
-        data = Data1288(LoadImageData(parsed.images).data)
-        peer = Results1288(data.data)
-        theirs = {
-            "system_gain": peer.K,
-            "quantum_efficiency": peer.QE / 100,
-            "temporal_dark_noise": peer.sigma_d,
-            "saturation_photons": peer.u_p_sat,
-            "saturation_capacity": peer.u_e_sat,
-            "snr_max": peer.SNR_max,
-            "dynamic_range": peer.DR,
-            "dsnu": peer.DSNU1288,
-            "prnu": peer.PRNU1288,
-            "linearity_error_min": peer.LE_min,
-            "linearity_error_max": peer.LE_max,
-            "dsnu_pixel": peer.DSNU1288_pixel,
-            "prnu_pixel": peer.PRNU1288_pixel,
-        }
     (plane,) = measure_sensor(find_shots(folder), None).planes
     assert plane.outcome.value is not None, plane.outcome.reason
-    return theirs, plane.outcome.value.numbers
+    return peer_numbers(Path(set_.descriptor_path)), plane.outcome.value.numbers
 
 
 @pytest.mark.slow

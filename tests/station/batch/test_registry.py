@@ -21,6 +21,7 @@ from station.procedure.registry import BUILTIN, procedure_named
 from station.procedure.schema import schema_of
 from station.procedure.settings import Settings
 from tests.golden import cases
+from tests.station.cli.test_refocus import write_restored
 
 pytestmark = pytest.mark.slow
 PLANE = 'planes = ["G1"]\n'
@@ -40,6 +41,11 @@ def correct(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     cases.correct(folder)
     shutil.move(folder / "grey.h5", folder.parent / "grey.h5")
     return '[settings]\nfield = "grey.h5"\niterations = 2\n'
+
+
+def sharpen(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    correct(folder, monkeypatch)
+    return '[settings]\nfield = "grey.h5"\n'
 
 
 def photographs(folder: Path) -> None:
@@ -70,6 +76,11 @@ def rig(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return 'pairs = { table = "rigs.csv" }\n'
 
 
+def refocus(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    write_restored(folder)
+    return "[settings]\nf_number = 2\nfocus_m = 0.5\n"
+
+
 def pattern(folder: Path) -> None:
     cases.chart_photograph(folder / "photo.dng", 1)
 
@@ -82,10 +93,12 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "geometry": (geometry, "fx"),
     "pattern": (made(pattern, PLANE), "mtf50_horizontal"),
     "rays": (made(cases.rays, "[settings]\nscales = 1\nthreads = 1\n"), "similar_patches"),
+    "refocus": (refocus, "depth_of_field_near"),
     "restore": (made(cases.restoration, RESTORE), "w_median"),
     "rig": (rig, "baseline"),
     "sensor": (made(cases.sensor, '[settings]\nplane = "G1"\n'), "system_gain"),
     "series": (made(pattern, PLANE), "mtf50_horizontal"),
+    "sharpen": (sharpen, "noise_gain"),
     "tilt": (tilt, "tilt_horizontal"),
     "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
     "vignetting": (made(cases.vignetting, ""), "corner_light"),
@@ -117,7 +130,8 @@ def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, m
     assert (batch["procedure"], batch["photographs"], batch["specification_verdicts"]) == (name, 1, {"meets": 1})
     (folder,) = (tmp_path / "out" / "results").iterdir()
     record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    jsonschema.validate(record, schema_of(procedure), jsonschema.Draft202012Validator)
+    chosen = procedure_named(record["procedure"]) if name == "sharpen" else procedure
+    jsonschema.validate(record, schema_of(chosen), jsonschema.Draft202012Validator)
     assert record["specification"]["verdict"] == "meets"
     assert (folder / procedure.page_name).is_file() == procedure.has_page
     assert procedure.report(measured[0]).procedure

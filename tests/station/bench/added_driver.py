@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 from drivers.interfaces import Condition, Identity
-from station.bench.device_makers import MakerContext
-from station.bench.device_options import DriverEntry, NumberOption, Option, Options
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import positive
 
 
 class FixedRangefinder:
@@ -34,9 +35,12 @@ class FixedRangefinder:
         """Nothing to close."""
 
 
-def make(name: str, parts: MakerContext, **options: Any) -> FixedRangefinder:
-    """The sensor."""
-    return FixedRangefinder(**options)
+@dataclass(frozen=True, kw_only=True)
+class FixedOptions(DriverOptions):
+    """Its table."""
 
+    distance_mm: Annotated[float, positive("1500")]
 
-DRIVER = DriverEntry(make, Options({"distance_mm": Option(NumberOption("1500", 0.0, above=True), required=True)}))
+    def make(self, parts: MakerContext) -> FixedRangefinder:
+        """The sensor."""
+        return FixedRangefinder(self.distance_mm)

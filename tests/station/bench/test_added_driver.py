@@ -8,20 +8,21 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.errors import BadConfiguration
-from station.bench import device_options
+from drivers.grbl import GrblOptions
+from station.bench import device_models
 from station.bench.opening import make_bench
 
-from .added_driver import DRIVER, FixedRangefinder
+from .added_driver import FixedOptions, FixedRangefinder
 
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch):
     """The package with its entry point, as if it were installed."""
-    entry = SimpleNamespace(name="fixed", load=lambda: DRIVER)
-    monkeypatch.setattr(device_options, "entry_points", lambda group: [entry] if group == "station.drivers" else [])
-    device_options.added_drivers.cache_clear()
+    entry = SimpleNamespace(name="fixed", load=lambda: FixedOptions)
+    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry] if group == "station.drivers" else [])
+    device_models.drivers.cache_clear()
     yield
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
 
 
 def test_it_is_made_with_its_options(tmp_path: Path) -> None:
@@ -35,7 +36,7 @@ def test_it_is_made_with_its_options(tmp_path: Path) -> None:
     [
         ({"driver": "fixed"}, "distance_mm is missing"),
         ({"driver": "fixed", "distance_mm": -1.0}, "must be a number above 0"),
-        ({"driver": "fixd", "distance_mm": 1.0}, "there is no driver"),
+        ({"driver": "fixd", "distance_mm": 1.0}, "driver must be the name of a driver"),
     ],
 )
 def test_its_table_is_checked(tmp_path: Path, table: dict[str, object], words: str) -> None:
@@ -49,7 +50,7 @@ def test_the_nearest_name_is_proposed(tmp_path: Path) -> None:
 
 
 def test_a_built_in_driver_cannot_be_replaced(monkeypatch) -> None:
-    entry = SimpleNamespace(name="grbl", load=lambda: DRIVER)
-    monkeypatch.setattr(device_options, "entry_points", lambda group: [entry])
-    device_options.added_drivers.cache_clear()
-    assert device_options.options_of("grbl") is device_options.OPTIONS["grbl"]
+    entry = SimpleNamespace(name="grbl", load=lambda: FixedOptions)
+    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry])
+    device_models.drivers.cache_clear()
+    assert device_models.options_of("grbl") is GrblOptions

@@ -10,8 +10,6 @@ from click.testing import CliRunner
 
 from drivers.errors import BadConfiguration
 from station.__main__ import main
-from station.bench.device_makers import MAKERS
-from station.bench.device_options import OPTIONS
 from station.bench.opening import make_bench, read_config
 from station.common.toml_lines import key_lines
 
@@ -181,7 +179,7 @@ WRONG = {
     },
     "door": {"device": TEXT},
     "shaker": {"box": ['"relay"', '"box"', "1"], "axes": {"channel": ["2", "true", "0.0"], "stroke": ABOVE_0}},
-    "watchdog": {"box": ['"relay"'], "stages": ["[]", '"stage"', "[1]", '["head"]', '["rail"]', '["stage", "stage"]']},
+    "watchdog": {"box": ['"relay"'], "stages": ["[]", "[1]", '["head"]', '["rail"]', '["stage", "stage"]']},
     "machine_vision": {
         "camera": TEXT,
         "pixel_format": ['"RGB8"', '"mono8"', "8"],
@@ -198,7 +196,7 @@ WRONG = {
     "relay": {"on": ['"rail"', '"head"', "2"]},
     "fast": {"full_scale_g": ABOVE_0, "full_scale_deg_s": ABOVE_0},
     "light": {
-        "channels": ["[]", "[0]", "[513]", "1", "[1, 1]", '["a"]', "[1.5]"],
+        "channels": ["[]", "[0]", "[513]", "true", "[1, 1]", '["a"]', "[1.5]"],
         "warm_up_s": NOT_BELOW_0,
         "pwm_hz": NOT_BELOW_0,
     },
@@ -252,10 +250,6 @@ def test_the_good_file_is_good(tmp_path):
     assert set(bench.devices) == set(GOOD)
 
 
-def test_every_driver_has_its_options_reported():
-    assert set(MAKERS) == set(OPTIONS)
-
-
 def test_there_are_two_hundred():
     assert len(list(cases())) >= 200
 
@@ -279,26 +273,32 @@ def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name,
     [
         ("", "configures no devices; add tables like"),
         ("devices = 3", "configures no devices"),
-        ("[devices]\nstage = 3", r"line 2: devices.stage: 3 is not a table; begin one with \[devices.stage\]"),
+        ("[devices]\nstage = 3", r"line 2: devices.stage must be a table; it is 3; begin one with \[devices.stage\]"),
         ("[devices.stage", "is not valid TOML: .*; correct that line"),
         ("[devices.stage]\ndriver = grbl", "is not valid TOML: .*line 2"),
         ('[devices.stage]\ndriver = "grbl"\ndriver = "grbl"\n', "is not valid TOML: .*line 3"),
-        ('[devices.stage]\nport = "/dev/x"', "line 1: devices.stage.driver: it has no driver; use one of"),
-        ('\n[devices.stage]\ndriver = "grlb"', 'line 3: .* there is no driver "grlb"; write driver = "grbl"'),
+        ('[devices.stage]\nport = "/dev/x"', "line 1: devices.stage.driver is missing; use one of"),
+        (
+            '\n[devices.stage]\ndriver = "grlb"',
+            'line 3: .*driver must be the name of a driver; it is "grlb"; write .*"grbl"',
+        ),
         ('[devices.stage]\ndriver = "grbl"\nport = "x"', r"line 1: .*axes is missing; write axes = \[\{ name"),
-        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = []', r"line 4: devices.stage.axes: \[\] is given"),
+        (
+            '[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = []',
+            r"line 4: devices.stage.axes must be a list of tables with .*row; it is \[\]",
+        ),
         (
             '[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ nom = "z" }]',
-            r"line 4: .*axes\[1\].nom: .* no such option; use one of",
+            r"line 4: .*axes\[1\].nom is not known; use one of",
         ),
-        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ name = "z_mm" }]', r"\[1\]: letter is missing"),
-        ('[devices.light]\ndriver = "dmx"\nport = "x"\ncolour = 1', "line 4: devices.light.colour: 1 is given"),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ name = "z_mm" }]', r"\[1\].letter is missing"),
+        ('[devices.light]\ndriver = "dmx"\nport = "x"\ncolour = 1', "line 4: devices.light.colour is not known"),
         ('[devices.light]\ndriver = "dmx"\nport = "x"\nchanels = [1]', "write channels"),
         ('[devices.light]\ndriver = "dmx"', 'port is missing; write port = "/dev/ttyUSB0"'),
-        ('[devices.light]\ndriver = "grbl_light"', "it has neither port nor on"),
+        ('[devices.light]\ndriver = "grbl_light"', "devices.light has neither port nor on"),
         (
             '[devices.a]\ndriver = "wit"\nport = "x"\n[devices.b]\ndriver = "jrt"\nport = "x"',
-            'line 6: devices.b.port: "x" is already given to a',
+            'line 6: devices.b.port must differ; "x" is already given to a',
         ),
         ('[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"', "b is not a GRBL stage"),
     ],
@@ -313,7 +313,7 @@ def test_a_file_that_lacks_or_muddles_something(tmp_path, text, complaint):
 
 @pytest.mark.parametrize(
     ("key", "value", "reported"),
-    [("name", '"z_mm"', 'name = "z_mm" is given to two axes'), ("letter", '"X"', 'letter = "X" is given to two axes')],
+    [("name", '"z_mm"', 'name = "z_mm" is given twice'), ("letter", '"X"', 'letter = "X" is given twice')],
 )
 def test_two_axes_are_not_one(tmp_path, key, value, reported):
     second = {"name": '"x_mm"', "letter": '"Y"', "feed_per_min": "1"} | {key: value}
@@ -321,7 +321,7 @@ def test_two_axes_are_not_one(tmp_path, key, value, reported):
     first = '{ name = "z_mm", letter = "X", feed_per_min = 1 }'
     text = f'[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [\n  {first},\n  {axis},\n]\n'
     error = refusal(tmp_path, text)
-    assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key}: {reported}"
+    assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key} must differ; {reported}"
 
 
 def test_the_command_reports_it_without_a_traceback(tmp_path):
@@ -329,7 +329,7 @@ def test_the_command_reports_it_without_a_traceback(tmp_path):
     path.write_text(spoilt("stage", ("axes", "feed_per_min"), "0"))
     done = CliRunner().invoke(main, ["devices", "--config", str(path)])
     assert done.exit_code == 2
-    assert "devices.stage.axes[1].feed_per_min: 0 is given, but it must be a number above 0" in done.stderr
+    assert "devices.stage.axes[1].feed_per_min must be a number above 0; it is 0" in done.stderr
     assert "write feed_per_min = 1500" in done.stderr
     assert "Traceback" not in done.stderr
 

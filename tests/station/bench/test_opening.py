@@ -4,13 +4,16 @@ import gc
 import hashlib
 import os
 import signal
+import sys
 import threading
+from types import SimpleNamespace
 
 import pytest
 
+from drivers.clock import SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
-from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
-from station.common.stop_signals import ENDING, guarded
+from station.bench.opening import Bench, inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
+from station.common.stop_signals import ENDING, TURN_S, guarded
 from station.guide.active_devices import ActiveDevices
 
 
@@ -30,6 +33,11 @@ def written(tmp_path, text):
 def test_all_devices_of_the_simulated_bench_answer(bench):
     bench.connect()
     assert set(bench.identities) == set(bench.devices)
+
+
+def test_probes_are_the_devices_that_read():
+    devices = {"weather": SimpleNamespace(read=dict), "stage": SimpleNamespace(move_to=None)}
+    assert list(Bench(devices, {}, SystemClock()).probes) == ["weather"]
 
 
 @pytest.mark.slow
@@ -198,6 +206,20 @@ def test_a_stop_waits_for_no_computation_of_the_main_thread():
     with pytest.raises(SystemExit), guarded(lambda: reported.append("stop"), lambda: None):
         compute()
     assert reported[:2] == ["stop", "computed"]
+
+
+def test_guarding_shortens_the_turns_and_leaves_everything_as_it_was():
+    def state():
+        wakeup = signal.set_wakeup_fd(-1)
+        signal.set_wakeup_fd(wakeup)
+        return [*map(signal.getsignal, ENDING), sys.getswitchinterval(), wakeup]
+
+    before, threads = state(), set(threading.enumerate())
+    with guarded(lambda: None, lambda: None):
+        assert sys.getswitchinterval() == pytest.approx(TURN_S)
+        assert not set(state()) & set(before)
+    assert state() == before
+    assert set(threading.enumerate()) == threads
 
 
 def test_an_exception_that_ends_the_program_stops():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,9 +15,8 @@ import pytest
 
 from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
-from station.bench import device_options
+from station.bench import device_models
 from station.bench.conform import FAULTS, Broken, at_twin, soak
-from station.bench.device_check import TableCheck
 
 PACKAGE = Path(__file__).with_name("toy_package")
 ROOT = Path(__file__).resolve().parents[3]
@@ -39,13 +39,20 @@ def driver(monkeypatch):
     """The package in this process; its module."""
     monkeypatch.syspath_prepend(str(PACKAGE))
     importlib.invalidate_caches()
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
     yield importlib.import_module("toy_stage")
-    device_options.added_drivers.cache_clear()
+    device_models.drivers.cache_clear()
 
 
 def test_it_is_one_short_file():
     assert len((PACKAGE / "toy_stage.py").read_text().splitlines()) <= 180
+
+
+def test_contributing_shows_the_driver_that_is_tried():
+    (shown,) = re.findall(
+        r"```python\n(class ToyStage.*?)```", (ROOT / ".github" / "CONTRIBUTING.md").read_text(), re.S
+    )
+    assert (PACKAGE / "toy_stage.py").read_text().endswith(shown)
 
 
 @pytest.mark.slow
@@ -78,18 +85,17 @@ def test_an_unknown_driver_is_refused(station):
 
 
 def test_its_table_is_checked_like_a_built_in_one(driver):
-    TableCheck({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}}).check()
-    assert device_options.options_of("toy-stage").keys == device_options.LINE
+    device_models.read_devices({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}})
+    assert device_models.options_of("toy-stage") is driver.ToyOptions
 
 
 def go_on(self):
     """No halt after an error."""
 
 
-def forget_reset(self):
+def forget_reset(self, axis):
     """Where it is, whatever reference it has."""
-    state, position = self._order("where", 5)
-    return state, float(position)
+    return self._state(axis)
 
 
 @pytest.mark.slow
@@ -97,7 +103,7 @@ def forget_reset(self):
     ("name", "flaw", "fault", "words"),
     [
         ("_halt", go_on, "loss", "it moves after the operation has ended"),
-        ("_where", forget_reset, "reset", "it reports .* and is usable"),
+        ("_checked", forget_reset, "reset", "it reports .* and is usable"),
     ],
 )
 def test_the_soak_finds_what_a_hasty_driver_does_wrong(driver, tmp_path, monkeypatch, name, flaw, fault, words):
@@ -106,22 +112,11 @@ def test_the_soak_finds_what_a_hasty_driver_does_wrong(driver, tmp_path, monkeyp
         soak(rig, np.random.default_rng(0), 500, (fault,))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "fault"),
-    # GRBL has no checksums: garbage turns an order into another one, which the driver cannot always notice
-    [(name, fault) for name in ("grbl", "zaber") for fault in FAULTS if (name, fault) != ("grbl", "garbage")],
-)
-def test_built_in_stages_stand_every_fault(name, fault, tmp_path):
-    with at_twin(name, tmp_path) as rig:
-        assert soak(rig, np.random.default_rng(1), 30, (fault,)) == "30 operations"
-
-
 def test_a_twin_loses_its_reference_when_it_is_switched_off(driver):
     clock, twin = VirtualClock(), driver.ToyTwin()
     cable = Cable(twin, clock)
     twin.receive(driver.framed("1 home"), 0.0)
     clock.sleep(10.0)
-    cable.happen(twin.power_cycle)
+    cable.happen(twin.restart)
     twin.receive(driver.framed("2 where"), 10.0)
     assert b"2 ok unhomed 0.0000" in twin.advance(10.0)

@@ -41,13 +41,31 @@ files = ["a1.png", "a2.png"]
 DESCRIPTOR = "v 4.0\nn 12 8 8\nb 10000000 1500,0\ni a1.png\ni a2.png\nd 10000000\ni d1.png\ni .\\d2.png\n"
 
 
-@pytest.mark.parametrize(("name", "text"), [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR)])
+# as the public data sets are: comments before the first line and between lines, no version
+COMMENTED = "#####\r\n# Release 3.0\r\n\r\n" + DESCRIPTOR.split("\n", 1)[1].replace("d 1", "# dark pictures\r\nd 1")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR), ("set.txt", COMMENTED)],
+)
 def test_every_format_gives_the_same(folder, name, text):
     (folder / name).write_text(text)
     dark, light = find_shots(folder)
     assert (dark.kind, dark.level, [p.name for p in dark.paths]) == ("dark", 0.0, ["d1.png", "d2.png"])
     assert (light.kind, light.photons, [p.name for p in light.paths]) == ("light", 1500.0, ["a1.png", "a2.png"])
     assert (dark.exposure_s, light.exposure_s) == pytest.approx((0.01, 0.01))
+
+
+def test_a_descriptor_separates_stacks_from_the_ladder(folder):
+    (folder / "set.txt").write_text(DESCRIPTOR + "b 10000000 1400\ni a1.png\ni a2.png\ni a1.png\n")
+    assert [(one.level, one.only_stack) for one in find_shots(folder)] == [(0, False), (1400, True), (1500, False)]
+
+
+def test_another_text_is_no_descriptor(folder):
+    (folder / "notes.txt").write_text("# notes\nb is the bright picture\n")
+    with pytest.raises(BadInput, match="neither a manifest"):
+        find_shots(folder)
 
 
 def test_the_exposure_is_the_light_by_default(folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 
 import pytest
 
@@ -11,6 +12,7 @@ from procedures.outcome import BadParameter
 from station.batch.procedure_file import USUAL_PROCEDURE, read_procedure
 from station.bench.opening import make_bench, read_config
 from station.procedure.builtin.pattern import PatternSettings
+from station.reports.certificate_details import CertificateDetails
 from station.results.specification_file import read_specification
 from station.results.terms import USUAL
 
@@ -25,6 +27,7 @@ def written(run, tmp_path):
         str(tmp_path / "station.toml"),
         str(tmp_path / "procedure.toml"),
         str(tmp_path / "specification.toml"),
+        str(tmp_path / "certificate.toml"),
     ]
     return tmp_path
 
@@ -50,6 +53,7 @@ def test_every_device_of_the_example_can_be_made(written):
     bench = make_bench(tables, folder=written)
     assert set(bench.devices) == {
         "stage",
+        "room",
         "head",
         "shutter",
         "shaker",
@@ -101,3 +105,9 @@ def test_nothing_that_is_there_is_touched(run, tmp_path):
     assert "has procedure.toml already" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["procedure.toml"]
     assert (tmp_path / "procedure.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_every_detail_of_the_certificate_is_known(written):
+    (written / "logo.png").touch()
+    details = CertificateDetails.read(without_comment_marks(written / "certificate.toml"))
+    assert all(getattr(details, one.name) for one in fields(details))

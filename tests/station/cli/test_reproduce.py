@@ -45,6 +45,6 @@ def test_without_data_rows_are_not_computed(run, tmp_path, monkeypatch):
 
 def test_the_tables_bounds_come_from_one_noise_region():
     # Table 2.2 prints 0.10, 0.35, 0.70, 1.15: Proposition 1 for 53 x 54 pixels and what the PSF adds around them
-    rows = {check.quantity: check for check in gamma_rows.ROWS[0].checks}
+    rows = {check.quantity: check for check in catalogue.ROWS[0].checks}
     assert [rows[f"bound, {r} × {r}"].published for r in gamma_rows.SUPPORTS] == ["0.10", "0.35", "0.70", "1.15"]
     assert gamma_rows.table_window(33) == (61, 62)

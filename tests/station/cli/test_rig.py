@@ -1,50 +1,58 @@
-"""`station rig`: two results of geometry become the pose of one camera by the other."""
+"""`station rig`: results of geometry become the poses of the cameras by the first."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from procedures.geometry.views import Pose
-from tests.procedures.geometry.test_rig import FIRST, NAMES, TRUE, in_second
-
-OTHERS = 40
-"""Numbers of camera and chart before the poses' in a joint covariance."""
-
-
-def write(folder, poses, procedure="geometry"):
-    folder.mkdir()
-    views = [
-        {"source": name, "R": pose.R.tolist(), "t_mm": pose.t.tolist()} for name, pose in zip(NAMES, poses, strict=True)
-    ]
-    record = {
-        "schema": "station/geometry/1", "procedure": procedure, "parameters": {"scale_uncertainty": 0.001},
-        "planes": {"G1": {"verdict": "pass", "views": views}},
-    }  # fmt: skip
-    (folder / "result.json").write_text(json.dumps(record))
-    scale = np.concatenate([np.full(OTHERS, 7.0), np.tile([1e-5, 1e-5, 1e-5, 0.01, 0.01, 0.02], len(views))])
-    np.save(folder / "geometry_joint_covariance.npy", np.diag(scale**2))
-    return folder
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.outcome import Outcome, Verdict
+from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
+from station.calibration.geometry_files import geometry_measurement
+from station.results.measurement import write_measurement
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder
+from tests.procedures.geometry.simulated_views import CELL_MM
+from tests.procedures.geometry.test_rig import HERE, LENSES, THIRD, TRUE, rig
 
 
-@pytest.fixture
-def results(tmp_path):
-    return write(tmp_path / "left", FIRST), write(tmp_path / "right", [in_second(one) for one in FIRST])
+def write(folder: Path, count: int = 2) -> list[Path]:
+    """Results of geometry of the cameras of a rig, in folders with their number."""
+    folders = []
+    for i, one in enumerate(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)[:count])):
+        parameters = GeometryParameters(CELL_MM, 0.001, "OPENCV")
+        outcome = calibrate_geometry(one.views, LENSES[i].size, parameters, one.nodes)
+        records = tuple(ViewRecord(Path(view.source), "0" * 64, view, Verdict.PASS) for view in one.views)
+        shoot = GeometryPhotographs("G1", LENSES[i].size, records)
+        head = RecordHead("geometry", (), {"scale_uncertainty": 0.001})
+        folders.append(folder / f"camera{i + 1}")
+        with ResultFolder(folders[-1]) as results:
+            plane = PlaneGeometry(shoot, Outcome(outcome.value, Verdict.PASS))
+            write_measurement(results, geometry_measurement([plane], head))
+    return folders
 
 
-def test_the_second_camera_stands_where_it_does(run, results, tmp_path):
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("rig"), 3)
+
+
+def test_the_cameras_stand_where_they_do(run, results, tmp_path):
     done = run("rig", *results, "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
     record = json.loads(done.stdout)
     assert (record["schema"], record["rig"]["verdict"]) == ("station/rig/1", "pass")
-    pose = Pose(np.array(record["rig"]["R"]), np.array(record["rig"]["t_mm"]))
-    np.testing.assert_allclose(pose.R, TRUE.R, atol=1e-9)
-    np.testing.assert_allclose(pose.t, TRUE.t, atol=1e-6)
-    baseline = record["rig"]["baseline"]
-    assert baseline["uncertainty"] > 0.001 * baseline["value"]  # the print's scale, and noise
-    assert np.load(tmp_path / "out" / "rig_covariance.npy").shape == (6, 6)
+    covariance = np.load(tmp_path / "out" / "rig_covariance.npy")
+    assert covariance.shape == (12, 12)
+    for i, (one, truth) in enumerate(zip(record["rig"]["cameras"], (TRUE, THIRD), strict=True)):
+        error = np.array(one["t_mm"]) - np.array(one["R"]) @ truth.R.T @ truth.t
+        assert np.abs(error / np.sqrt(np.diag(covariance))[6 * i + 3 : 6 * i + 6]).max() < 2.5
+        assert one["baseline"]["uncertainty"] > 0.001 * one["baseline"]["value"]  # the print's scale, and noise
+    assert record["rig"]["t_mm"] == record["rig"]["cameras"][0]["t_mm"]
+    assert "rotation vector w in radians" in record["rig"]["convention"]
     assert [one["path"] for one in record["input"]] == [str(one / "result.json") for one in results]
 
 
@@ -52,13 +60,31 @@ def test_one_camera_is_no_rig(run, results, tmp_path):
     done = run("rig", results[0], results[0], "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert "are one geometry" in done.output
+    done = run("rig", results[0], "--out", tmp_path / "out")
+    assert "two cameras or more" in done.output
 
 
-def test_what_is_no_geometry_is_refused(run, results, tmp_path):
-    other = write(tmp_path / "other", FIRST, procedure="tilt")
-    done = run("rig", results[0], other, "--out", tmp_path / "out")
+@pytest.fixture
+def copies(results, tmp_path):
+    """Two results that may be changed."""
+    for folder in results[:2]:
+        (tmp_path / folder.name).mkdir()
+        for file in folder.iterdir():
+            (tmp_path / folder.name / file.name).write_bytes(file.read_bytes())
+    return tmp_path / "camera1", tmp_path / "camera2"
+
+
+def test_what_is_no_geometry_is_refused(run, copies, tmp_path):
+    record = json.loads((copies[1] / "result.json").read_text())
+    (copies[1] / "result.json").write_text(json.dumps(record | {"procedure": "tilt"}))
+    done = run("rig", *copies, "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert "is of tilt" in done.output
-    (results[1] / "geometry_joint_covariance.npy").unlink()
-    assert run("rig", *results, "--out", tmp_path / "out").exit_code == 4
+
+
+def test_a_result_without_points_is_refused_with_a_remedy(run, copies, tmp_path):
+    (copies[1] / "geometry_points.npy").unlink()
+    done = run("rig", *copies, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "calibrate the camera again" in done.output
     assert not (tmp_path / "out").exists()

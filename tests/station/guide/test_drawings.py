@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.drawings import steps as drawings
+from procedures.drawings.steps import DRAWINGS
 from procedures.plan import Look, Scan, Shoot, Tour
 from station.guide.catalogue import PLANS
 
-ALL = {name: text for name, text in vars(drawings).items() if name.isupper()}
 
-
-@pytest.mark.parametrize("text", ALL.values(), ids=ALL)
+@pytest.mark.parametrize("text", DRAWINGS.values(), ids=DRAWINGS)
 def test_a_drawing_is_ascii_and_fits_next_to_the_rail_of_80_by_24(text):
     lines = text.splitlines()
     assert text.isascii()

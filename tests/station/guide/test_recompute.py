@@ -16,7 +16,9 @@ from procedures.raw import read_frame
 from station.__main__ import main
 from station.guide import catalogue, session_result
 from station.guide.recompute import kernels_of, recompute
+from station.guide.session_report import certificate_files, session_page
 from station.guide.session_result import Frames, compute, derive
+from station.results.reader import read_result
 from station.sessions.journal import Damaged
 from station.sessions.reader import read_session
 from station.sessions.session import Session
@@ -25,6 +27,8 @@ from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
 from ..sessions.work import FixedClock, exposure_of, today
 
 SLOW_FIXTURES = {"folder"}
+READING = {"value": 21.34, "unit": "°C", "uncertainty": 0.1}
+ROOM = {"axes": {"z_mm": 3.5}, "environment": {"<i>room</i>": {"temperature": READING}}}
 CAMERA = "<script>alert(1)</script>{{ 7 * 7 }}"
 
 
@@ -39,7 +43,7 @@ def folder(tmp_path_factory):
         for name, data in photographs().items():
             path = root / f"{name}.dng"
             path.write_bytes(data)
-            shot = session.adopt(exposure_of(path), step="shots", purpose=name, snapshot={"axes": {"z_mm": 3.5}})
+            shot = session.adopt(exposure_of(path), step="shots", purpose=name, snapshot=ROOM)
             session.judge(shot, name != "look", "<b>a trial</b>")
         derive(session, plan(), "estimate")
         session.judge(session.state.shots[-1], False, "put aside")
@@ -167,5 +171,17 @@ def test_report_is_complete_and_escapes_html(folder):
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page
-    for markup in ("<script", "<img", "<b>a", ", </title>"):
+    for markup in ("<script", "<img", "<b>a", ", </title>", "<i>room"):
         assert markup not in page
+
+
+@pytest.mark.slow
+def test_the_rooms_temperature_is_in_record_page_and_certificate(folder):
+    record = json.loads((folder / "derived/1/result.json").read_text())
+    assert record["environment"]["<i>room</i>"]["temperature"] == {**READING, "min": 21.34, "max": 21.34, "n": 2}
+    assert read_result(folder / "derived/1").head.environment == record["environment"]
+    words = "21.34 °C, standard uncertainty 0.10 °C"
+    page = session_page(folder)
+    assert words in page
+    assert "temperature (&lt;i&gt;room&lt;/i&gt;)" in page
+    assert words in certificate_files(folder)["certificate.html"].decode()

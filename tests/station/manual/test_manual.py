@@ -12,12 +12,14 @@ import click
 import html5lib
 import pytest
 
+from drivers.frame_files.dng_folder import OpticsMetadata
 from procedures.numbers import NUMBERS, reference_text
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.diagnostics import Diagnostics
 from procedures.restoration.joint.result import RestorationDiagnostics as OfRestoration
 from station.__main__ import main
-from station.bench.device_makers import MAKERS
+from station.bench.device_models import BUILTIN, options_of
+from station.common.models import fields_of
 from station.manual.browser_pages import html_of, section_name
 from station.manual.command_reference import commands_text
 from station.manual.field_reference import attributes
@@ -98,17 +100,14 @@ def test_docstrings_define_every_diagnostic():
     assert all(told for _, told in attributes(Diagnostics))
 
 
-@pytest.mark.parametrize("driver", MAKERS)
+@pytest.mark.parametrize("driver", BUILTIN)
 def test_station_toml_has_every_driver_with_its_options(driver):
     row = re.search(rf"^\| `{driver}` \|.*$", text_of("station-toml"), re.MULTILINE)
     assert row is not None
-    options = [
-        name
-        for name, one in inspect.signature(MAKERS[driver]).parameters.items()
-        if one.kind is inspect.Parameter.KEYWORD_ONLY
-    ]
+    options = [one.name for one in fields_of(options_of(driver))]
     assert options
-    assert all(f"`{name}`" in row[0] for name in options)
+    lens = [one.name for one in fields(OpticsMetadata)] if "lens data" in row[0] else []
+    assert all(f"`{name}`" in row[0] or name in lens for name in options)
 
 
 # --- terminal and browser ------------------------------------------------------------------------------------------

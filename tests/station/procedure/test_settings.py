@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import pytest
 
 from procedures.outcome import BadParameter
-from station.procedure.settings import Settings, fields_of, named_files, read_settings, setting, to_record
+from station.common.models import TableSource, fields_of, read_model
+from station.procedure.settings import Settings, named_files, setting, to_record
 
 
 class Model(Settings, frozen=True, kw_only=True):
@@ -28,7 +29,8 @@ class Required(Settings, frozen=True, kw_only=True):
 
 
 def test_a_table_becomes_the_model():
-    found = read_settings(Model, {"width_mm": 200, "distances_mm": [100, 200.5], "table": "a.csv", "positions": "set"})
+    table = {"width_mm": 200, "distances_mm": [100, 200.5], "table": "a.csv", "positions": "set"}
+    found = read_model(Model, table, TableSource())
     assert found == Model(width_mm=200.0, distances_mm=(100.0, 200.5), table=Path("a.csv"), positions="set")
 
 
@@ -36,30 +38,30 @@ def test_a_table_becomes_the_model():
     ("given", "words"),
     [
         ({"widht_mm": 3}, r"widht_mm is not known; write width_mm"),
-        ({"nothing": 3}, r"nothing is not known; use one of width_mm, count"),
-        ({"width_mm": "wide"}, r"settings\.width_mm must be a number at least 1; it is 'wide'"),
-        ({"width_mm": 0.5}, r"width_mm must be a number at least 1; it is '0\.5'"),
-        ({"count": 10}, r"count must be a whole number at least 1 and at most 9; it is '10'"),
+        ({"nothing": 3}, r"nothing is not known; use one of count, distances_mm"),
+        ({"width_mm": "wide"}, r"settings\.width_mm must be a number at least 1; it is .wide."),
+        ({"width_mm": 0.5}, r"width_mm must be a number at least 1; it is 0\.5"),
+        ({"count": 10}, r"count must be a whole number from 1 to 9; it is 10"),
         ({"count": 2.5}, "count must be a whole number"),
-        ({"positions": "chart"}, "positions must be one of lens, set; it is 'chart'"),
+        ({"positions": "chart"}, "positions must be one of lens, set; it is .chart."),
         ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number at least 1"),
         ({"distances_mm": [1, 0.5]}, "distances_mm must be a list, each a number at least 1"),
-        ({"side": 2.5}, r'side must be a whole number at least 3 or "auto"; it is .2\.5.'),
-        ({"side": "wide"}, r'side must be a whole number at least 3 or "auto"; it is .wide.'),
+        ({"side": 2.5}, r'side must be a whole number at least 3 or "auto"; it is 2\.5'),
+        ({"side": "wide"}, r'side must be a whole number at least 3 or "auto"; it is .wide'),
         ({"insist": 1}, "insist must be true or false"),
-        ({"tile_px": 100}, "tile_px must be one of 128, 256; it is '100'"),
+        ({"tile_px": 100}, "tile_px must be one of 128, 256; it is 100"),
         ({"table": 4}, "table must be a path"),
-        ({"pitch_um": 0}, r"pitch_um must be a number at least 0\.1; it is '0'"),
+        ({"pitch_um": 0}, r"pitch_um must be a number at least 0\.1; it is 0"),
     ],
 )
 def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
     with pytest.raises(BadParameter, match=words):
-        read_settings(Model, given, {name: f"settings.{name}" for name in given})
+        read_model(Model, given, TableSource(places={name: ("settings", name) for name in given}))
 
 
 def test_what_is_required_is_asked_for_with_its_description():
-    with pytest.raises(BadParameter, match="radius_mm is required; give it: Radius of the screws' circle"):
-        read_settings(Required, {})
+    with pytest.raises(BadParameter, match="radius_mm is missing; give it: Radius of the screws' circle"):
+        read_model(Required, {}, TableSource())
 
 
 def test_fields_carry_all_that_an_option_needs():

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import base64
 import re
 
+import cv2
 import html5lib
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.reports.certificate import certificate_page, number_table
-from station.reports.certificate_print import certificate_pdf
+from station.reports.certificate import CODE, certificate_page, number_table, record_digest
+from station.reports.certificate_details import CertificateDetails
+from station.reports.certificate_print import certificate_files, certificate_pdf
 from station.reports.report import METHODS, Report, ReportLine, ReportShot
 from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
@@ -67,8 +70,35 @@ def test_what_came_from_outside_is_text_only():
     ],
     ids=["short", "long", "refused"],
 )
-def test_pdf_is_one_page_whatever_stands_on_it(report):
+def test_pages_of_the_pdf_are_numbered(report):
     data = certificate_pdf(report)
     assert data.startswith(b"%PDF-")
-    assert len(re.findall(rb"/Type /Page\b", data)) == 1
+    assert len(re.findall(rb"/Type /Page\b", data)) in (1, 2)
     assert data == certificate_pdf(report)
+
+
+def test_certificate_states_laboratory_customer_and_the_digest_of_the_record(tmp_path):
+    toml = tmp_path / "certificate.toml"
+    logo = cv2.imencode(".png", np.zeros((8, 16, 3), np.uint8))[1].tobytes()
+    (tmp_path / "logo.png").write_bytes(logo)
+    toml.write_text('laboratory = "Optics <lab>"\nlogo = "logo.png"\nnumber = "2026-7"\ncustomer = "A & B"\n')
+    record = {"schema": "station/psf/1", "planes": {}, "files": {"a": "b"}}
+    files = certificate_files(report_of("G1"), record, CertificateDetails.read(toml))
+    page = files["certificate.html"].decode()
+    text = text_of(page)
+    digest = record_digest({"schema": "station/psf/1", "planes": {}})
+    assert all(one in text for one in ("Optics <lab>", "2026-7", "A & B", digest))
+    assert base64.b64encode(logo).decode() in page
+    codes = [cv2.imdecode(np.frombuffer(base64.b64decode(one), np.uint8), 0)
+             for one in re.findall(r"data:image/png;base64,([^\"]+)", page)]  # fmt: skip
+    sizes = [cv2.resize(codes[-1], None, fx=one, fy=one, interpolation=cv2.INTER_AREA) for one in (1 / 2, 2 / 3, 1)]
+    assert CODE + digest in [cv2.QRCodeDetector().detectAndDecode(one)[0] for one in sizes]  # it misses some sizes
+    assert f"record-sha256 {digest}".encode() in files["certificate.pdf"]
+
+
+@pytest.mark.parametrize("text", ['customre = "A"', "number = 7", 'logo = "nowhere.png"'])
+def test_wrong_details_are_refused_with_the_name_of_the_file(tmp_path, text):
+    toml = tmp_path / "mine.toml"
+    toml.write_text(text)
+    with pytest.raises(BadParameter, match=r"mine\.toml|customre|number"):
+        CertificateDetails.read(toml)

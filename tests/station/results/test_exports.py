@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from dataclasses import replace
 
 import cv2
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 from procedures.outcome import Quantity
 from procedures.psf import Psf, PsfTail
 from procedures.reading.exposure import Exposure
-from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
+from station.results.exports import gaussian_radius, kernel_fits, numbers_table, psf_fits, psf_tiff
+from station.results.fits import primary_image, table_of_one_cube
 
 
 def gaussian(sigma_px, s=4, k=33, sd=1e-4):
@@ -47,7 +49,10 @@ def test_fits_holds_samples_and_uncertainties():
     assert len(data) % 2880 == 0
     (primary, samples), (second, sigma) = units(data)
     assert (primary["SIMPLE"], primary["BITPIX"], primary["PLANE"]) == ("T", "-64", "G1")
-    assert (float(primary["CRPIX1"]), float(primary["CDELT1"])) == (17.0, 0.25)
+    for unit in (primary, second):
+        axes = [(float(unit[f"CRPIX{i}"]), float(unit[f"CRVAL{i}"]), float(unit[f"CDELT{i}"])) for i in (1, 2)]
+        assert axes == [(17.0, 0.0, 0.25)] * 2  # the middle of 33 samples, four to a pixel
+        assert [unit[f"CTYPE{i}"] for i in (1, 2)] == ["X", "Y"]
     assert second["XTENSION"] == "IMAGE"
     np.testing.assert_array_equal(samples, psf.h)
     np.testing.assert_allclose(sigma, 1e-4)
@@ -96,6 +101,22 @@ def test_what_lies_outside_the_support_stands_beside_it():
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
 
 
+def test_kernel_of_a_motion_has_one_sample_a_pixel():
+    kernel = np.arange(25.0).reshape(5, 5)
+    ((header, found),) = units(kernel_fits(kernel, 2, None))
+    np.testing.assert_array_equal(found, kernel)
+    axes = [(float(header[f"CRPIX{i}"]), float(header[f"CRVAL{i}"]), float(header[f"CDELT{i}"])) for i in (1, 2)]
+    assert axes == [(3.0, 0.0, 1.0)] * 2
+    assert (header["PHOTO"], header["SAMPLING"], header["CREATOR"]) == ("2", "1", "calibration-station")
+
+
+def test_exponents_are_those_of_the_standard():
+    # FITS 4.0, section 4.2.4: E or D; without a tail the share outside is rounding
+    (primary, _), _ = units(psf_fits(gaussian(0.6), "G1", None))
+    assert 0 < float(primary["EOUTSIDE"]) < 1e-9
+    assert re.fullmatch(r"\d\.\d+E-\d+", primary["EOUTSIDE"])
+
+
 def test_fits_is_read_by_astropy():
     fits = pytest.importorskip("astropy.io.fits")
     psf = gaussian(0.6)
@@ -128,3 +149,14 @@ def test_numbers_are_rows_with_unit_and_method():
         "plane": "G1", "name": "mtf50", "value": "0.5", "uncertainty": "0.01", "unit": "cycles/pixel",
         "method": "'=crossing, first", "n": "12",
     }  # fmt: skip
+
+
+def test_the_first_axis_of_fits_runs_along_a_row():
+    image = np.arange(6.0).reshape(2, 3)
+    ((header, found),) = units(primary_image(image, [("LOW", 1.5e-300)]))
+    assert (header["NAXIS1"], header["NAXIS2"], header["BITPIX"]) == ("3", "2", "-64")
+    np.testing.assert_array_equal(found, image)
+    cube = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
+    table = table_of_one_cube("PSF", cube, [("EXTNAME", "X")])
+    assert b"TDIM1   = '(4,3,2)" in table
+    assert table.endswith(cube.astype(">f4").tobytes() + bytes(2880 - 96))

@@ -1,26 +1,30 @@
 from __future__ import annotations
 
+import contextlib
 import csv
 import errno
 import hashlib
 import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from procedures.budget import with_parts
+from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
+from procedures.sensor.measured import IntervalNumber
 from station.drawing.psf_picture import psf_picture
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, write_record
+from station.results.result_files import ResultFolder, number_record, plane_record, write_record
 
 
 def psf_of(h, s=4):
@@ -239,3 +243,47 @@ def test_record_that_names_files_elsewhere_removes_none(tmp_path):
     )
     written(tmp_path / "out", "psf_Y.npy")
     assert (tmp_path / "precious.npy").exists()
+
+
+def test_printed_edge_stands_beside_the_psf():
+    by_edge, by_psf = (Quantity(value, "cycles/pixel", 0.01, "known", 9) for value in (0.31, 0.30))
+    edge = SimpleNamespace(
+        edge=SimpleNamespace(orientation="vertical", normal_deg=3.0), by_edge=by_edge, by_psf=by_psf, difference=0.01,
+        sigmas=0.7,
+    )  # fmt: skip
+    (entry,) = plane_record(PlaneResult("G1", Verdict.PASS, "", "", {}, edges=(edge,)))["edges"]
+    assert (entry["orientation"], entry["normal_deg"], entry["difference"], entry["sigmas"]) == (
+        "vertical",
+        3,
+        0.01,
+        0.7,
+    )
+    assert (entry["mtf50_edge"]["value"], entry["mtf50_psf"]["value"]) == (0.31, 0.30)
+
+
+def test_gaussian_radius_goes_with_the_radial_mtf50():
+    mtf50 = Quantity(0.25, "cycles/pixel", 0.01, "", 9)
+    assert dict(numbers_of(SimpleNamespace(numbers={"fwhm": mtf50}), 1)) == {"fwhm": mtf50}
+    both = dict(numbers_of(SimpleNamespace(numbers={MTF50_RADIAL: mtf50}), 2))
+    assert both.keys() == {MTF50_RADIAL, GAUSSIAN_RADIUS}
+    # exp(-2 pi^2 sigma^2 f^2) = 1/2, in pixels of the sensor
+    assert np.exp(-2 * (np.pi * both[GAUSSIAN_RADIUS].value / 2 * 0.25) ** 2) == pytest.approx(0.5)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no list of open files here")
+@pytest.mark.parametrize("published", [True, False])
+def test_folder_of_results_is_left_closed_and_empty_if_it_failed(tmp_path, published):
+    before = os.listdir("/proc/self/fd")
+    with contextlib.suppress(ZeroDivisionError), ResultFolder(tmp_path / "new" / "out") as folder:
+        folder.write("a.txt", b"1")
+        if not published:
+            raise ZeroDivisionError
+        write_record(folder, {"schema": "station/psf/1"})
+    assert os.listdir("/proc/self/fd") == before
+    assert (tmp_path / "new").exists() == published
+
+
+def test_interval_of_a_number_stands_as_one_entry():
+    known = {"value": 3.0, "unit": "bit", "uncertainty": 0.5, "method": "known", "n": 9}
+    assert number_record(Quantity(**known)) == known
+    assert number_record(IntervalNumber(**known, low=2.0, high=4.0)) == {**known, "interval": [2.0, 4.0]}

@@ -16,7 +16,7 @@ from station.guide.workspace import StationLab
 
 SPEED = 20.0
 """How much faster than real the axes move; the drivers keep real time."""
-PORTS = ("stage", "head", "shutter", "imu", "fast_imu", "rangefinder", "light")
+PORTS = ("stage", "head", "shutter", "imu", "fast_imu", "rangefinder", "light", "room")
 
 
 class HangingPort(PtyPort):

@@ -14,10 +14,11 @@ from alpaca import exceptions, focuser, management, switch
 
 from drivers.errors import NoAnswer
 from drivers.interfaces import Condition
+from station.service.alpaca.clients import MOST_LISTED
 from station.service.alpaca.discovery import Discovery
 
 from .alpaca_clients import homed, members, once
-from .serving import TOKEN
+from .serving import ENDS_S, TOKEN, Client
 
 NOT_IMPLEMENTED = exceptions.NotImplementedException
 
@@ -78,7 +79,7 @@ def test_every_common_member_answers(client):
     assert not device.Connecting
     assert device.Name == "stage x_mm"
     assert device.InterfaceVersion == 4
-    assert device.SupportedActions == ["Home", "EmergencyStop"]
+    assert device.SupportedActions == ["Home", "Resume", "EmergencyStop"]
     assert device.Description
     assert device.DriverInfo
     assert device.DriverVersion
@@ -91,7 +92,7 @@ def test_every_common_member_answers(client):
     for command in (device.CommandBlind, device.CommandBool, device.CommandString):
         with pytest.raises(NOT_IMPLEMENTED):
             command("x", False)
-    with pytest.raises(exceptions.ActionNotImplementedException, match="there are Home, EmergencyStop"):
+    with pytest.raises(exceptions.ActionNotImplementedException, match="there are Home, Resume, EmergencyStop"):
         device.Action("Fly", "")
     device.Disconnect()
     assert not device.Connected
@@ -246,6 +247,44 @@ def test_a_run_keeps_clients_from_moving_and_clients_a_run(rail, client, served)
         rail.Halt()  # stopping is free
 
 
+def test_a_pause_at_the_door_is_ended_by_the_action_resume(rail, served):
+    homed(rail)
+    twin, cable = served.bench.simulated.devices["stage"], served.bench.simulated.cables["stage"]
+    cable.happen(lambda now_s: twin.door(True, now_s))
+    for _ in range(2):  # with the door open it stays paused, and so after `Resume`
+        rail.Move(1000)
+        with pytest.raises(exceptions.DriverException, match="paused at the door; close it and resume: the action Res"):
+            once(lambda: not rail.IsMoving)
+        rail.Action("Resume", "")
+    cable.happen(lambda now_s: twin.door(False, now_s))
+    rail.Action("Resume", "")
+    once(lambda: not rail.IsMoving)
+    rail.Move(1000)
+    once(lambda: not rail.IsMoving)
+    assert rail.Position == 1000
+
+
+def test_a_halt_that_comes_before_the_driver_has_its_order_is_not_lost(rail, served, monkeypatch):
+    entered, go_on, moving, halted = (threading.Event() for _ in range(4))
+    arrived = []
+
+    def move(**target):
+        entered.set()
+        go_on.wait()
+        moving.set()
+        arrived.append(not halted.wait(ENDS_S / 6))
+
+    homed(rail)
+    monkeypatch.setattr(served.bench.stage, "move_to", move)
+    monkeypatch.setattr(served.bench.stage, "stop", lambda: halted.set() if moving.is_set() else None)
+    rail.Move(10)
+    entered.wait()
+    rail.Halt()
+    go_on.set()
+    once(lambda: not served.tenancy.tenant)
+    assert arrived == [False]
+
+
 # --- switch --------------------------------------------------------------------------------------------------------
 
 
@@ -325,6 +364,39 @@ def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
     numbers = [requests.get(url, auth=("any", TOKEN), timeout=30).json()["ServerTransactionID"] for _ in range(3)]
     assert numbers == sorted(set(numbers))
     assert requests.get(url, timeout=30).status_code == 401
+
+
+def stranger(client, path, form=b"", **headers):
+    """Status and body of a PUT without the token."""
+    headers = {"Content-Type": "application/x-www-form-urlencoded", **headers}
+    status, _, body = Client(client.port, "").request("PUT", f"/api/v1/{path}", form, **headers)
+    return status, body
+
+
+def test_a_stop_over_alpaca_needs_no_token_and_nothing_else_goes_without(client, served):
+    for path in ("focuser/0/halt", "camera/0/abortexposure"):
+        assert stranger(client, path)[0] == 200
+    assert stranger(client, "switch/0/action", b"Action=EmergencyStop&Parameters=&ClientID=9")[0] == 200
+    assert served.bench.stops == 1
+    for path, form in (
+        ("focuser/0/action", b"Action=Home&Parameters="),
+        ("focuser/0/move", b"Position=1"),
+        ("focuser/0/connected", b"Connected=True"),
+    ):
+        status, body = stranger(client, path, form)
+        assert (status, b"the token is required" in body) == (401, True)
+    assert stranger(client, "focuser/0/halt", Origin="http://elsewhere.example")[0] == 403
+
+
+def test_clients_are_listed_with_their_rights(client, rail):
+    stranger(client, "focuser/0/halt", b"ClientID=9")
+    listed = client.get("/status")[1]["clients"]
+    assert [(one["rights"], one["devices"]) for one in listed] == [("stop only", []), ("everything", ["focuser 0"])]
+    assert [one["address"] for one in listed] == ["127.0.0.1"] * 2
+    assert listed[0]["client"] == 9
+    for number in range(2 * MOST_LISTED):  # numbers are invented by clients
+        stranger(client, "focuser/0/halt", f"ClientID={number}".encode())
+    assert len(client.get("/status")[1]["clients"]) == MOST_LISTED
 
 
 def test_discovery_reports_the_port():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from alpaca import camera as alpaca_camera
 from alpaca import exceptions
 
 from procedures.raw import read_frame
+from station.guide.workspace import StationLab
 from station.service.alpaca.image import nested, sensor_image
 
+from ..guide import benches
 from .alpaca_clients import once
+from .serving import serving
 
 NOT_IMPLEMENTED = exceptions.NotImplementedException
 
@@ -35,6 +39,12 @@ KNOWN = {
     "HasShutter": False, "IsPulseGuiding": False, "ReadoutMode": 0, "ReadoutModes": ["RAW"], "SensorName": "",
     "StartX": 0, "StartY": 0, "ImageReady": False,
 }  # fmt: skip
+
+
+def connected(client):
+    device = alpaca_camera.Camera(client.address, 0)
+    device.Connected = True
+    return device
 
 
 def test_every_member_of_the_camera_before_a_photograph(camera):
@@ -97,8 +107,6 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
 def test_the_numbers_are_those_of_the_file(camera, served):
     camera.StartExposure(0.0, True)
     once(lambda: camera.ImageReady)
-    from ..guide import benches
-
     written = np.random.default_rng(1).integers(600, 9000, (64, 96)).astype(np.uint16)  # as `frame_bytes` draws them
     assert benches.frame_bytes(1)
     np.testing.assert_array_equal(np.array(camera.ImageArray).T, written)
@@ -134,3 +142,72 @@ def test_an_exposure_is_aborted_and_the_next_one_comes(camera, served, monkeypat
     monkeypatch.undo()
     camera.StartExposure(0.02, True)
     once(lambda: camera.ImageReady)
+
+
+def test_the_sensor_is_known_before_a_photograph(tmp_path):
+    """From station.toml, from the simulated bench's camera, and from a file that is in the folder."""
+    lab = StationLab(sessions=tmp_path / "sessions", config=None, simulate=True)
+    with serving(tmp_path, lab=lab) as (client, served):
+        device = connected(client)
+        sensor = served.bench.simulated.view.camera.sensor
+        assert (device.CameraXSize, device.CameraYSize) == (device.NumX, device.NumY) == (sensor.columns, sensor.rows)
+        assert (device.SensorType, device.MaxADU) == (alpaca_camera.SensorType.RGGB, sensor.white)
+        assert (device.BayerOffsetX, device.BayerOffsetY) == (0, 0)
+
+
+def test_a_file_in_the_folder_shows_the_sensor(camera, served):
+    (served.bench.simulated.folder / "before.DNG").write_bytes(benches.frame_bytes(7))
+    assert (camera.CameraXSize, camera.CameraYSize, camera.MaxADU) == (96, 64, 16383)
+    assert camera.SensorType is alpaca_camera.SensorType.RGGB
+
+
+def test_the_exposure_after_an_aborted_one_waits_for_its_file_only(camera, served):
+    clock, body = served.bench.clock, served.bench.simulated.body
+    body.settings.readout_s = 3.0  # an exposure lasts long enough to be aborted
+    fired, fire = threading.Event(), served.bench.shutter.fire
+
+    def fire_and_tell(*given):
+        times = fire(*given)
+        fired.set()
+        return times
+
+    served.bench.camera._shutter.fire = fire_and_tell
+    sleep = clock.sleep
+    aborted = threading.Event()
+
+    def wait_for_abort(seconds):
+        if fired.is_set():
+            aborted.wait()
+        sleep(seconds)
+
+    served.bench.camera.clock = SimpleNamespace(now_s=clock.now_s, sleep=wait_for_abort)
+    camera.StartExposure(0.02, True)
+    fired.wait()
+    camera.AbortExposure()
+    aborted.set()
+    once(lambda: camera.CameraState is alpaca_camera.CameraStates.cameraIdle)
+    began_s = clock.now_s()
+    camera.StartExposure(0.02, True)
+    once(lambda: camera.ImageReady)
+    # twice the time of readout, with the rest of each file; the limit for a file is twenty seconds
+    assert clock.now_s() - began_s < 2 * (3.0 + 1.0)
+    written = np.random.default_rng(2).integers(600, 9000, (64, 96)).astype(np.uint16)
+    np.testing.assert_array_equal(np.array(camera.ImageArray).T, written)  # the second frame, not the aborted one
+
+
+def test_an_abort_that_comes_before_the_driver_has_begun_is_not_lost(camera, served, monkeypatch):
+    entered, go_on = threading.Event(), threading.Event()
+    configure = served.bench.camera.configure
+
+    def slow(settings):
+        entered.set()
+        go_on.wait()
+        configure(settings)
+
+    monkeypatch.setattr(served.bench.camera, "configure", slow)
+    camera.StartExposure(0.02, True)
+    entered.wait()
+    camera.AbortExposure()  # the driver forgets earlier stops when it begins to expose
+    go_on.set()
+    once(lambda: camera.CameraState is alpaca_camera.CameraStates.cameraIdle)
+    assert not camera.ImageReady

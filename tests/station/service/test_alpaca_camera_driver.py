@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
+import exifread
 import numpy as np
 import pytest
 
@@ -17,12 +18,14 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
-from drivers.interfaces import CameraSettings
+from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
 from station.service.alpaca.image import image_bytes, sensor_image
 
 from .alpaca_clients import beside
+
+FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
 
 @pytest.fixture
@@ -41,7 +44,9 @@ def camera(at, saved):
 
 
 def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, served):
+    assert camera.sensor() is None  # neither a photograph nor station.toml has shown it to the server
     exposure = camera.expose()
+    assert camera.sensor() == FrameFormat(96, 64, "RGGB", 16383, 3.45)
     (source,) = served.bench.simulated.folder.iterdir()
     theirs, ours = (sensor_image(list(read_frame(path).planes.values())) for path in (source, exposure.path))
     np.testing.assert_array_equal(ours.levels, theirs.levels)
@@ -51,6 +56,30 @@ def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, s
     assert reply.exposure_s == pytest.approx(0.02)
     assert reply.f_number == 5.6
     assert exposure.requested_s < exposure.received_s
+
+
+def test_gain_and_offset_are_set_and_read_back(at, saved, monkeypatch):
+    from alpaca.camera import Camera
+
+    numbers = {}
+    for name in ("Gain", "Offset"):
+        given = property(lambda _, name=name: numbers[name], lambda _, value, name=name: numbers.update({name: value}))
+        monkeypatch.setattr(Camera, name, given)
+    camera = AlpacaCamera(at, 0, saved, AlpacaCameraSettings(exposure_s=0.02, gain=12, offset=50))
+    camera.connect()
+    assert numbers == {"Gain": 12, "Offset": 50}
+    with camera.expose().path.open("rb") as file:
+        comment = exifread.process_file(file)["EXIF UserComment"]
+    assert '{"gain": 12, "offset": 50}' in str(comment)
+    monkeypatch.setattr(Camera, "Gain", property(lambda _: 11, lambda *_: None))
+    with pytest.raises(Rejected, match="has Gain 11 after 12 was set"):
+        camera.connect()
+    monkeypatch.undo()
+
+
+def test_a_gain_that_the_camera_has_not_is_refused(at, saved):
+    with pytest.raises(Rejected, match="gain is not implemented"):
+        AlpacaCamera(at, 0, saved, AlpacaCameraSettings(gain=1)).connect()
 
 
 def test_an_exposure_that_fails_at_the_server_is_reported(camera):
@@ -78,6 +107,7 @@ def slow_camera(served, monkeypatch):
         go_on.wait()
         return expose()
 
+    slow.go_on = go_on.set
     monkeypatch.setattr(served.bench.camera, "expose", slow)
     yield begun
     go_on.set()
@@ -89,6 +119,18 @@ def test_an_emergency_stop_ends_an_exposure(camera, slow_camera):
     camera.emergency_stop()
     thread.join()
     assert isinstance(outcome[0], EmergencyStopped)
+
+
+def test_an_exposure_that_another_client_aborted_ends_at_once(camera, client, slow_camera, served):
+    thread, outcome = beside(camera.expose)
+    slow_camera.wait()
+    begin_s = time.monotonic()
+    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2", **FORM)
+    served.bench.camera.expose.go_on()
+    thread.join()
+    assert isinstance(outcome[0], FrameMissing)
+    assert "was aborted at its server; expose again" in str(outcome[0])
+    assert time.monotonic() - begin_s < 10.0  # half of its patience
 
 
 def test_an_image_that_never_comes_is_an_error_within_the_deadline(at, saved, slow_camera):

@@ -15,6 +15,7 @@ from drivers.errors import (
     BadConfiguration,
     DeviceError,
     EmergencyStopped,
+    Held,
     LineLost,
     MoveFailed,
     NoAnswer,
@@ -74,6 +75,19 @@ def test_it_does_not_move_before_homing(stage):
     with pytest.raises(NotHomed):
         stage.move_to(z_mm=400.0)
     assert not stage.condition().usable
+
+
+def test_a_pause_at_the_door_is_held_and_ended_by_resume(homed, served):
+    twin, cable = served.bench.simulated.devices["stage"], served.bench.simulated.cables["stage"]
+    cable.happen(lambda now_s: twin.door(True, now_s))
+    with pytest.raises(Held, match="paused at the door"):
+        homed.move_to(x_mm=-10.0)
+    with pytest.raises(Held, match="paused at the door"):
+        homed.resume()
+    cable.happen(lambda now_s: twin.door(False, now_s))
+    homed.resume()
+    homed.move_to(x_mm=-10.0)
+    assert homed.position()["x_mm"] == pytest.approx(-10.0, abs=2e-3)  # two steps
 
 
 def test_it_goes_where_it_is_sent_and_the_bench_agrees(homed, served):

@@ -110,5 +110,5 @@ def test_session_reports_frequencies_in_the_unit_that_it_was_begun_with(tmp_path
 
 
 def test_session_that_has_frozen_no_unit_is_named(tmp_path):
-    with pytest.raises(BadParameter, match=r"unit: there is no unit 'lp/inch'"):
+    with pytest.raises(BadParameter, match=r'unit must be one of .*; it is "lp/inch"'):
         terms_of_session(begun(tmp_path, **{UNIT: "lp/inch"}))

@@ -8,27 +8,23 @@ from __future__ import annotations
 
 import itertools
 from binascii import crc_hqx
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 from toy_twin import ToyTwin
 
 from drivers.clock import Clock
-from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer, NotHomed, Rejected
-from drivers.homing_state import HOME, UNHOMED, Trust
-from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.errors import Rejected
+from drivers.homing_state import HOME
+from drivers.interfaces import Transport, Travel
+from drivers.making import LineOptions, MakerContext
+from drivers.options import positive
+from drivers.polled_stage import REPLY_S, AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import anything, not_connected, opened
-from drivers.wire.outgoing import URGENT_S
-from station.bench.device_makers import MakerContext
-from station.bench.device_options import LINE, DriverEntry, Options
+from drivers.wire.connection import anything
 
-AXIS = "x_mm"
-REPLY_S, POLL_S, TOLERANCE_MM = 0.3, 0.1, 0.002
 TRIES = 5
-STOP = b"!!!!\n"
-"""Repeated, so that a lost byte does not leave the motor running."""
 
 
 class Reply(NamedTuple):
@@ -54,126 +50,50 @@ class ToyParser:
         return [Reply(int(number), verdict == "ok", words) for number, verdict, *words in parts]
 
 
-class ToyStage:
-    """One axis of 200 mm that homes to its low end."""
+class ToyStage(PolledStage[Reply]):
+    """One axis that homes to its low end."""
 
-    def __init__(self, transport: Transport[Reply], clock: Clock) -> None:
-        self.clock, self.trust = clock, Trust()
-        self._transport, self._mover = transport, OneMover()
+    stop_bytes = b"!!!!\n"
+    """Repeated, so that a lost byte does not leave the motor running."""
+
+    def __init__(self, transport: Transport[Reply], clock: Clock, tolerance_mm: float = 0.002) -> None:
+        super().__init__(transport, [PolledAxis("x_mm", tolerance=tolerance_mm)], clock=clock)
         self._numbers = itertools.cycle(range(1, 1000))
-        self._travel: dict[str, Travel] = {}
-        self._speed = 1.0
 
-    @property
-    def address(self) -> str:
-        return self._transport.address
-
-    def connect(self) -> Identity:
-        """Open the line, identify the stage, read its travel."""
-        self._transport.close()
-        self.trust.lose(UNHOMED)
-        with opened(self._transport):
-            model, firmware, serial = self._order("who", TRIES)
-            low, high, self._speed = map(float, self._order("travel", TRIES))
-        self._travel = {AXIS: Travel(low, high)}
-        self.trust.why = UNHOMED
-        return Identity(model, firmware, serial, self.address)
-
-    def close(self) -> None:
-        self.trust.lose(UNHOMED)
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        return self.trust.refusal(self._transport.is_open) or Condition("idle")
-
-    def _order(self, command: str, tries: int = 1, allowed: Callable[[], None] = anything) -> list[str]:
+    def _order(self, command: str, tries: int = 1, allowed: Callable[[], None] = anything) -> Sequence[str]:
         number = next(self._numbers)
-        order = framed(f"{number} {command}")
         reply: Reply = self._transport.request(
-            order, lambda reply: reply if reply.number == number else None, REPLY_S, tries, allowed
+            framed(f"{number} {command}"), lambda one: one if one.number == number else None, REPLY_S, tries, allowed
         )
         if not reply.accepted:
             raise Rejected(f"{self.address} refused {command!r}: {' '.join(reply.words)}", HOME)
         return reply.words
 
-    def _where(self) -> tuple[str, float]:
-        """State and position; a stage that has lost its reference is not trusted."""
+    def _introduce(self) -> tuple[str, str, str]:
+        model, firmware, serial = self._order("who", TRIES)
+        return model, firmware, serial
+
+    def _prepare(self, axis: PolledAxis) -> tuple[Travel, float]:
+        low, high, speed = map(float, self._order("travel", TRIES))
+        return Travel(low, high), speed
+
+    def _state(self, axis: PolledAxis) -> AxisState:
         state, position = self._order("where", TRIES)
-        if state == "unhomed" and self.trust.why is None:
-            self.trust.lose(NotHomed(f"{self.address} has lost its reference", HOME))
-        return state, float(position)
+        return AxisState(float(position), state in ("moving", "homing"), state != "unhomed")
 
-    def travel(self) -> Mapping[str, Travel]:
-        return dict(self._travel)
+    def _begin_homing(self, axis: PolledAxis, allowed: Callable[[], None]) -> None:
+        self._order("home", allowed=allowed)
 
-    def position(self) -> Mapping[str, float]:
-        return {AXIS: self._where()[1]}
-
-    def moving(self) -> bool:
-        return self._where()[0] in ("moving", "homing")
-
-    def home(self, allowed: Callable[[], None] = anything) -> None:
-        with self._mover as stops:
-            if not self._transport.is_open:
-                raise not_connected(self.address)
-            epoch = self.trust.begin(self.trust.preemptions)
-            may_go = self._mover.unless_stopped(stops, allowed, lambda: self.trust.undisturbed(epoch))
-            with left_still(self._halt, self.emergency_stop, self.trust):
-                self._order("home", allowed=may_go)
-                length = sum(travel.high - travel.low for travel in self._travel.values())
-                state, _ = self._finish(2 * length / self._speed + 5)
-                if self._mover.stopped(stops) or state != "still":
-                    raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
-            self.trust.give(epoch)
-
-    def move_to(self, **target: float) -> None:
-        with self._mover as stops:
-            if not self._transport.is_open:
-                raise not_connected(self.address)
-            self.trust.require()
-            check_target(target, self._travel)
-            may_go = self._mover.unless_stopped(stops, self.trust.require)
-            with left_still(self._halt, self.emergency_stop, self.trust):
-                for name, goal in target.items():
-                    way = abs(goal - self._where()[1])
-                    self._order(f"go {goal:.4f}", allowed=may_go)
-                    _, there = self._finish(2 * way / self._speed + 2)
-                    self.trust.require()
-                    check_arrival(name, goal, there, TOLERANCE_MM, self._mover.stopped(stops))
-
-    def _finish(self, limit_s: float) -> tuple[str, float]:
-        """State and position at rest. Raises NoAnswer after the limit, and an emergency stop."""
-        deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
-        while (state := self._where())[0] in ("moving", "homing"):
-            if self.clock.now_s() > deadline_s:
-                raise NoAnswer(f"{self.address} still moves after {limit_s:.1f} s", "check speed and mechanics")
-            self._transport.wait(lambda: self.trust.epoch != epoch, POLL_S)
-        if self.trust.epoch != epoch:
-            self.trust.require()
-        return state
-
-    def _halt(self) -> None:
-        for _ in range(TRIES):  # a stop that is lost on a silent line is given again
-            self._transport.write(STOP, within_s=URGENT_S)
-            if self._where()[0] not in ("moving", "homing"):
-                return
-        raise NoAnswer(f"{self.address} does not stop", "switch it off")
-
-    def stop(self) -> None:
-        """Stop at once and keep the position."""
-        self._mover.stop()
-        self._halt()
-
-    def emergency_stop(self) -> None:
-        """Stop ahead of every lock; not trusted until homed."""
-        self._mover.stop()
-        error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
-        self.trust.preempt(error)
-        self._transport.preempt(STOP, error)
+    def _begin_move(self, axis: PolledAxis, value: float, allowed: Callable[[], None]) -> None:
+        self._order(f"go {value:.4f}", allowed=allowed)
 
 
-def make(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> ToyStage:
-    return ToyStage(parts.wire(name, port, ToyParser, baud=baud), parts.clock)
+@dataclass(frozen=True, kw_only=True)
+class ToyOptions(LineOptions):
+    """The keys of its table in station.toml."""
 
+    twin = ToyTwin
+    tolerance_mm: Annotated[float, positive("0.002")] = 0.002
 
-DRIVER = DriverEntry(make, Options(LINE), ToyTwin)
+    def make(self, parts: MakerContext) -> ToyStage:
+        return ToyStage(parts.wire(self.port, ToyParser, baud=self.baud), parts.clock, self.tolerance_mm)

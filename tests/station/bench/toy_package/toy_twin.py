@@ -25,7 +25,7 @@ class ToyTwin:
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """It has no modem lines."""
 
-    def power_cycle(self, now_s: float) -> None:
+    def restart(self, now_s: float) -> None:
         """Off and on again."""
         self._halt(now_s)
         self._homed, self._zero = False, self._axis.position(now_s)

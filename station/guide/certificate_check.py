@@ -1,0 +1,156 @@
+"""A certificate compared with its record, the record with the originals, and the numbers with their recomputation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadInput, ProcedureError
+from station.common.durable_files import holds, read_own
+from station.common.models import TableSource, read_model
+from station.common.sanitise import printable
+from station.guide.recompute import recompute
+from station.procedure.registry import procedure_named
+from station.reports.certificate import record_digest
+from station.results.measurement import Measurement
+from station.results.reader import changes, read_record, read_result
+from station.results.result_seal import damage
+from station.results.terms import Terms
+from station.results.units import Unit
+
+STATED = re.compile(rb'record-sha256(?:" content="| )([0-9a-f]{64})')
+"""The digest in the head of the page, and among the keywords of the PDF."""
+SAME_SIGMAS = 0.01
+"""Numbers computed on another processor differ by less than this fraction of their standard uncertainty."""
+DERIVED = "derived"
+
+
+@dataclass(frozen=True)
+class CertificateCheck:
+    """One check: what was compared, whether it agrees (None if it could not be compared), and a sentence."""
+
+    name: str
+    agrees: bool | None
+    words: str
+
+
+def check_certificate(path: Path, originals: Path | None = None) -> Iterator[CertificateCheck]:
+    """The checks of a certificate, each as it is done.
+
+    Parameters
+    ----------
+    path : certificate.html or certificate.pdf
+    originals : folder of the photographs, if they are no longer where they were measured
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read, or is no certificate with a digest.
+    """
+    digest = _stated_digest(path)
+    folder = _result_of(path.parent, digest)
+    if folder is None:
+        words = f"no record beside {printable(path.name)} has the digest {digest[:16]}…: it has been changed or moved"
+        yield CertificateCheck("record", False, words)
+        return
+    yield CertificateCheck("record", True, f"{printable(folder / 'result.json')} has the digest of the certificate")
+    changed = damage(folder)
+    words = f"changed or missing: {', '.join(map(printable, changed))}" if changed else "as they were written"
+    yield CertificateCheck("files of the result", not changed, words)
+    if folder.parent.name == DERIVED:
+        yield from _session_checks(folder)
+    else:
+        yield from _result_checks(read_result(folder), originals)
+
+
+def _stated_digest(path: Path) -> str:
+    try:
+        match = STATED.search(read_own(path))
+    except OSError as error:
+        raise BadInput(f"{printable(path)} cannot be read: {error.strerror}", "name a certificate") from error
+    if match is None:
+        raise BadInput(
+            f"{printable(path)} states no digest of a record", "name certificate.html or certificate.pdf of a result"
+        )
+    return match[1].decode()
+
+
+def _result_of(folder: Path, digest: str) -> Path | None:
+    """The folder of the record with the digest: this one, or that of a result of the session in it."""
+    for one in (folder, *sorted(folder.glob(f"{DERIVED}/*"))):
+        try:
+            if record_digest(read_record(one)) == digest:
+                return one
+        except BadInput:
+            continue
+    return None
+
+
+def _session_checks(folder: Path) -> Iterator[CertificateCheck]:
+    """A session keeps its photographs, and its journal the hashes of everything."""
+    session, results = folder.parents[1], sorted(folder.parent.iterdir(), key=lambda one: (len(one.name), one.name))
+    try:
+        (again,) = recompute(session, (results.index(folder) + 1,))
+    except ProcedureError as error:
+        yield CertificateCheck("originals", False, str(error))
+        return
+    yield CertificateCheck("originals", True, "every photograph of the session is unchanged")
+    moved = [(one.number, abs(one.sigmas)) for one in again.moved]
+    yield _number_check(again.numbers, moved, [words for words, *_ in again.verdicts])
+
+
+def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator[CertificateCheck]:
+    head = measurement.head
+    places = {one.path: _original(Path(one.path), one.sha256, originals) for one in head.input}
+    missing = [printable(name) for name, place in places.items() if place is None]
+    words = f"changed or missing: {', '.join(missing)}" if missing else f"all {len(places)} are unchanged"
+    yield CertificateCheck("originals", not missing, words)
+    if missing:
+        return
+    if head.arguments is None or head.settings is None:
+        yield CertificateCheck("numbers", None, "the record is of an earlier version that did not state its settings")
+        return
+    moved = {Path(name).resolve(): place for name, place in places.items() if place is not None}
+    arguments = [moved.get(Path(one).resolve(), originals or Path(one)) for one in head.arguments]
+    try:
+        fresh = _again(head.procedure, arguments, head.settings, head.parameters)
+    except ProcedureError as error:
+        yield CertificateCheck("numbers", False, f"they cannot be computed again: {error}")
+        return
+    pairs = [(one, fresh.by_name[one.name]) for one in measurement.planes if one.name in fresh.by_name]
+    differences = [
+        (f"{one.name} {change.name}", abs(change.other.value - change.one.value) / (change.one.uncertainty or 1))
+        for one, other in pairs
+        for change in changes(one, other)
+    ]
+    verdicts = [one.name for one, other in pairs if one.verdict is not other.verdict]
+    lost = [one.name for one in measurement.planes if one.name not in fresh.by_name]
+    yield _number_check(len(differences), differences, [*verdicts, *lost])
+
+
+def _original(path: Path, digest: str, originals: Path | None) -> Path | None:
+    """Where an original is with its hash; None if nowhere."""
+    beside = sorted(originals.rglob(path.name)) if originals is not None else []
+    return next((one for one in (*beside, path) if holds(one, digest)), None)
+
+
+def _again(
+    name: str, arguments: Sequence[Path], settings: Mapping[str, Any], parameters: Mapping[str, Any]
+) -> Measurement:
+    """The measurement computed again."""
+    procedure = procedure_named(name)
+    model = read_model(procedure.Settings, settings, TableSource())
+    return next(iter(procedure.measurements(arguments, model, Terms(Unit(parameters.get("unit", Unit.CYCLES))))))
+
+
+def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> CertificateCheck:
+    """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
+    moved = sorted((one for one in differences if one[1] > SAME_SIGMAS), key=lambda one: -one[1])
+    if not moved and not verdicts:
+        return CertificateCheck("numbers", True, f"all {count} were computed again and agree")
+    words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]
+    words += [f"the verdict of {name}" for name in verdicts]
+    return CertificateCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")

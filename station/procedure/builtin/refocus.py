@@ -1,0 +1,149 @@
+"""A restoration's picture with another aperture and another plane of focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.field_file import read_field
+from procedures.outcome import BadInput, BadParameter, Outcome
+from procedures.reading.arrays import parse_npy
+from procedures.restoration.masks.blur_models import named, read_shape
+from procedures.restoration.masks.thin_lens import CameraSetting
+from procedures.restoration.metres import BEHIND
+from procedures.restoration.refocus import refocus
+from procedures.space_variant import SpaceVariantBlur
+from station.common.durable_files import sha256_of
+from station.common.progress import Progress, silent
+from station.common.sanitise import printable
+from station.drawing.pictures import described_tiff, display_png, float_tiff
+from station.procedure.base import Inputs, Procedure, plane_result
+from station.procedure.settings import Settings, setting, to_record
+from station.results.measurement import Measurement
+from station.results.reader import read_record
+from station.results.record_head import InputFile, RecordHead
+from station.results.terms import USUAL, Terms
+
+Array = npt.NDArray[np.float64]
+
+DESCRIPTION = "refocused picture, linear, 1 = white, first row uppermost; calibration-station"
+FILES = ("result.json", "sharp.tiff", "w.npy")
+METRES = "restore the photographs with --metres front or --metres behind"
+
+
+class RefocusSettings(Settings, frozen=True, kw_only=True):
+    """The new aperture and focus."""
+
+    f_number: Annotated[float, setting("Of the new picture.", least=0.1)]
+    focus_m: Annotated[float, setting("Distance of its plane of focus from the lens.", least=0.001)]
+    shape: Annotated[str, setting("Shape of the aperture: pillbox, gaussian, polygon:BLADES[:DEGREES], or a file.")] = (
+        "pillbox"
+    )
+    field: Annotated[Path, setting("PSFs of the lens, field.h5: the picture is also blurred by them.")] | None = None
+
+    @property
+    def aperture(self) -> Array:
+        """The sampled shape. Raises ProcedureError."""
+        shape = named(self.shape)
+        return read_shape(Path(self.shape)) if shape is None else shape
+
+    def check(self) -> None:
+        """Raise ProcedureError if the shape is unknown."""
+        _ = self.aperture
+
+
+class Refocus(Procedure[RefocusSettings]):
+    """Depth of focus changed after a restoration."""
+
+    name = "refocus"
+    title = "picture with another aperture and focus"
+    help = """Change the depth of focus of RESTORED, a result of station restore with --metres.
+
+    The restored picture is seen through another aperture, focused at another distance."""
+    inputs = Inputs.FOLDER
+    Settings = RefocusSettings
+    argument = "RESTORED"
+    suffixes = frozenset(("result.json",))
+    method = "mean of the views from the points of the aperture, by Gaussian optics"
+
+    def measure(
+        self, paths: Sequence[Path], settings: RefocusSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The refocused picture and the limits of its depth of field."""
+        folder = paths[0].parent if paths[0].is_file() else paths[0]
+        sharp, metres, taken = _restored(folder)
+        new = CameraSetting(taken.focal_length_mm, settings.f_number, 1000 * settings.focus_m, taken.pitch_um)
+        result = refocus(sharp, metres, new, settings.aperture)
+        picture = result.picture if settings.field is None else _through(settings.field, result.picture)
+        progress("refocused")
+        image = _image(picture)
+        inputs = tuple(InputFile(str(folder / name), sha256_of(folder / name)) for name in FILES)
+        planes = (plane_result("picture", Outcome(result)),)
+        files = {"refocused.tiff": described_tiff(float_tiff(image), DESCRIPTION), "refocused.png": display_png(image)}
+        head = RecordHead(self.name, inputs, to_record(settings))
+        return Measurement(self.schema, head, planes, files=files, result=(sharp, result)).compared(terms)
+
+    def page(self, measurement: Measurement) -> bytes:
+        """The restored and the refocused picture, and where it is sharp."""
+        # imported here: it draws, which is slow to load
+        from station.drawing.plots import BAR_RIGHT, Figure, finished, frame_axes, picture
+        from station.reports.page import Figures, Section, image
+        from station.reports.report_page import report_page
+
+        sharp, result = measurement.result
+        shown = [("restored", sharp), ("refocused", result.picture)]
+        pictures = [Figure(image(display_png(_image(one)), words), words) for words, one in shown]
+        axes = frame_axes(4, result.radius_px.shape)
+        picture(axes, result.radius_px, colours="RdBu_r", bar=BAR_RIGHT)
+        blur = finished(axes, "blur", "signed radius of the blur circle in pixels, positive in front of the focus")
+        sections = [Section("Pictures", [Figures(pictures, wide=True)]), Section("Blur", [Figures([blur])])]
+        return report_page(self.report(measurement), closing=sections).encode()
+
+
+def _image(picture: Array) -> Array:
+    """A picture (C, H, W) as (H, W), or (H, W, 3)."""
+    return picture[0] if len(picture) == 1 else np.moveaxis(picture, 0, -1)
+
+
+def _through(path: Path, picture: Array) -> Array:
+    """The picture blurred by the field of the lens, its planes in order or its only one."""
+    field = read_field(path)
+    planes = list(field.values())
+    if len(planes) not in (1, len(picture)):
+        raise BadParameter(
+            f"the field must have one plane or {len(picture)}; {printable(path)} has {', '.join(field)}",
+            "measure the field of these planes",
+        )
+    return np.stack([SpaceVariantBlur(planes[n % len(planes)]).blur(one) for n, one in enumerate(picture)])
+
+
+def _restored(folder: Path) -> tuple[Array, Array, CameraSetting]:
+    """Picture (C, H, W), distances (H, W) in metres, and the first photograph's setting. Raises BadInput."""
+    record = read_record(folder)
+    given: Any = record.get("parameters", {})
+    if record.get("procedure") != "restore" or given.get("metres") is None:
+        raise BadInput(f"{printable(folder)} must be a restoration with distances in metres", METRES)
+    try:
+        taken = CameraSetting(
+            given["focal_length_mm"], given["f_number"][0], 1000 * given["focus_m"][0], given["pixel_pitch_um"]
+        )
+        data = np.frombuffer((folder / "sharp.tiff").read_bytes(), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        w = parse_npy((folder / "w.npy").read_bytes(), str(folder / "w.npy"), METRES).astype(np.float64)
+    except (OSError, KeyError, TypeError, IndexError, cv2.error) as error:
+        raise BadInput(
+            f"{printable(folder)} is no whole restoration: {error}", "restore the photographs again"
+        ) from error
+    if image is None or image.shape[:2] != w.shape:
+        raise BadInput(f"{printable(folder)}: sharp.tiff and w.npy must have one size", "restore the photographs again")
+    colours = image[None] if image.ndim == 2 else np.moveaxis(image[..., ::-1], -1, 0)
+    radius = w * (-1 if given["metres"] == BEHIND else 1)
+    return colours.astype(np.float64), taken.distance_mm(radius) / 1000, taken
+
+
+PROCEDURE = Refocus()

@@ -1,0 +1,140 @@
+"""One sharp picture from whatever photographs there are: the way is chosen, stated with its reasons, and taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from procedures.raw import RawFrame
+from station.calibration.exports.psf import field_path
+from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
+from station.common.models import TableSource, read_model
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs, PlaneSettings, Procedure
+from station.procedure.registry import procedure_named
+from station.procedure.settings import setting, to_record
+from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
+
+SCENES = {"flat": "whole", "deep": "auto"}
+"""Scenes, and the part of each in which unknown motions are estimated; the first costs a quarter of the second."""
+
+
+class SharpenSettings(PlaneSettings, frozen=True, kw_only=True):
+    """What is known besides the photographs, and decisions that are not left to the program."""
+
+    field: (
+        Annotated[Path, setting("What `station psf field` wrote of the lens: its folder, or field.h5 in it.")] | None
+    ) = None
+    way: Annotated[
+        Literal["field", "finer", "defocus", "shaken"] | None, setting("How they are sharpened.  [default: chosen]")
+    ] = None
+    scene: Annotated[
+        Literal["flat", "deep"] | None,
+        setting("Shaken photographs: whether all of the scene is at one distance.  [default: flat, then deep]"),
+    ] = None
+    ratio: Annotated[
+        tuple[float, ...],
+        setting("f-number of photograph 1 over that of photograph 2 (3, ...).  [default: as recorded]"),
+    ] = ()
+    max_w: Annotated[
+        float | None, setting("Largest half-width of blur, pixels of photograph 1.  [default: as station restore]")
+    ] = None
+    scheme: Annotated[str | None, setting("Rounds of the descent.  [default: as station restore]")] = None
+
+
+class Sharpen(Procedure[SharpenSettings]):
+    """The way of sharpening chosen by the photographs."""
+
+    name = "sharpen"
+    title = "one sharp picture from the photographs that there are"
+    help = """Sharpen FILES: one photograph with the PSF field of its lens, several that are moved, two or more that are
+    shaken, two or more apertures.
+
+    The choice is reported with its reasons; --way, --scene and --ratio override it. It runs `station correct` or
+    `station restore`, whose record and page are the result."""
+    inputs = Inputs.SEVERAL
+    Settings = SharpenSettings
+    argument = "FILES..."
+    method = "as the record states"
+
+    def steps(self, paths: Sequence[Path]) -> int:
+        """Hundredths of the work."""
+        return 100
+
+    def files(self, paths: Sequence[Path], settings: SharpenSettings) -> list[Path]:
+        """The field."""
+        return [field_path(settings.field)] if settings.field else []
+
+    def measure(
+        self, paths: Sequence[Path], settings: SharpenSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The record of the procedure that was chosen, with the decision."""
+        frames = [settings.read(path) for path in paths]
+        way, why, more = self._choice(frames, settings)
+        reasons = (WAYS[way], *why)
+        for words in reasons:
+            progress(words, 0)
+        if way in (FIELD, FINER):
+            options: dict[str, Any] = {
+                "field": str(settings.field),
+                "raw": settings.raw,
+                "scale": 2 if way == FINER else 1,
+            }
+            return _taken("correct", options, reasons, paths, terms, progress)
+        options = {name: getattr(settings, name) for name in ("plane", "raw", "max_w", "scheme")}
+        if way == DEFOCUS:
+            options |= {"blur": "defocus", "shape": ["pillbox"], **more}
+            return _taken("restore", options, reasons, paths, terms, progress)
+        tried = []
+        for scene, region in SCENES.items():
+            if settings.scene in (None, scene):
+                chosen = f"the scene is taken as {scene}" + ("" if settings.scene else "; --scene states it")
+                progress(chosen, 0)
+                motion = {"blur": "motion", "prototype_region": region}
+                tried.append(_taken("restore", {**options, **motion}, (*reasons, chosen), paths, terms, progress))
+                if _rank(tried[-1]) == 0:
+                    break
+        return min(tried, key=_rank)
+
+    @staticmethod
+    def _choice(
+        frames: Sequence[RawFrame], settings: SharpenSettings
+    ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
+        if settings.way in (FIELD, FINER) and settings.field is not None:
+            return settings.way, (f"--way {settings.way} was given",), {}
+        return choose(frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way)
+
+    def page(self, measurement: Measurement) -> bytes:
+        """The page of the procedure that was chosen."""
+        return procedure_named(measurement.head.procedure).page(measurement)
+
+    def lines(self, measurement: Measurement) -> list[str]:
+        """The reasons of the choice, and the lines of the procedure."""
+        reasons = measurement.entries["choice_of_procedure"]["reasons"]
+        return [*reasons, *procedure_named(measurement.head.procedure).lines(measurement)]
+
+
+def _taken(
+    name: str, options: Mapping[str, Any], reasons: Sequence[str], paths: Sequence[Path], terms: Terms,
+    progress: Progress,
+) -> Measurement:  # fmt: skip
+    """The measurement by a procedure, with its settings and the reasons for it in the record."""
+    procedure = procedure_named(name)
+    given = {key: value for key, value in options.items() if value is not None}
+    settings = read_model(procedure.Settings, given, TableSource())
+    settings.check()
+    measured = procedure.measure(paths, settings, terms, progress)
+    head = replace(measured.head, settings=to_record(settings))
+    choice = {"procedure": name, "reasons": list(reasons)}
+    return replace(measured, head=head, entries={**measured.entries, "choice_of_procedure": choice})
+
+
+def _rank(measurement: Measurement) -> int:
+    """0 for a measurement that passes, 2 if a plane is refused."""
+    return max(one.verdict.rank for one in measurement.planes)
+
+
+PROCEDURE = Sharpen()

@@ -1,0 +1,219 @@
+"""The record of a driver's trials, its page, and the proof that both are as they were written.
+
+The record states its own SHA-256, the page that of the record. With a key the record is signed (Ed25519): who knows the
+public key sees who has tried the driver.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadInput
+from station.common.atomic_files import write_whole
+from station.common.durable_files import read_own
+from station.common.versions import software
+from station.reports.page import KeyNumbers, Note, Section, Table, page
+from station.results.result_files import json_text
+
+RECORD, PAGE = "conformance.json", "conformance.html"
+FORMAT = "calibration-station conformance 1"
+DIGEST, SIGNATURE = "sha256", "signature"
+STATED = re.compile(rb"SHA-256 ([0-9a-f]{64})")
+
+
+@dataclass(frozen=True)
+class ProofCheck:
+    """One check: what was compared, whether it agrees (None if it could not be compared), and a sentence."""
+
+    name: str
+    agrees: bool | None
+    words: str
+
+
+def source_of(module: str) -> dict[str, str]:
+    """The module of a driver and the SHA-256 of its file."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return {"module": module, "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""}
+
+
+def conformance_record(
+    driver: str,
+    *,
+    at: str,
+    identity: Mapping[str, str],
+    source: Mapping[str, str],
+    seed: int,
+    operations: int,
+    trials: Sequence[Any],
+) -> dict[str, Any]:
+    """The record of all trials of a driver at its twin or at a port; `trials` are TrialResults."""
+    return {
+        "format": FORMAT,
+        "driver": driver,
+        "at": at,
+        "identity": dict(identity),
+        "source": dict(source),
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seed": seed,
+        "operations": operations,
+        "kept": all(one.kept for one in trials),
+        "trials": [asdict(one) for one in trials],
+        "software": software(),
+        "platform": f"Python {platform.python_version()}, {platform.platform()}",
+    }
+
+
+def write_conformance(folder: Path, record: Mapping[str, Any], key: Path | None = None) -> tuple[Path, Path]:
+    """Write record and page; signed if there is a key, which is created on first use. Raises BadInput."""
+    digest = _digest(record)
+    signature = {SIGNATURE: _sign(digest, key)} if key is not None else {}
+    whole = {**record, DIGEST: digest, **signature}
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = folder / RECORD, folder / PAGE
+    for path, text in zip(paths, (json_text(whole), conformance_page(whole)), strict=True):
+        write_whole(path, text.encode())
+    return paths
+
+
+def _digest(record: Mapping[str, Any]) -> str:
+    contents = {name: value for name, value in record.items() if name not in (DIGEST, SIGNATURE)}
+    return hashlib.sha256(json_text(contents).encode()).hexdigest()
+
+
+def conformance_page(record: Mapping[str, Any]) -> str:
+    """The page of a record with its digest."""
+    kept = sum(one["kept"] for one in record["trials"])
+    identity = record["identity"]
+    verdict = "ok" if record["kept"] else "refused"
+    heading = f"{record['driver']}: {'every promise kept' if record['kept'] else 'promises broken'}"
+    rows = [[one["trial"], "kept" if one["kept"] else "BROKEN", one["figure"]] for one in record["trials"]]
+    conditions = [
+        ["Device", f"{identity.get('model', '')} {identity.get('firmware', '')}".strip()],
+        ["Tried at", record["at"]],
+        ["Driver", f"{record['source']['module']}, SHA-256 of its file {record['source']['sha256'] or 'unknown'}"],
+        ["Random operations", f"{record['operations']}, seed {record['seed']}"],
+        ["Made", record["made"]],
+        ["With", f"calibration-station {record['software'].get('version') or 'not installed'}, {record['platform']}"],
+    ]
+    signed = record.get(SIGNATURE)
+    proof = [f"Record {RECORD}, SHA-256 {record[DIGEST]}."]
+    if signed:
+        proof.append(f"Signed with {signed['algorithm']}, public key {signed['public_key']}.")
+    proof.append("`station conform --verify FOLDER` compares page, record, signature and driver.")
+    return page(
+        f"Conformance of {record['driver']}",
+        [
+            Section(
+                heading, [KeyNumbers([(f"{kept} of {len(rows)}", "promises kept")])], verdict=verdict,
+                kicker="Trials of a driver",
+            ),
+            Section("Trials", [Table(rows, ("trial", "promise", "figure"), columns="wwr")]),
+            Section("Conditions", [Table(conditions, columns="wr", style="conditions")]),
+            Section("Proof", [Note(one) for one in proof]),
+        ],
+    )  # fmt: skip
+
+
+# --- signature -------------------------------------------------------------------------------------------------------
+
+
+def _cryptography() -> Any:
+    """The parts of cryptography in use. Raises BadInput if it is not installed."""
+    try:
+        from cryptography import exceptions
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
+    except ImportError as error:
+        raise BadInput(
+            "a signature needs cryptography, which is not installed",
+            "install it: pip install 'calibration-station[sign]', or write the page without --key",
+        ) from error
+    return ed25519, serialization, exceptions
+
+
+def _key(path: Path, *, create: bool = False) -> Any:
+    """The private key of this file; created where there is none, if asked to. Raises BadInput."""
+    ed25519, serialization, _ = _cryptography()
+    if path.exists() or not create:
+        try:
+            key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+        except (OSError, ValueError, TypeError) as error:
+            raise BadInput(f"{path} is no private key without password: {error}", "name an Ed25519 key") from error
+        if not isinstance(key, ed25519.Ed25519PrivateKey):
+            raise BadInput(f"{path} holds another kind of key", "name an Ed25519 key, or a file that is to be created")
+        return key
+    key = ed25519.Ed25519PrivateKey.generate()
+    form = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    path.touch(mode=0o600, exist_ok=False)
+    path.write_bytes(key.private_bytes(serialization.Encoding.PEM, *form))
+    return key
+
+
+def _sign(digest: str, path: Path) -> dict[str, str]:
+    key = _key(path, create=True)
+    public, value = key.public_key().public_bytes_raw().hex(), key.sign(digest.encode()).hex()
+    return {"algorithm": "Ed25519", "public_key": public, "value": value}
+
+
+# --- checks ----------------------------------------------------------------------------------------------------------
+
+
+def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCheck]:
+    """Compare record, page, signature and driver; with a key, the signature must be its own. Raises BadInput."""
+    try:
+        record = json.loads(read_own(folder / RECORD))
+        if record["format"] != FORMAT:
+            raise ValueError(f"its format is {record['format']}")
+        digest, stated, source = _digest(record), str(record[DIGEST]), dict(record["source"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"{folder / RECORD} is no record of a conformance: {error}", "name its folder") from error
+    same = digest == stated
+    yield ProofCheck(
+        "record", same, "has the digest that it states" if same else "has been changed since it was written"
+    )
+    yield _page_check(folder, digest)
+    yield _signature_check(record.get(SIGNATURE), digest, key)
+    yield _source_check(source)
+
+
+def _page_check(folder: Path, digest: str) -> ProofCheck:
+    try:
+        stated = STATED.findall(read_own(folder / PAGE))
+    except OSError:
+        return ProofCheck("page", None, f"{PAGE} is not beside the record")
+    good = digest.encode() in stated
+    return ProofCheck("page", good, "states the digest of the record" if good else "states another digest")
+
+
+def _signature_check(signature: Mapping[str, str] | None, digest: str, key: Path | None) -> ProofCheck:
+    if not signature:
+        return ProofCheck("signature", None if key is None else False, "the record is not signed")
+    ed25519, _, exceptions = _cryptography()
+    public = bytes.fromhex(signature["public_key"])
+    try:
+        ed25519.Ed25519PublicKey.from_public_bytes(public).verify(bytes.fromhex(signature["value"]), digest.encode())
+    except (exceptions.InvalidSignature, ValueError):
+        return ProofCheck("signature", False, "the signature is not that of this record")
+    if key is not None and _key(key).public_key().public_bytes_raw() != public:
+        return ProofCheck("signature", False, f"it is signed with another key, {public.hex()}")
+    return ProofCheck("signature", True, f"signed with the key {public.hex()}")
+
+
+def _source_check(source: Mapping[str, str]) -> ProofCheck:
+    from importlib import import_module
+
+    try:
+        import_module(source["module"])
+    except ImportError:
+        return ProofCheck("driver", None, f"{source['module']} is not installed here")
+    same = source_of(source["module"])["sha256"] == source["sha256"]
+    return ProofCheck("driver", same, "is the one that was tried" if same else "has been changed since it was tried")

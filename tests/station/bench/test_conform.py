@@ -1,0 +1,52 @@
+"""The trials of `station conform`: every stage's driver at its twin, and a hasty one that they refuse."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from station.bench import device_models
+from station.bench.conform import FAULTS, Broken, at_twin, conform, soak
+from station.bench.twins import BUILT_IN, TWINS
+
+from . import hasty_stage
+
+
+@pytest.fixture
+def hasty(monkeypatch, tmp_path):
+    """The hasty driver at its twin, as if it were installed."""
+    entry = SimpleNamespace(name="hasty", load=lambda: hasty_stage.HastyOptions)
+    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry])
+    device_models.drivers.cache_clear()
+    with at_twin("hasty", tmp_path) as rig:
+        yield rig
+    device_models.drivers.cache_clear()
+
+
+def test_a_hasty_driver_keeps_every_promise_on_a_good_line(hasty):
+    promises = [one for one in conform(hasty, operations=5) if one.trial not in (*FAULTS, "soak")]
+    assert len(promises) == 7
+    assert all(one.kept for one in promises), promises
+
+
+def test_the_soak_refuses_a_hasty_driver(hasty):
+    with pytest.raises(Broken, match=r"operation .* of 500: .* under .*: it moves after the operation has ended"):
+        soak(hasty, np.random.default_rng(0), 500, ("none", "loss", "silence"))
+
+
+@pytest.mark.parametrize("driver", TWINS)
+def test_a_stage_keeps_its_promises(driver, tmp_path):
+    with at_twin(driver, tmp_path) as rig:
+        assert [one for one in conform(rig, operations=25) if not one.kept] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("driver", "fault"),
+    [(name, fault) for name in (*BUILT_IN, *TWINS) for fault in FAULTS],
+)
+def test_a_stage_stands_every_fault(driver, fault, tmp_path):
+    with at_twin(driver, tmp_path) as rig:
+        assert soak(rig, np.random.default_rng(1), 30, (fault,)) == "30 operations"

@@ -1,0 +1,81 @@
+"""A certificate is compared with its record and originals, and its numbers are computed again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+
+from ...golden.cases import chart_photograph
+
+
+def run(*words):
+    return CliRunner().invoke(main, [str(one) for one in words])
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
+    photo = chart_photograph(folder / "photo.dng", 1)
+    done = run("psf", "pattern", photo, "--certificate", "--out", folder / "out")
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def copy(measured, tmp_path):
+    shutil.copytree(measured, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def checks(done):
+    return {one["name"]: one["agrees"] for one in json.loads(done.stdout)["checks"]}
+
+
+@pytest.mark.parametrize("name", ["certificate.html", "certificate.pdf"])
+def test_untouched_certificate_agrees_with_record_originals_and_numbers(measured, name):
+    done = run("verify", measured / "out" / name, "--json")
+    assert done.exit_code == 0, done.output
+    assert checks(done) == {"record": True, "files of the result": True, "originals": True, "numbers": True}
+
+
+def test_changed_number_in_certificate_or_record_is_found(copy):
+    page = copy / "out" / "certificate.html"
+    page.write_text(page.read_text().replace("0.57", "0.67", 1))
+    done = run("verify", page, "--json")
+    assert done.exit_code == 4
+    assert checks(done)["files of the result"] is False
+    record = copy / "out" / "result.json"
+    record.write_text(record.read_text().replace('"verdict": "pass"', '"verdict": "doubtful"', 1))
+    done = run("verify", copy / "out" / "certificate.pdf", "--json")
+    assert done.exit_code == 4
+    assert checks(done) == {"record": False}
+
+
+def test_originals_are_found_elsewhere_by_their_hash(copy, measured, tmp_path):
+    record = json.loads((copy / "out" / "result.json").read_text())
+    original = measured / "photo.dng"
+    hidden = tmp_path / "archive"
+    hidden.mkdir()
+    try:
+        shutil.move(original, hidden / "photo.dng")
+        done = run("verify", copy / "out" / "certificate.pdf", "--json")
+        assert done.exit_code == 4
+        assert checks(done)["originals"] is False
+        done = run("verify", copy / "out" / "certificate.pdf", "--originals", hidden, "--json")
+        assert done.exit_code == 0, done.output
+    finally:
+        shutil.move(hidden / "photo.dng", original)
+    assert record["arguments"] == [str(original)]
+
+
+def test_file_without_a_digest_is_refused(tmp_path):
+    other = tmp_path / "other.pdf"
+    other.write_bytes(b"%PDF-1.4")
+    done = run("verify", other)
+    assert done.exit_code == 4
+    assert "no digest" in done.output
