@@ -21,7 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -43,6 +43,8 @@ from procedures.slanted_edge.strip import Roi  # noqa: E402
 Array = np.ndarray
 Rng = np.random.Generator
 
+ZOOM_STEPS = 9
+"""Sizes of which the picture of a zoom is the mean."""
 FINE, CELL_PIXELS = 8, 16
 """Fine pixels along a pixel's side; pixels of the printed bitmap along a cell's."""
 SHARPEST = 0.8
@@ -198,6 +200,8 @@ class Corruption:
     lens : changes of the lens
     raw : whether a RAW file can have it
     scale : pixels of the picture for one of the sensor
+    print_cells : standard deviation in cells of a blur of the chart's print
+    zoom : share by which the picture grows while it is taken
     """
 
     distort: Distort | None = None
@@ -206,6 +210,12 @@ class Corruption:
     lens: Mapping[str, float] = field(default_factory=dict)
     raw: bool = False
     scale: float = 1.0
+    print_cells: float = 0.0
+    zoom: float = 0.0
+
+    def shows(self, scene: str) -> bool:
+        """Whether a scene can have it."""
+        return self.distort is None if scene != "edge" else not (self.print_cells or self.zoom)
 
 
 @dataclass(frozen=True)
@@ -235,15 +245,19 @@ def chart_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng:
     The print's bitmap is averaged over fine pixels, multiplied by the OTF in the Fourier domain, and read at the
     pixels' centres. Its margin is as white as what lies around it.
     """
-    if corruption.distort is not None:
-        raise ValueError("a corruption that displaces an edge has no chart")
     width_px, size = (100 + 0.25 * pose.rows) * pitch, 200 * pitch
     roll, scale = np.radians(pose.angle_deg / 3), width_px * FINE / (CELLS * CELL_PIXELS)
-    print_ = cv2.blur(bitmap(Chart.from_seed(), CELL_PIXELS).astype(np.float32) / 255, (round(1 / scale),) * 2)
+    print_ = bitmap(Chart.from_seed(), CELL_PIXELS).astype(np.float32) / 255
+    if corruption.print_cells:
+        print_ = gaussian_filter(print_, corruption.print_cells * CELL_PIXELS, truncate=3)
+    print_ = cv2.blur(print_, (round(1 / scale),) * 2)
     turn = scale * np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     middle = (np.array(print_.shape) - 1) / 2
     offset = size * FINE / 2 + pose.shift_px * FINE - turn @ middle
-    fine = cv2.warpAffine(print_, np.column_stack([turn, offset]), (size * FINE, size * FINE), borderValue=1.0)
+    warped = partial(cv2.warpAffine, print_, dsize=(size * FINE,) * 2, borderValue=1.0)
+    grown = 1 + corruption.zoom * (np.linspace(-0.5, 0.5, ZOOM_STEPS) if corruption.zoom else np.zeros(1))
+    fixed = np.full(2, size * FINE / 2)
+    fine = np.mean([warped(np.column_stack([a * turn, fixed + a * (offset - fixed)])) for a in grown], axis=0)
     fy, fx = np.meshgrid(np.fft.fftfreq(size * FINE, 1 / FINE), np.fft.rfftfreq(size * FINE, 1 / FINE), indexing="ij")
     passed = np.hypot(fx, fy) < lens.cutoff
     otf = np.zeros(fx.shape, complex)
@@ -376,6 +390,22 @@ def wavelet(noises: float) -> Corruption:
     return Corruption(process=process)
 
 
+def edge_directed(steps: int, grain: float) -> Corruption:
+    """Diffusion along edges, at the noise's gradients, then white grain in noises."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        smooth = x
+        for _ in range(steps):
+            gy, gx = np.gradient(gaussian_filter(smooth, 0.7))
+            gyy = np.gradient(np.gradient(smooth, axis=0), axis=0)
+            gxy, gxx = np.gradient(np.gradient(smooth, axis=1))
+            square = gx * gx + gy * gy + (0.3 * noise) ** 2
+            smooth = smooth + 0.2 * (gy * gy * gxx - 2 * gx * gy * gxy + gx * gx * gyy) / square
+        return smooth + grain * noise * rng.standard_normal(x.shape)
+
+    return Corruption(process=process)
+
+
 def jpeg(quality: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         levels = np.rint(255 * np.clip(x, 0, 1)).astype(np.uint8)
@@ -449,6 +479,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "median": median_blend(1.0),
     "wavelet threshold, 1 noise": wavelet(1.0),
     "wavelet threshold, 3 noises": wavelet(3.0),
+    "edge-directed denoising with grain": edge_directed(1, 0.7),
     "JPEG 90": jpeg(90),
     "JPEG 60": jpeg(60),
     "rough print 0.15 px": rough(0.15, 1.0),
@@ -456,7 +487,10 @@ CORRUPTIONS: dict[str, Corruption] = {
     "vibration 0.3 px in 20 rows": vibration(0.3, 20),
     "vibration 0.3 px in 60 rows": vibration(0.3, 60),
     "vibration 0.5 px in 7 rows": vibration(0.5, 7),
+    "print blurred by 0.5 cell": Corruption(print_cells=0.5, raw=True),
+    "zoom of 1 %": Corruption(zoom=0.01, raw=True),
     "halo 8 % of 2.5 px": veil(0.08, 2.5),
+    "halo 6 % of 2 px": veil(0.06, 2.0),
     "veil 20 % of 15 px": veil(0.2, 15),
     "veil 20 % of 30 px": veil(0.2, 30),
     "ghost 5 % of 3 px": ghost(0.05, 3.0),
@@ -571,7 +605,7 @@ def main() -> None:
     for name, corruption in CORRUPTIONS.items():
         if given.words and not any(word in name for word in given.words):
             continue
-        if given.estimator != "edge" and corruption.distort is not None:
+        if not corruption.shows(given.estimator):
             continue
         for source in given.sources:
             if source == "grey" or (corruption.raw and (source == "raw" or name == "clean")):
