@@ -88,5 +88,5 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     return ShakerPath(position_m, commanded.interval_s, commanded.since_s, within_s=imu.within_s)
 
 
-def _waves(w: npt.NDArray[np.float64], t: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
     return np.hstack([np.cos(t[:, None] * w), np.sin(t[:, None] * w)])
