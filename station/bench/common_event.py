@@ -58,7 +58,7 @@ def lag_s(reference: ImuBlock, other: ImuBlock) -> float:
 
 def _magnitude(block: ImuBlock, t: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Magnitude of the acceleration, which does not depend on how a unit is mounted."""
-    return np.interp(t, block.host_s, np.linalg.norm(block.acceleration_m_s2, axis=1))
+    return np.asarray(np.interp(t, block.host_s, np.linalg.norm(block.acceleration_m_s2, axis=1)))
 
 
 def measured_latency(reference: Imu, other: CableImu, tap: Callable[[int], None]) -> CableLatency:
