@@ -10,14 +10,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from drivers.clock import Clock
 from drivers.errors import NoAnswer, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
-from drivers.options import PollInterval, axes, text
+from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
@@ -55,15 +54,9 @@ class GcsStage(PolledStage[str]):
     stop_bytes = b"\n" + STOP_ALL * 3
 
     def __init__(
-        self,
-        transport: Transport[str],
-        axes: Sequence[PolledAxis],
-        *,
-        clock: Clock | None = None,
-        poll_s: float = 0.1,
-        reference: str = "FRF",
+        self, transport: Transport[str], axes: Sequence[PolledAxis], *, reference: str = "FRF", **more: Any
     ) -> None:
-        super().__init__(transport, axes, clock=clock, poll_s=poll_s)
+        super().__init__(transport, axes, **more)
         self._reference = reference
         self._question = Question[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
@@ -137,5 +130,4 @@ class GcsOptions(LineOptions):
     makes = GcsStage
     parser = GcsParser
     axes: Annotated[tuple[GcsAxis, ...], axes("number")]
-    poll_s: PollInterval = 0.1
     reference: Literal["FRF", "FNL", "FPL"] = "FRF"

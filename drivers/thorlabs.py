@@ -11,14 +11,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
-from drivers.clock import Clock
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
-from drivers.options import Interval, PollInterval, axes, option, positive
+from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
@@ -93,11 +92,10 @@ class AptStage(PolledStage[AptMessage]):
         transport: Transport[AptMessage],
         axes: Sequence[PolledAxis],
         *,
-        clock: Clock | None = None,
-        poll_s: float = 0.1,
         cycle_s: float = 2048 / 6e6,
+        **more: Any,
     ) -> None:
-        super().__init__(transport, axes, clock=clock, poll_s=poll_s)
+        super().__init__(transport, axes, **more)
         self._speed_unit = 65536 * cycle_s
         stops = b"".join(header(STOP, self._dest(axis), CHANNEL, PROFILED) for axis in axes)
         self.stop_bytes = (stops + b"\0") * HEADER
@@ -184,5 +182,4 @@ class AptOptions(LineOptions):
     makes = AptStage
     parser = AptParser
     axes: Annotated[tuple[AptAxis, ...], axes("number")]
-    poll_s: PollInterval = 0.1
     cycle_s: Annotated[float, positive("102.4e-6")] = 2048 / 6e6
