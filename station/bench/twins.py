@@ -89,7 +89,9 @@ def twin_of(driver: str, folder: Path) -> Iterator[TwinSetup]:
     make, options = _twins().get(driver, (None, {}))
     if make is None:
         there = ", ".join([*BUILT_IN, *_twins()])
-        raise BadConfiguration(f"{driver} has no twin", f"name a device of station.toml by --device, a port by --port, or one of {there}")
+        raise BadConfiguration(
+            f"{driver} has no twin", f"name a device of station.toml by --device, a port by --port, or one of {there}"
+        )
     twin, clock = make(), VirtualClock()
     register_scheme("simulators.devices")
     plug("conform/stage", cable := Cable(twin, clock))
