@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -59,7 +61,7 @@ class ShakerPath:
 
 
 LEAST_ROUNDS = 2.0
-"""Rounds that a record must have for its harmonics to be told from drift."""
+"""Rounds that a record must have to separate its harmonics from drift."""
 HIGHEST = 0.4
 """Frequency of the highest harmonic that is measured, relative to the sampling rate."""
 
@@ -85,8 +87,14 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     fit = np.linalg.lstsq(np.hstack([waves, trend]), imu.acceleration_m_s2, rcond=None)[0][: 2 * highest]
     at = commanded.interval_s * np.arange(len(commanded.position_m))
     position_m = -_waves(w, at) @ (fit / np.tile(w, 2)[:, None] ** 2)
-    return ShakerPath(position_m, commanded.interval_s, commanded.since_s, within_s=imu.within_s)
+    return ShakerPath(
+        np.asarray(position_m, np.float64), commanded.interval_s, commanded.since_s, within_s=imu.within_s
+    )
 
 
+<<<<<<< HEAD
 def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
+=======
+def _waves(w: npt.NDArray[np.floating], t: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+>>>>>>> clock
     return np.hstack([np.cos(t[:, None] * w), np.sin(t[:, None] * w)])

@@ -18,7 +18,7 @@ STEP_S = 2e-4
 """Step of the lags tried."""
 FARTHEST_S = 0.1
 LEAST_CORRELATION = 0.5
-"""Of the two records at the best lag: below it they did not feel the same."""
+"""Least correlation of two records of the same event at the best lag."""
 
 
 class CableImu(Imu, Protocol):
