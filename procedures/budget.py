@@ -6,18 +6,18 @@ squares is the combined uncertainty. Source: ISO/IEC Guide 98-3 (GUM), section 5
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numbers import LEVELS, frequency_of, name_at
+from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
 from procedures.psf import Psf
 from procedures.quality import KNOTS, Quality, assess
 
 Array = npt.NDArray[np.float64]
-
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
 
@@ -29,11 +29,15 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
+    "processing": "sharpening that noise and frame do not exclude",
+    "variation": "variation of the PSF over the chart",
+    "print blur": "blur of the print",
     "focus": "focus at either distance",
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-
+COMMON = ("mismatch", "processing", "variation", "print blur")
+"""Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
 """Prefixes of the numbers that are frequencies."""
 
@@ -80,6 +84,51 @@ def _curve_budget(quality: Quality, direction: str, parts: Mapping[str, Budget])
         if term != "choice"
     }
     return {**curve, "choice": before["choice"]}
+
+
+def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Quality:
+    """Add uncertain changes of the transfer function to numbers and curves: terms of the budget by their names.
+
+    Parameters
+    ----------
+    modes : mapping of str to (n,) float64
+        Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
+        deviation.
+    """
+    budgets = {name: {**terms} for name, terms in quality.budgets.items()}
+    of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
+    curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
+    for term, change in modes.items():
+        moved = _moved_samples(psf, quality.frequencies, change)
+        for way, mtf in curves.items():
+            of_curves[way][term] = np.hypot(of_curves[way].get(term, 0.0), mtf * change)
+        for name, terms in budgets.items():
+            terms[term] = math.hypot(terms.get(term, 0.0), _change_of(name, quality, curves, change, moved))
+    numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
+    return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=of_curves)
+
+
+def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change: Array, moved: Array) -> float:
+    """Change of a number by a relative change of the transfer function, or by that of the samples."""
+    f = quality.frequencies
+    for (level, way), crossed in MTF_CROSSINGS.items():
+        if crossed == name:
+            at, slope = quality.numbers[name].value, np.gradient(curves[way], f)
+            return level / 100 * float(np.interp(at, f, change) / min(np.interp(at, f, slope), -1e-9))
+    nyquist: dict[str, tuple[float, str]] = {number: (0.5, way) for way, number in MTF_NYQUIST.items()}
+    if (at_frequency := nyquist.get(name) or frequency_of(name)) is not None:
+        frequency, way = at_frequency
+        return float(np.interp(frequency, f, curves[way] * change))
+    return float(quality.gradients[name][: len(moved)] @ moved)
+
+
+def _moved_samples(psf: Psf, f: Array, change: Array) -> Array:
+    """Change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f."""
+    image = psf.extended()
+    grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
+    filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, f, change), image.shape)
+    rim = (len(image) - psf.k) // 2
+    return np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
 
 
 def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
-from procedures.budget import TERMS, Budget, knot_budgets, with_parts
+from procedures.budget import COMMON, TERMS, Budget, knot_budgets, with_parts
 from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
@@ -76,10 +76,11 @@ class CombinedPsf:
     def quality(self) -> Quality:
         """MTF and sharpness metrics of the mean, with uncertainty budgets in the proportions of the shots'.
 
-        The term "mismatch" may be common to all shots, so it does not decrease with their number.
+        The terms `COMMON` may be common to all shots, so they do not decrease with their number.
         """
-        at = self.shots[0].quality.at
-        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
+        first = self.shots[0].quality
+        n = sum(shot.n for shot in self.shots)
+        quality = assess(self.psf, n=n, diffraction=self.diffraction, at=first.at, origin=first.origin)
         of_shots = [{**knot_budgets(shot.quality), **shot.quality.budgets} for shot in self.shots]
         whole = {**knot_budgets(quality), **quality.budgets}
         parts = {
@@ -175,9 +176,9 @@ def _part_of_mean(budgets: Sequence[Budget], noise: float) -> Budget:
     if not budgets:
         return {"noise": noise}
     mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
-    random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
+    random = {term: mean[term] for term in TERMS if term not in (*COMMON, "choice")}
     total = sum(random.values())
-    return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
+    return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, **{t: mean[t] ** 0.5 for t in COMMON}}
 
 
 def _complement(columns: Array) -> Array:
