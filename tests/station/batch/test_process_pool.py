@@ -101,7 +101,8 @@ def test_process_that_ends_by_itself_tells_its_exit_code(errands, tmp_path):
 @pytest.mark.slow
 def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp_path):
     with pytest.raises(Refused, match=f"{DEATHS_IN_A_ROW} died one after the other"):
-        run(errands, tmp_path, count=20, jobs=1, quits=tuple(range(20)))
+        run(errands, tmp_path, count=20, jobs=1, deadly=tuple(range(20)))
+    assert sum(len(mark.read_text()) for mark in tmp_path.iterdir()) == DEATHS_IN_A_ROW
 
 
 @pytest.mark.slow
