@@ -82,7 +82,7 @@ class _Stream:
         self.rate_hz = 0.0
         self._resolution_s = resolution_s
         self._measured = latency
-        self._latency = latency or CableLatency(0.0, 0.0)
+        self.latency = latency or CableLatency(0.0, 0.0)
         self._first: LeastOffset | None = None
 
     def start(self, rate_hz: float, clock: Clock, ask: Callable[[], object]) -> None:
@@ -94,7 +94,7 @@ class _Stream:
                 asked_s = clock.now_s()
                 ask()
                 trips.append(clock.now_s() - asked_s)
-            self._latency = CableLatency(min(trips) / 2, min(trips) / 2)
+            self.latency = CableLatency(min(trips) / 2, min(trips) / 2)
 
     def put(self, sample: ImuSample, lost: int) -> None:
         self._samples.append(sample)
@@ -120,7 +120,7 @@ class _Stream:
         drift, drift_within, span_s = 0.0, DRIFT, device_s - first.device_s
         if span_s > LEAST_SPAN_S:  # the cable's delay is the same in both
             drift, drift_within = (first.offset_s - offset_s) / span_s, (first.within_s + least.within_s) / span_s
-        latency = self._latency
+        latency = self.latency
         within_s = latency.within_s + least.within_s
         return ClockOffset(offset_s - latency.latency_s, within_s, drift, drift_within, latency.by)
 
@@ -148,6 +148,11 @@ class WitImu:
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
@@ -252,6 +257,11 @@ class FastImu:
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open and identify the device. Raises DeviceError."""

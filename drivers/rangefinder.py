@@ -22,7 +22,6 @@ MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex(
 STOP, WAKE = b"X", b"\x55"
 MOST_WORDS = 4
 REPLY_S, AUTO_S, SLOW_S = 1.0, 5.0, 8.0
-AIM = "aim at a matt surface within range"
 STATUSES = numbered("jrt status")
 BOSCH_STATUSES = numbered("bosch status")
 

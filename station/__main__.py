@@ -22,7 +22,7 @@ from station.common.log import quiet_option
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
-    "psf": ("psf.group", "psf", "Estimate a point spread function."),
+    "psf": ("groups", "psf", "Estimate a point spread function."),
     "sensor": ("procedure_command", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("procedure_command", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("procedure_command", "rig", "Measure the pose of one camera on a rig by the other."),
@@ -30,7 +30,7 @@ COMMANDS = {
     "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that correct it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
-    "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
+    "mtf": ("groups", "mtf", "Measure a modulation transfer function."),
     "sharpen": ("procedure_command", "sharpen", "Sharpen photographs: the way is chosen, stated and taken."),
     "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "refocus": ("procedure_command", "refocus", "Change aperture and focus of a restored picture afterwards."),

@@ -9,8 +9,7 @@ from importlib.resources import files
 
 @cache
 def _rows() -> list[list[str]]:
-    with files(__package__).joinpath("codes.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.reader(file))
+    return list(csv.reader(files(__package__).joinpath("codes.csv").read_text("utf-8").splitlines()))
 
 
 def codes(table: str) -> dict[str, tuple[str, str]]:

@@ -141,7 +141,8 @@ def transfer_numbers(curves: Curves, transfer: Transfer, *, photons_known: bool)
         SYSTEM_GAIN_AT_DARK: number(transfer.gain_at_dark, "DN/e-", "the same, corrected for the response's curvature"),
         INVERSE_GAIN: number(1 / gain, "e-/DN", "1 / K", share=bent),
         TEMPORAL_DARK_NOISE: bounded(
-            number(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent)
+            from_draws(noise_e, "e-", "variance in the dark less that of rounding, over K", n,
+                       extra=abs(float(noise_e[0])) * bent, signed=True)
         ),
         TEMPORAL_DARK_NOISE_DN: number(dark, "DN", "variance in the dark, rounding included"),
         SENSITIVITY_THRESHOLD: number(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),

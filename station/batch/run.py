@@ -50,7 +50,7 @@ class Batch:
 
     @cached_property
     def tally(self) -> Tally:
-        """What all rows say together."""
+        """Counts and values over all rows."""
         return Tally.of(self.rows)
 
     @property

@@ -105,7 +105,7 @@ class NumberSeries:
 
 @dataclass
 class Tally:
-    """What the rows of a batch say together.
+    """Counts and values over the rows of a batch.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ class WrittenFile:
 
 @contextmanager
 def written(path: Path, write: Callable[[Path], object]) -> Iterator[WrittenFile]:
-    """What `write` makes of a path beside this one; it is removed afterwards unless it was published.
+    """The file that `write` makes beside this path; it is removed afterwards unless it was published.
 
     Raises BadParameter if the file cannot be written.
     """

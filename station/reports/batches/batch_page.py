@@ -129,7 +129,7 @@ def _distributions(report: BatchReport) -> list[Block]:
 
 
 def _strokes(values: np.ndarray) -> np.ndarray:
-    """All values, or as many of their quantiles as can be told apart in the figure."""
+    """All values, or as many of their quantiles as the figure can resolve."""
     return values if len(values) <= MAX_STROKES else np.quantile(values, np.linspace(0, 1, MAX_STROKES))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from procedures.corruption.family import FALSE_ALARM, nuisance, threshold
+from procedures.corruption.noise import MaskScore
 from procedures.outcome import Verdict
 from procedures.raw import Plane
+from procedures.slanted_edge.corruptions import corruption_checks
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
-from procedures.slanted_edge.evidence import _fall, _Samples
+from procedures.slanted_edge.evidence import Evidence, _fall, _Samples
 from procedures.slanted_edge.strip import Roi
 
 from .analytic import Array, Camera, edge
@@ -183,3 +186,15 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
     assert (mirrored, same) == (pytest.approx(fall), windows)
     # from two pixels of the dip's flank to the next two the mean falls by 0.03 or more, known to 0.02 (2 / 400)^(1/2)
     assert fall > 5 * threshold(windows) if dip else fall < threshold(windows)
+
+
+def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_is_sharpened() -> None:
+    none = MaskScore(1.0, 0.0, 0.1)
+    clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
+        one = replace(none, amount=amount)
+        checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
+        assert [check.name for check in checks if check.fails] == [name]
+        opposite = replace(none, amount=-amount)
+        checks = corruption_checks(replace(clean, **{scores: [none, opposite, none]}), raw=False)
+        assert not any(check.fails for check in checks)

@@ -188,7 +188,7 @@ def test_rigs_are_pairs_of_folders(batch, tmp_path):
     for side in ("left", "right"):
         (tmp_path / "in" / f"c_{side}").mkdir()
         (tmp_path / "in" / f"c_{side}" / "result.json").write_text(f'{{"procedure": "tilt", "side": "{side}"}}')
-    rows, out = batch("rig", "[limits]\nbaseline = { min = 119, max = 121 }\n", tmp_path / "in")
+    rows, out = batch("rig", "[limits]\nbaseline = { min = 50, max = 52 }\n", tmp_path / "in")
     assert "has no partner" in rows["b_left/result.json"]["reason"]
     assert "is of tilt" in rows["c_left/result.json"]["reason"]
     good = rows["a_left/result.json"]
