@@ -21,7 +21,7 @@ from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
 
 HOST, CONTROLLER, BAY, LONG = 0x01, 0x50, 0x20, 0x80
 HEADER = 6
@@ -113,7 +113,7 @@ class AptStage(PolledStage[AptMessage]):
         def heard(message: AptMessage, number: int) -> bytes | None:
             return message.data if (message.id, message.source) == (number, dest) else None
 
-        question = Question[AptMessage](header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
+        question = StepQuestion[AptMessage](header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
         return self._line.request(data, lambda message: heard(message, reply), question, allowed, tries)
 
     def _get(self, axis: PolledAxis, request: int, reply: int) -> bytes:
