@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
@@ -23,8 +23,7 @@ from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
 from drivers.wire.in_step import StepQuestion
 
-HOST, CONTROLLER, BAY, LONG = 0x01, 0x50, 0x20, 0x80
-HEADER = 6
+HOST, CONTROLLER, BAY, LONG, HEADER = 0x01, 0x50, 0x20, 0x80, 6
 REQ_INFO, GET_INFO, ENABLE = 0x0005, 0x0006, 0x0210
 SET_VELOCITY, REQ_VELOCITY, GET_VELOCITY = 0x0413, 0x0414, 0x0415
 HOMING, MOVE, STOP = 0x0443, 0x0453, 0x0465
@@ -33,13 +32,10 @@ REQ_STATUS, GET_STATUS = 0x0490, 0x0491
 LENGTHS = {GET_INFO: 84, GET_VELOCITY: 14, GET_TARGET: 6, GET_STATUS: 14, 0x0464: 14, 0x0466: 14, 0x0444: 0}
 """Bytes of data of the messages to the host: answers, and the ends of moves and of homing."""
 MOVING, HOMED, MOTION_ERROR = 0x02F0, 0x0400, 0x4000
-PROFILED = 2
-CHANNEL = 1
-TRIES = 3
+PROFILED, CHANNEL, TRIES = 2, 1, 3
 
 
-@dataclass(frozen=True)
-class AptMessage:
+class AptMessage(NamedTuple):
     """One message: its id, the controller or bay that sent it, its data."""
 
     id: int
