@@ -72,15 +72,13 @@ class AptParser:
 
     def feed(self, data: bytes) -> list[AptMessage]:
         """The messages completed by these bytes."""
-        frames = self._frames.feed(data)
-        return [AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]) for one in frames]
+        return [AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]) for one in self._frames.feed(data)]
 
 
 class AptStage(PolledStage[AptMessage]):
     """Axes at one port; an axis' number is its bay, 0 at a controller without bays, and its scale units per count.
 
-    `cycle_s` is the unit of time of the controller's speeds: 2048/6e6 for DC servos, 102.4e-6 for brushless motors,
-    819.2e-6 for steppers.
+    `cycle_s` is the unit of time of its speeds: 2048/6e6 for DC servos, 102.4e-6 for brushless, 819.2e-6 for steppers.
     """
 
     def __init__(
