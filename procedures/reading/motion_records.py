@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
 from typing import Any
 
 import numpy as np
@@ -92,9 +91,5 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     )
 
 
-<<<<<<< HEAD
 def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
-=======
-def _waves(w: npt.NDArray[np.floating], t: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
->>>>>>> clock
     return np.hstack([np.cos(t[:, None] * w), np.sin(t[:, None] * w)])
