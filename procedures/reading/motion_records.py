@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -90,5 +91,5 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     )
 
 
-def _waves(w: npt.NDArray[np.floating], t: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
     return np.hstack([np.cos(t[:, None] * w), np.sin(t[:, None] * w)])

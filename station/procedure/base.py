@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
-from procedures.outcome import BadParameter, Miss, Outcome, Quantity
+from procedures.outcome import BadParameter, Miss, Outcome
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -246,15 +246,6 @@ class Procedure(ABC, Generic[S]):
         module, _, draw = self.drawn_by.partition(":")  # imported now: drawing is slow to load
         page: str = getattr(import_module(f"station.reports.{module}"), draw)(self.report(measurement))
         return page.encode()
-
-
-class Numbered(Protocol):
-    """Result with named numbers."""
-
-    @property
-    def numbers(self) -> Mapping[str, Quantity]:
-        """Every number with unit and standard uncertainty, by a name of `procedures.numbers`."""
-        ...
 
 
 class PhotographProcedure(Procedure[S]):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from drivers.errors import DeviceError
+from drivers.interfaces import Probe
 from station.service.alpaca.device import AlpacaDevice, Member, absent, constant, not_implemented
 from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
 from station.service.alpaca.parameters import Parameters
@@ -30,7 +31,7 @@ class ProbeConditions(AlpacaDevice):
 
     def __init__(self, served: ServedBench, number: int, probe: str) -> None:
         assert served.bench is not None
-        self._probe = served.bench.probes[probe]
+        self._probe = cast(Probe, served.bench.devices[probe])
         super().__init__(served, "observingconditions", number, probe, {probe: self._probe})
 
     def readable(self) -> Mapping[str, Member]:

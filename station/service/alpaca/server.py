@@ -46,7 +46,8 @@ def devices_of(served: ServedBench) -> list[AlpacaDevice]:
     ]
     devices += [AxisFocuser(served, number, stage, axis) for number, (stage, axis) in enumerate(axes)]
     devices += [BenchSwitch(served, 0)] if lines_of(bench) else []
-    return [*devices, *(ProbeConditions(served, number, name) for number, name in enumerate(bench.probes))]
+    probes = [name for name, device in bench.devices.items() if hasattr(device, "read")]
+    return [*devices, *(ProbeConditions(served, number, name) for number, name in enumerate(probes))]
 
 
 class AlpacaServer:

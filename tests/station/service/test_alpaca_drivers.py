@@ -122,10 +122,18 @@ def test_stop_ends_a_move(homed, held_up):
     assert "stopped" in outcome[0].reason
 
 
-def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up):
-    # the server moves one at a time: the second axis waits for the first one
+def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up, monkeypatch):
+    # the server moves one at a time: the second axis, which it has refused, waits for the first one
+    refused, finish = threading.Event(), homed._finish
+
+    def wait(parts, epoch):
+        refused.set()
+        finish(parts, epoch)
+
+    monkeypatch.setattr(homed, "_finish", wait)
     thread, outcome = beside(lambda: homed.move_to(z_mm=400.0, x_mm=-5.0))
     held_up.moving.wait()
+    refused.wait()
     homed.stop()
     thread.join()
     assert isinstance(outcome[0], DeviceError)
