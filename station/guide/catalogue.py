@@ -101,6 +101,7 @@ PLANS = {
     "sensor": _guided("gain, noise and non-uniformity of a sensor", "sensor"),
     "restoration": _guided("sharp image and depth map from blurred photographs", "restoration", in_session=True),
     "edge": _general("MTF across slanted edges", "edge"),
+    "witnessed": _general("the PSF with witnesses: two exposures, two distances, a defocus", "witnessed"),
 }
 DEFAULT = "pattern"
 
