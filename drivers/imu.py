@@ -1,24 +1,27 @@
-"""IMUs: WitMotion modules (to 200 Hz: settling and sway) and fast accelerometers (to some kHz: shutter shock).
+"""IMUs: WitMotion modules (to 200 Hz: settling and sway), fast accelerometers (to some kHz: shutter shock), and a unit
+on a STRIG box, which shares the clock of shutter, flash and shaker.
 
-Samples carry the device's time and the host's: the device's plus the smallest offset in the block, that of the delivery
-with the least delay.
+Samples carry the device's time and the host's. On a cable of its own a unit's samples come late by what the cable and
+its adapter take. The delivery with the least delay gives the offset of the clocks except for that delay, which lies
+between zero and the shortest round trip; an event seen by two units (`station devices --tap`) measures it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, NoAnswer, Rejected
-from drivers.interfaces import Condition, Identity, ImuBlock, Transport
-from drivers.making import LineOptions, MakerContext
-from drivers.options import positive
+from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
+from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
+from drivers.making import DriverOptions, LineOptions, MakerContext
+from drivers.options import STRIG_BOX, device, option, positive
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
+from drivers.shutter import DRIFT, Sample, StrigShutter
 from drivers.wire.connection import line_condition, opened
 
 G_M_S2 = 9.80665
@@ -29,6 +32,12 @@ CONTENT, RATE, BANDWIDTH, READ = 0x02, 0x03, 0x1F, 0x27
 TIME_ACCELERATION_GYRO = 0x0007
 SETTLE_S = 0.02  # the module needs this between two register writes
 REPLY_S = 1.0
+ROUND_TRIPS = 5
+LEAST_SPAN_S = 10.0
+"""Time between two blocks from which on they determine the drift better than the bound of a crystal."""
+MOST_BOX_HZ = 200
+FILTER_S = 0.002
+"""Bound of the delay in the filters of the unit on a box."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +49,52 @@ class ImuSample:
     row: tuple[float, ...]
 
 
-def block_of(samples: Sequence[ImuSample], lost: int) -> ImuBlock:
-    """Samples with both clocks; rows are three accelerations in m/s^2, then three angular rates in rad/s."""
-    device = np.array([s.device_s for s in samples])
-    received = np.array([s.received_s for s in samples])
+@dataclass(frozen=True)
+class CableLatency:
+    """Least delay of a unit's samples, with its bound: from round trips, or measured by an event (`by`)."""
+
+    latency_s: float
+    within_s: float
+    by: str = "round trip"
+
+
+@dataclass(frozen=True)
+class LeastOffset:
+    """Smallest difference between reception and device time in a block, when, and its bound."""
+
+    device_s: float
+    offset_s: float
+    within_s: float
+
+
+def rows_of(samples: Sequence[ImuSample]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Device times, accelerations in m/s^2, and angular rates in rad/s."""
     rows = np.array([s.row for s in samples]).reshape(-1, 6)
-    offset = float(np.min(received - device)) if samples else 0.0
-    return ImuBlock(device, device + offset, rows[:, :3], rows[:, 3:], lost)
+    return np.array([s.device_s for s in samples]), rows[:, :3], rows[:, 3:]
 
 
 class _Stream:
-    """Samples passed from the reader thread to the caller of `read_block`."""
+    """Samples passed from the reader thread to the caller of `read_block`; `resolution_s` is that of their times."""
 
-    def __init__(self) -> None:
+    def __init__(self, resolution_s: float, latency: CableLatency | None = None) -> None:
         self._samples: list[ImuSample] = []
         self._lost = 0
         self.rate_hz = 0.0
+        self._resolution_s = resolution_s
+        self._measured = latency
+        self.latency = latency or CableLatency(0.0, 0.0)
+        self._first: LeastOffset | None = None
 
-    def start(self, rate_hz: float) -> None:
+    def start(self, rate_hz: float, clock: Clock, ask: Callable[[], object]) -> None:
+        """Begin anew, and bound the delay by the shortest of some round trips."""
         self._samples, self._lost, self.rate_hz = [], 0, rate_hz
+        if self._measured is None:
+            trips = []
+            for _ in range(ROUND_TRIPS):
+                asked_s = clock.now_s()
+                ask()
+                trips.append(clock.now_s() - asked_s)
+            self.latency = CableLatency(min(trips) / 2, min(trips) / 2)
 
     def put(self, sample: ImuSample, lost: int) -> None:
         self._samples.append(sample)
@@ -69,16 +105,40 @@ class _Stream:
         lost, self._lost = self._lost, 0
         if not samples and duration_s * self.rate_hz > 5:
             raise NoAnswer(f"{address} sent no samples in {duration_s:g} s", "check its cable, then connect again")
-        return block_of(samples, lost)
+        device_s, force, rate = rows_of(samples)
+        if not samples:
+            return ImuBlock(device_s, device_s, force, rate, lost)
+        clock = self._clock_of(samples)
+        return ImuBlock(device_s, device_s + clock.offset_s, force, rate, lost, clock)
+
+    def _clock_of(self, samples: Sequence[ImuSample]) -> ClockOffset:
+        """The clocks' offset in this block. Its freshest delivery may wait for a part of a period."""
+        offset_s, device_s = min((one.received_s - one.device_s, one.device_s) for one in samples)
+        waited_s = 1 / (self.rate_hz * len({one.received_s for one in samples}))
+        least = LeastOffset(device_s, offset_s, self._resolution_s + waited_s)
+        first = self._first = self._first or least
+        drift, drift_within, span_s = 0.0, DRIFT, device_s - first.device_s
+        if span_s > LEAST_SPAN_S:  # the cable's delay is the same in both
+            drift, drift_within = (first.offset_s - offset_s) / span_s, (first.within_s + least.within_s) / span_s
+        latency = self.latency
+        within_s = latency.within_s + least.within_s
+        return ClockOffset(offset_s - latency.latency_s, within_s, drift, drift_within, latency.by)
+
+
+def scale_of(full_scale_g: float, full_scale_deg_s: float) -> list[float]:
+    """Unit per digit of three accelerations and three rates."""
+    return [full_scale_g * G_M_S2 / 32768] * 3 + [math.radians(full_scale_deg_s) / 32768] * 3
 
 
 class WitImu:
     """A WitMotion module in WIT standard protocol."""
 
-    def __init__(self, transport: Transport[WitFrame], *, clock: Clock | None = None) -> None:
+    def __init__(
+        self, transport: Transport[WitFrame], *, clock: Clock | None = None, latency: CableLatency | None = None
+    ) -> None:
         self.clock = clock or SystemClock()
         self._transport = transport
-        self._stream = _Stream()
+        self._stream = _Stream(1e-3, latency)
         self._device_s: float | None = None
         self._before_s: float | None = None
         self._acceleration: tuple[float, ...] | None = None
@@ -88,6 +148,11 @@ class WitImu:
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
@@ -123,7 +188,7 @@ class WitImu:
             raise BadConfiguration(f"{self.address} cannot sample at {rate_hz:g} Hz", f"use one of {sorted(RATES_HZ)}")
         self._write_registers({CONTENT: TIME_ACCELERATION_GYRO, BANDWIDTH: 0, RATE: RATES_HZ[rate_hz]})
         self._before_s = None
-        self._stream.start(rate_hz)
+        self._stream.start(rate_hz, self.clock, lambda: self._register(RATE))
 
     def stop(self) -> None:
         """Stop streaming. Raises DeviceError."""
@@ -180,17 +245,23 @@ class FastImu:
         clock: Clock | None = None,
         full_scale_g: float = 8.0,
         full_scale_deg_s: float = 500.0,
+        latency: CableLatency | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
         self._transport = transport
-        self._scale = [full_scale_g * G_M_S2 / 32768] * 3 + [math.radians(full_scale_deg_s) / 32768] * 3
-        self._stream = _Stream()
+        self._scale = scale_of(full_scale_g, full_scale_deg_s)
+        self._stream = _Stream(1e-6, latency)
         self._seq: int | None = None
 
     @property
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open and identify the device. Raises DeviceError."""
@@ -216,7 +287,7 @@ class FastImu:
     def start(self, rate_hz: float) -> None:
         """Stream at this rate. Raises DeviceError."""
         self._seq = None
-        self._stream.start(rate_hz)
+        self._stream.start(rate_hz, self.clock, lambda: self._ask("ID?"))
         self._expect(f"START {rate_hz:g}")
 
     def stop(self) -> None:
@@ -249,17 +320,120 @@ class FastImu:
         self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
 
 
+class StrigImu:
+    """An inertial unit on a box that a StrigShutter has connected: on the clock of shutter, flash and shaker."""
+
+    def __init__(self, box: StrigShutter, *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._box = box
+        self._scale = scale_of(8.0, 500.0)
+        self._samples: list[Sample] = []
+        self._rate_hz = 0.0
+
+    @property
+    def address(self) -> str:
+        """The box's port."""
+        return self._box.address
+
+    def connect(self) -> Identity:
+        """Check that the box has a unit. Raises BadConfiguration, LineLost, Rejected."""
+        self._require()
+        if self._box.version < 4:
+            raise BadConfiguration(
+                f"the box at {self.address} speaks STRIG/{self._box.version}, which has no inertial unit",
+                "load the firmware of drivers/firmware",
+            )
+        self._box.on_sample = self._samples.append
+        self.stop()
+        return Identity("STRIG/4 inertial unit", "", "", self.address)
+
+    def _require(self) -> None:
+        if not self._box.is_open:
+            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
+
+    def close(self) -> None:
+        """No-op: the line belongs to the shutter."""
+
+    def condition(self) -> Condition:
+        """Whether it streams."""
+        return line_condition(self._box.is_open, f"{self._rate_hz:g} Hz" if self._rate_hz else "ready")
+
+    def start(self, rate_hz: float) -> None:
+        """Stream at this rate, a whole number up to 200 Hz. Raises DeviceError."""
+        self._require()
+        if not 1 <= round(rate_hz) <= MOST_BOX_HZ:
+            raise BadConfiguration(f"{self.address} cannot sample at {rate_hz:g} Hz", f"use one of 1 to {MOST_BOX_HZ}")
+        self._box.synchronise()
+        self._box.command(f"IMU {rate_hz:.0f}")
+        self._samples.clear()
+        self._rate_hz = round(rate_hz)
+
+    def stop(self) -> None:
+        """Stop streaming. Raises DeviceError."""
+        self._rate_hz = 0.0
+        self._require()
+        self._box.command("IMU 0")
+
+    def read_block(self, duration_s: float) -> ImuBlock:
+        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
+        self._box.wait(lambda: False, duration_s)
+        taken = self._samples[:]
+        del self._samples[: len(taken)]
+        if not taken and duration_s * self._rate_hz > 5:
+            raise NoAnswer(f"{self.address} sent no samples in {duration_s:g} s", "check its cable, then connect again")
+        device_s, force, rate = rows_of([ImuSample(one.t_us * 1e-6, 0.0, self._row(one)) for one in taken])
+        if not taken:
+            return ImuBlock(device_s, device_s, force, rate, 0)
+        lost = max(round((device_s[-1] - device_s[0]) * self._rate_hz) + 1 - len(taken), 0)
+        offset_s, within_s = self._box.to_host_s(0), self._box.within_s(taken[-1].t_us) + FILTER_S
+        return ImuBlock(
+            device_s, device_s + offset_s, force, rate, lost, ClockOffset(offset_s, within_s, 0.0, DRIFT, "box")
+        )
+
+    def _row(self, sample: Sample) -> tuple[float, ...]:
+        return tuple(digits * scale for digits, scale in zip(sample.digits, self._scale, strict=True))
+
+    def emergency_stop(self) -> None:
+        """No-op: the box is stopped by its shutter."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class WitOptions(LineOptions):
+class CableOptions(LineOptions):
+    """Options of a unit on a cable of its own: the measured delay of its samples; by default round trips bound it."""
+
+    latency_s: Annotated[float | None, option("0.012", least=0)] = None
+    latency_within_s: Annotated[float, option("0.001", least=0)] = 1e-3
+
+    @property
+    def latency(self) -> CableLatency | None:
+        """The measured delay."""
+        if self.latency_s is None:
+            return None
+        return CableLatency(self.latency_s, self.latency_within_s, "common event")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrigImuOptions(DriverOptions):
+    """Options of driver "strig_imu"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+
+    def make(self, parts: MakerContext) -> StrigImu:
+        """The IMU."""
+        return StrigImu(parts.other(self.box), clock=parts.clock)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WitOptions(CableOptions):
     """Options of driver "wit"."""
 
     def make(self, parts: MakerContext) -> WitImu:
         """The IMU."""
-        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock)
+        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FastOptions(LineOptions):
+class FastOptions(CableOptions):
     """Options of driver "fast"."""
 
     full_scale_g: Annotated[float, positive("8")] = 8.0
@@ -269,4 +443,4 @@ class FastOptions(LineOptions):
         """The IMU."""
         wire = parts.wire(self.port, FastParser, baud=self.baud)
         scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
-        return FastImu(wire, clock=parts.clock, **scale)
+        return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)

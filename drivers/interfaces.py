@@ -44,11 +44,15 @@ class Travel:
 
 @dataclass(frozen=True)
 class ShutterTimes:
-    """When the contacts closed and opened, and when the hot shoe fired (None if it is not wired)."""
+    """When the contacts closed and opened, and when the hot shoe fired (None if it is not wired).
+
+    within_s : bound of the error of all three on the host's clock; None where the host has only the command's times.
+    """
 
     closed_s: float
     released_s: float
     flash_s: float | None = None
+    within_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,22 +90,57 @@ class ExposedFile:
 
 
 @dataclass(frozen=True)
+class ClockOffset:
+    """Offset of the clocks, host minus device, and relative drift of the device's, each with a bound.
+
+    by : what bounds it: "round trip", "common event", or "box" for the clock of a shutter box.
+    """
+
+    offset_s: float
+    within_s: float
+    drift: float
+    drift_within: float
+    by: str
+
+
+@dataclass(frozen=True)
 class ImuBlock:
-    """Samples since the last block: (n,) times of both clocks, (n, 3) m/s^2, (n, 3) rad/s, number of lost samples."""
+    """Samples since the last block: (n,) times of both clocks, (n, 3) m/s^2, (n, 3) rad/s, number of lost samples.
+
+    clock : how `host_s` follows from `device_s`; None if there are no samples.
+    """
 
     device_s: NDArray[np.float64]
     host_s: NDArray[np.float64]
     acceleration_m_s2: NDArray[np.float64]
     rotation_rad_s: NDArray[np.float64]
     lost: int
+    clock: ClockOffset | None = None
+
+
+@dataclass(frozen=True)
+class AxisResponse:
+    """How an axis follows its command: gain, and the resonance that bounds it (None: it follows at any frequency).
+
+    within_s : bound of the error of its phase, as a time.
+    """
+
+    gain: float = 1.0
+    frequency_hz: float | None = None
+    damping: float = 1.0
+    within_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class ShakePath:
-    """One round of a closed path about rest, played repeatedly: offsets by axis, in its unit, `interval_s` apart."""
+    """One round of a closed path about rest, played repeatedly: offsets by axis, in its unit, `interval_s` apart.
+
+    response : of the axes whose response is known; the offsets are as commanded.
+    """
 
     interval_s: float
     offsets: Mapping[str, tuple[float, ...]]
+    response: Mapping[str, AxisResponse] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
-from drivers.interfaces import Condition, Identity, ShakePath
+from drivers.interfaces import AxisResponse, Condition, Identity, ShakePath
 from drivers.making import DriverOptions, MakerContext
-from drivers.options import STRIG_BOX, AxisName, axes, device, positive
+from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive
 from drivers.shutter import KEEP_ALIVE_S, StrigShutter
 from drivers.wire.connection import line_condition
 
@@ -30,13 +30,22 @@ ANSWER_S = 0.5
 class ShakerAxis:
     """One channel: its axis' name with the unit, and the amplitude from rest at full deflection.
 
-    `direction` -1: the axis moves down when the channel's value rises.
+    `direction` -1: the axis moves down when the channel's value rises. The others are its `AxisResponse`.
     """
 
     name: AxisName
     channel: Literal[0, 1]
     stroke: Annotated[float, positive("2.0")]
     direction: Literal[1, -1] = 1
+    frequency_hz: Annotated[float | None, positive("80")] = None
+    damping: Annotated[float, positive("0.5")] = 1.0
+    gain: Annotated[float, positive("1")] = 1.0
+    within_s: Annotated[float, option("0.0005", least=0)] = 0.0
+
+    @property
+    def response(self) -> AxisResponse:
+        """How it follows its channel."""
+        return AxisResponse(self.gain, self.frequency_hz, self.damping, self.within_s)
 
     def to_steps(self, offset: float) -> int:
         """The channel's value of an offset."""
@@ -103,7 +112,8 @@ class StrigShaker:
         if not self._box.wait(lambda: "SHAKE" in self._box.motion, ANSWER_S):
             raise NoAnswer(f"{self.address} did not report the start of the shaking", "check the cable")
         offsets = {axis.name: tuple(axis.to_unit(v) for v in steps[axis.channel]) for axis in self._axes}
-        return ShakePath(interval_us * 1e-6, offsets)
+        responses = {axis.name: axis.response for axis in self._axes if axis.response != AxisResponse()}
+        return ShakePath(interval_us * 1e-6, offsets, responses)
 
     def _check(self, path: ShakePath) -> int:
         """The number of points of the path. Raises BadConfiguration, OutsideTravel."""

@@ -6,9 +6,13 @@ contact; the others report the time of the command.
 
 from __future__ import annotations
 
+import re
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial, reduce
+from operator import xor
 from typing import ClassVar
 
 from drivers.clock import Clock, SystemClock
@@ -24,7 +28,15 @@ REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
-REFUSALS = {3: "wait for the shot, or abort it", 4: "wire a shaker to the box, or remove it from station.toml"}
+FLASH_S = 1.0
+"""Longest time from the opening of the contacts to the hot shoe: lag of the body's shutter."""
+DRIFT = 1e-4
+"""Bound of the relative error of a crystal."""
+REFUSALS = {
+    3: "wait for the shot, or abort it",
+    4: "wire a shaker to the box, or remove it from station.toml",
+    5: "wire an inertial unit to the box, or remove it from station.toml",
+}
 """Remedies, by the box's error number."""
 
 
@@ -64,12 +76,21 @@ class Contact:
 
 @dataclass(frozen=True)
 class BoxTime:
-    """`SYNC t_us`."""
+    """`SYNC t_us tag`; the tag is that of the question, None before STRIG/4."""
 
     t_us: int
+    tag: int | None = None
 
 
-Event = Hello | Accepted | Refusal | Contact | BoxTime | UnrecognisedLine
+@dataclass(frozen=True)
+class Sample:
+    """`S t_us` and twelve bytes: three accelerations, three rotation rates."""
+
+    t_us: int
+    digits: tuple[int, ...]
+
+
+Event = Hello | Accepted | Refusal | Contact | BoxTime | Sample | UnrecognisedLine
 ENDS = ("DONE", "ABORT", "WATCHDOG")
 MOTIONS = ("SHAKE", "REST", "RELEASE")
 EVENTS = ("SHUTTER", *ENDS, *MOTIONS)
@@ -78,12 +99,16 @@ EVENTS = ("SHUTTER", *ENDS, *MOTIONS)
 def read_line(raw: bytes) -> Event:
     """Decode one line."""
     match raw.decode("ascii", "replace").split(" "):
-        case ["STRIG/1" | "STRIG/2" | "STRIG/3" as greeting, board, firmware, serial]:
+        case ["STRIG/1" | "STRIG/2" | "STRIG/3" | "STRIG/4" as greeting, board, firmware, serial]:
             return Hello(board, firmware, serial, int(greeting[-1]))
         case ["OK", seq] if _whole(seq):
             return Accepted(int(seq))
         case ["SYNC", t_us] if _whole(t_us):
             return BoxTime(int(t_us))
+        case ["SYNC", t_us, tag] if _whole(t_us) and _whole(tag):
+            return BoxTime(int(t_us), int(tag))
+        case ["S", t_us, data] if _whole(t_us) and SAMPLE.fullmatch(data):
+            return Sample(int(t_us), struct.unpack(">6h", bytes.fromhex(data)))
         case ["EVT", "FLASH", t_us] if _whole(t_us):
             return Contact("FLASH", 0, int(t_us))
         case ["EVT", kind, seq, t_us] if kind in EVENTS and _whole(seq) and _whole(t_us):
@@ -93,23 +118,41 @@ def read_line(raw: bytes) -> Event:
     return UnrecognisedLine(raw)
 
 
+SAMPLE = re.compile("[0-9A-F]{24}")
+
+
 def _whole(text: str) -> bool:
     return text.isascii() and text.isdigit() and len(text) < 19
 
 
 class StrigParser:
-    """Bytes to events, one per line."""
+    """Bytes to events, one per line; from the greeting of a STRIG/4 box on every line must have its checksum."""
 
     def __init__(self) -> None:
         self._lines = LineSplitter()
+        self._checked = False
 
     def feed(self, data: bytes) -> list[Event]:
         """The events completed by these bytes."""
-        return [read_line(line) for line in self._lines.feed(data)]
+        return [self._read(line) for line in self._lines.feed(data)]
+
+    def _read(self, raw: bytes) -> Event:
+        text, star, checksum = raw.rpartition(b"*")
+        right = bool(star) and checksum == b"%02X" % reduce(xor, text, 0)
+        if not right and (star or self._checked):
+            return UnrecognisedLine(raw)
+        event = read_line(text if right else raw)
+        self._checked = self._checked or (right and isinstance(event, Hello))
+        return event
 
 
 def _verdict(event: Event) -> list[Accepted | Refusal] | None:
     return [event] if isinstance(event, Accepted | Refusal) else None
+
+
+def _time_of(tag: int | None, event: Event) -> BoxTime | None:
+    """The answer to the question for the time with this tag."""
+    return event if isinstance(event, BoxTime) and event.tag == tag else None
 
 
 class StrigShutter:
@@ -120,8 +163,11 @@ class StrigShutter:
         self._transport = transport
         self._contacts: dict[tuple[int, str], int] = {}
         self._flash_us: int | None = None
-        self._offset_s = 0.0
-        self.version = 0
+        self._offset_s = self._within_s = 0.0
+        self._synchronised_s = 0.0
+        self._tag = self.version = 0
+        self.on_sample: Callable[[Sample], None] = lambda sample: None
+        """Receives the samples of an inertial unit on this box."""
         self.motion: dict[str, Contact] = {}
         """The last event of each kind concerning a shaker or the motors on this box."""
         self._stopped: EmergencyStopped | None = None
@@ -135,8 +181,8 @@ class StrigShutter:
         """Open, identify the box once it has booted, and synchronise the clocks. Raises DeviceError."""
         with opened(self._transport, self._hear):
             hello = self._ask_until(self.clock.now_s() + BOOT_S)
-            self._synchronise()
-        self.version = hello.version
+            self.version = hello.version
+            self.synchronise()
         return Identity(f"STRIG/{hello.version} {hello.board}", hello.firmware, hello.serial, self.address)
 
     def _ask_until(self, deadline_s: float) -> Hello:
@@ -147,18 +193,27 @@ class StrigShutter:
                 if self.clock.now_s() >= deadline_s:
                     raise
 
-    def _synchronise(self, times: int = 3) -> None:
-        """Clock offset from the fastest of a few round trips: error below half of that trip."""
+    def synchronise(self, times: int = 3) -> None:
+        """Clock offset from the fastest of a few round trips: its error is below half of that trip."""
         trips = []
         for _ in range(times):
-            asked_s = self.clock.now_s()
-            box = self._transport.request(b"SYNC?\n", lambda e: e if isinstance(e, BoxTime) else None, REPLY_S)
+            asked_s, tag = self.clock.now_s(), self._next_tag()
+            question = b"SYNC?\n" if tag is None else b"SYNC? %d\n" % tag
+            box = self._transport.request(question, partial(_time_of, tag), REPLY_S)
             received_s = self.clock.now_s()
-            trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6))
-        self._offset_s = min(trips)[1]
+            trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6, received_s))
+        trip_s, self._offset_s, self._synchronised_s = min(trips)
+        self._within_s = trip_s / 2
+
+    def _next_tag(self) -> int | None:
+        """The number of the next question for the time, so that a late answer to another one is none."""
+        self._tag = (self._tag + 1) % 1000
+        return self._tag if self.version >= 4 else None
 
     def _hear(self, event: Event, host_s: float) -> None:
-        if isinstance(event, Contact) and event.kind in MOTIONS:
+        if isinstance(event, Sample):
+            self.on_sample(event)
+        elif isinstance(event, Contact) and event.kind in MOTIONS:
             self.motion[event.kind] = event
         elif isinstance(event, Contact):
             self._contacts[event.seq, event.kind] = event.t_us
@@ -181,6 +236,10 @@ class StrigShutter:
     def is_open(self) -> bool:
         """Whether the line is there."""
         return self._transport.is_open
+
+    def within_s(self, t_us: int) -> float:
+        """Bound of the error of `to_host_s`: half of the round trip, the drift since, and two rounded microseconds."""
+        return self._within_s + DRIFT * abs(self.to_host_s(t_us) - self._synchronised_s) + 1e-6
 
     def to_host_s(self, t_us: int) -> float:
         """Convert a time of the box to the host's clock, by the last synchronisation."""
@@ -208,7 +267,7 @@ class StrigShutter:
         After NoAnswer the shot may have been taken: it is never repeated automatically.
         """
         self._stopped = None
-        self._synchronise()
+        self.synchronise()
         self._contacts.clear()
         self._flash_us = None
         seq = self.command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}", self._not_stopped)
@@ -227,7 +286,7 @@ class StrigShutter:
             if self.clock.now_s() >= deadline_s:
                 self._transport.write(b"ABORT\n")
                 raise NoAnswer(f"{self.address} did not report the end of shot {seq}", "check whether it was taken")
-            self._synchronise(1)
+            self.synchronise(1)
 
     def _times(self, seq: int, pulse_s: float) -> ShutterTimes:
         times = {kind: self.to_host_s(t_us) for (s, kind), t_us in self._contacts.items() if s == seq}
@@ -238,7 +297,9 @@ class StrigShutter:
             held = "an unknown time" if closed_s is None else f"{1000 * (released_s - closed_s):.0f} ms"
             raise MoveFailed(f"the contact was closed for {held} instead of {1000 * pulse_s:.0f} ms", "check the cable")
         flash_s = None if self._flash_us is None else self.to_host_s(self._flash_us)
-        return ShutterTimes(closed_s, released_s, flash_s)
+        if flash_s is not None and not closed_s <= flash_s <= released_s + FLASH_S:  # a damaged digit
+            flash_s = None
+        return ShutterTimes(closed_s, released_s, flash_s, self.within_s(self._contacts[seq, "DONE"]))
 
     def abort(self) -> None:
         """Open the contacts now. Raises DeviceError."""
@@ -373,11 +434,9 @@ class RelayShutter:
 class StrigOptions(LineOptions):
     """Options of driver "strig"."""
 
+    makes = StrigShutter
+    parser = StrigParser
     provides: ClassVar[tuple[str, ...]] = (SHUTTER, STRIG_BOX)
-
-    def make(self, parts: MakerContext) -> StrigShutter:
-        """The shutter box."""
-        return StrigShutter(parts.wire(self.port, StrigParser, baud=self.baud), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,13 +6,18 @@ squares is the combined uncertainty. Source: ISO/IEC Guide 98-3 (GUM), section 5
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from procedures.numbers import LEVELS, MTF_NYQUIST, frequency_of
-from procedures.psf import Psf
-from procedures.quality import Quality, assess
+import numpy as np
+import numpy.typing as npt
 
+from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
+from procedures.psf import Psf
+from procedures.quality import KNOTS, Quality, assess
+
+Array = npt.NDArray[np.float64]
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
 
@@ -24,10 +29,15 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
+    "processing": "sharpening that noise and frame do not exclude",
+    "variation": "variation of the PSF over the chart",
+    "print blur": "blur of the print",
     "focus": "focus at either distance",
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
+COMMON = ("mismatch", "processing", "variation", "print blur")
+"""Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
 """Prefixes of the numbers that are frequencies."""
 
@@ -38,11 +48,11 @@ def combined(budget: Budget) -> float:
 
 
 def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
-    """Replace the uncertainties of the numbers by those of the parts; the term "choice" is kept.
+    """Replace the uncertainties of numbers and curves by those of the parts; the term "choice" is kept.
 
     Parameters
     ----------
-    parts : mapping of a number's name to its terms
+    parts : mapping of a number's name to its terms; for the curves, their values at the frequencies `KNOTS`
     """
     budgets = {}
     for name, terms_before in quality.budgets.items():
@@ -50,34 +60,86 @@ def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
         terms["choice"] = terms_before["choice"]
         budgets[name] = {term: terms.get(term, 0.0) for term in TERMS}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
-    return replace(quality, numbers=numbers, budgets=budgets)
+    curves = {name: _curve_budget(quality, name, parts) for name in quality.curve_budgets}
+    return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=curves)
+
+
+def knot_budgets(quality: Quality) -> dict[str, Budget]:
+    """Budgets of the curves at the frequencies `KNOTS`, by the names of the MTF there."""
+    return {
+        name_at(quality.frequencies[i], direction): {term: float(curve[i]) for term, curve in terms.items()}
+        for direction, terms in quality.curve_budgets.items()
+        for i in range(len(quality.frequencies))[KNOTS]
+    }
+
+
+def _curve_budget(quality: Quality, direction: str, parts: Mapping[str, Budget]) -> dict[str, Array]:
+    """Terms of a curve: its noise times the terms over the noise, interpolated between the knots."""
+    before = quality.curve_budgets[direction]
+    f, noise = quality.frequencies[KNOTS], np.maximum(before["noise"][KNOTS], 1e-300)
+    terms = [parts.get(name_at(one, direction), {"noise": u}) for one, u in zip(f, noise, strict=True)]
+    curve = {
+        term: before["noise"] * np.interp(quality.frequencies, f, [one.get(term, 0.0) for one in terms] / noise)
+        for term in TERMS
+        if term != "choice"
+    }
+    return {**curve, "choice": before["choice"]}
+
+
+def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Quality:
+    """Add uncertain changes of the transfer function to numbers and curves: terms of the budget by their names.
+
+    Parameters
+    ----------
+    modes : mapping of str to (n,) float64
+        Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
+        deviation.
+    """
+    budgets = {name: {**terms} for name, terms in quality.budgets.items()}
+    of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
+    curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
+    for term, change in modes.items():
+        moved = _moved_samples(psf, quality.frequencies, change)
+        for way, mtf in curves.items():
+            of_curves[way][term] = np.hypot(of_curves[way].get(term, 0.0), mtf * change)
+        for name, terms in budgets.items():
+            terms[term] = math.hypot(terms.get(term, 0.0), _change_of(name, quality, curves, change, moved))
+    numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
+    return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=of_curves)
+
+
+def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change: Array, moved: Array) -> float:
+    """Change of a number by a relative change of the transfer function, or by that of the samples."""
+    f = quality.frequencies
+    for (level, way), crossed in MTF_CROSSINGS.items():
+        if crossed == name:
+            at, slope = quality.numbers[name].value, np.gradient(curves[way], f)
+            return level / 100 * float(np.interp(at, f, change) / min(np.interp(at, f, slope), -1e-9))
+    nyquist: dict[str, tuple[float, str]] = {number: (0.5, way) for way, number in MTF_NYQUIST.items()}
+    if (at_frequency := nyquist.get(name) or frequency_of(name)) is not None:
+        frequency, way = at_frequency
+        return float(np.interp(frequency, f, curves[way] * change))
+    return float(quality.gradients[name][: len(moved)] @ moved)
+
+
+def _moved_samples(psf: Psf, f: Array, change: Array) -> Array:
+    """Change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f."""
+    image = psf.extended()
+    grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
+    filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, f, change), image.shape)
+    rim = (len(image) - psf.k) // 2
+    return np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
 
 
 def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:
-    """Add the MTF at further frequencies (cycles per pixel of the plane).
-
-    Their budgets have the proportions of the MTF at Nyquist along the same direction, scaled by the uncertainty from
-    the PSF's covariance.
-    """
+    """Add the MTF at further frequencies, in cycles per pixel of the plane, with the budgets of the curves."""
     n = next((one.n for one in quality.numbers.values()), 0)
     fresh = assess(psf, n=n, at=at)
     numbers, budgets = dict(quality.numbers), dict(quality.budgets)
     for name, number in fresh.numbers.items():
         if (frequency := frequency_of(name)) is None or name in numbers:
             continue
-        reference = MTF_NYQUIST[frequency[1]]
-        terms_before, whole = fresh.budgets[name]["noise"], fresh.budgets[reference]["noise"]
-        terms = {term: value * terms_before / max(whole, 1e-300) for term, value in quality.budgets[reference].items()}
-        budgets[name] = {**terms, "choice": fresh.budgets[name]["choice"]}
+        terms = quality.curve_budgets[frequency[1]].items()
+        budgets[name] = {term: float(np.interp(frequency[0], quality.frequencies, curve)) for term, curve in terms}
         numbers[name] = replace(number, uncertainty=combined(budgets[name]))
     return replace(quality, numbers=numbers, budgets=budgets, at=tuple(at))
-
-
-def with_convergence(quality: Quality, share: float) -> Quality:
-    """Add the relative change of MTF50 and similar numbers that is expected if k is raised to the term "choice"."""
-    budgets = {}
-    for name, terms in quality.budgets.items():
-        move = share * quality.numbers[name].value if name.startswith(FREQUENCIES) else 0.0
-        budgets[name] = {**terms, "choice": float((terms["choice"] ** 2 + move**2) ** 0.5)}
-    numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
-    return replace(quality, numbers=numbers, budgets=budgets)

@@ -7,7 +7,7 @@ Frequencies are in cycles per pixel of the plane, lengths in its pixels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -16,22 +16,33 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
-from procedures.numbers import ENERGY_ABOVE_NYQUIST, FWHM_HORIZONTAL, FWHM_VERTICAL, LEVELS, MTF_CROSSINGS, STREHL
+from procedures.numbers import (
+    CYCLES,
+    ENERGY_ABOVE_NYQUIST,
+    FWHM_HORIZONTAL,
+    FWHM_VERTICAL,
+    STREHL,
+    frequency_of,
+    name_at,
+)
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
 from procedures.psf import Psf
+from procedures.psf_origin import Origin, about, about_origin
 from procedures.spatial_numbers import (
     CIRCLES,
     DrawnNumber,
+    centred_numbers,
     circle,
     energy_beyond_band,
+    first_moments,
     name_of_circle,
     section_widths,
-    spatial_numbers,
+    whole_numbers,
 )
-from procedures.stray_tail import tail_energy_uncertainty, truncation, truncation_at
-from procedures.transfer_function import curve_numbers, first_crossing
+from procedures.stray_tail import curve_model_error, tail_energy_uncertainty
+from procedures.transfer_function import NYQUIST, curve_numbers, first_crossing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +53,10 @@ Indices = npt.NDArray[np.intp]
 
 STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
+KNOTS = slice(5, None, 5)
+"""Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
+STEP = 0.005
+"""Half the interval around a crossing over which a curve's slope is taken, in cycles per pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn, a multiple of four."""
 NARROW_BANDS = (0.67, 0.75, 0.85)
@@ -64,42 +79,47 @@ class Quality:
         0 to s/2 cycles/pixel.
     mtf_horizontal, mtf_vertical, mtf_radial : (n,) float64
         |OTF| along x, along y, and its mean over directions.
-    mtf_horizontal_uncertainty, ... : (n,) float64
-        Standard uncertainties of the curves.
+    curve_budgets : mapping of str to mapping of str to (n,) float64
+        Uncertainty budget of each curve: "horizontal", "vertical", "radial".
     otf_horizontal, otf_vertical : (n,) complex128
         OTF relative to the PSF's centre.
     numbers : mapping of str to Quantity
     gradients : mapping of str to (k^2 + q,) float64
-        Derivative of each number by the PSF's parameters.
+        Derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`.
     budgets : mapping of str to mapping of str to float
         Uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and band;
         see `procedures.budget`.
     at : tuple of float
         Requested frequencies of the MTF.
+    origin : "centre", "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
 
     frequencies: Array
     mtf_horizontal: Array
-    mtf_horizontal_uncertainty: Array
     mtf_vertical: Array
-    mtf_vertical_uncertainty: Array
     mtf_radial: Array
-    mtf_radial_uncertainty: Array
     otf_horizontal: Complex
     otf_vertical: Complex
     numbers: Mapping[str, Quantity]
     gradients: Mapping[str, Array]
     budgets: Mapping[str, Mapping[str, float]]
+    curve_budgets: Mapping[str, Mapping[str, Array]]
     at: tuple[float, ...] = ()
+    origin: Origin = "centre"
 
     __repr__ = summary
     _repr_html_ = html
 
+    def uncertainty(self, direction: str) -> Array:
+        """Standard uncertainty (n,) of the curve "horizontal", "vertical" or "radial"."""
+        return np.asarray(np.sqrt(sum(term**2 for term in self.curve_budgets[direction].values())))
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the MTF along x, along y and its radial mean, with one standard uncertainty."""
         ax = axes_of(ax)
-        for name in ("horizontal", "vertical", "radial"):
-            mtf, sigma = (getattr(self, f"mtf_{name}{end}") for end in ("", "_uncertainty"))
+        for name in self.curve_budgets:
+            mtf, sigma = getattr(self, f"mtf_{name}"), self.uncertainty(name)
             (line,) = ax.plot(self.frequencies, mtf, label=name)
             ax.fill_between(self.frequencies, mtf - sigma, mtf + sigma, color=line.get_color(), alpha=0.3, linewidth=0)
         ax.set(xlabel="frequency / (cycles/pixel)", ylabel="MTF", ylim=(0, 1.05))
@@ -183,7 +203,10 @@ def otf(psf: Psf, fx: Array, fy: Array) -> Complex:
     return np.asarray(values.reshape(fx.shape) / psf.light)
 
 
-def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = ()) -> Quality:
+def assess(
+    psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = (), unconverged: float = 0.0,
+    origin: Origin = "centre",
+) -> Quality:  # fmt: skip
     """Compute the curves and numbers of a PSF.
 
     Parameters
@@ -195,6 +218,10 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
         Diffraction limit; with it the Strehl ratio is reported too.
     at : sequence of float
         Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
+    unconverged : float
+        Relative change of the frequencies that is expected if k is raised.
+    origin : "centre", "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     f = frequencies(psf)
@@ -204,56 +231,68 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
     mtf_v, slope_v = _modulus(psf, vertical)
     mtf_r, slope_r = _radial_mean(psf, f)
     curves = {"horizontal": (mtf_h, slope_h), "vertical": (mtf_v, slope_v), "radial": (mtf_r, slope_r)}
-    numbers_drawn: list[DrawnNumber] = []
-    for name, (mtf, slope) in curves.items():
-        numbers_drawn += curve_numbers(f, mtf, slope, name, at)
-    numbers_drawn += spatial_numbers(psf)
-    if diffraction is not None:
-        numbers_drawn.append(_strehl(psf, diffraction))
     C = psf.parameter_covariance
-    gradients = {one.name: one.gradient for one in numbers_drawn}
-    uncertainties = dict(zip(gradients, _uncertainty(C, np.array(list(gradients.values()))), strict=True))
-    open_parts = _finite_grid_uncertainty(psf, f, curves, uncertainties, numbers_drawn, diffraction)
+    numbers_drawn: list[DrawnNumber] = []
+    gradients: dict[str, Array] = {}
+    curve_budgets, open_parts = {}, dict[str, float]()
+    for name, (mtf, slope) in curves.items():
+        of_curve = list(curve_numbers(f, mtf, slope, name, at))
+        fall = -np.gradient(mtf, f)
+        choice = np.hypot(curve_model_error(psf, f, mtf, slope), unconverged * f * fall)
+        curve_budgets[name] = {"noise": _uncertainty(C, slope), "choice": choice}
+        open_parts |= _read_from_curve(of_curve, f, choice, fall)
+        gradients |= {name_at(f[i], name): slope[i] for i in range(len(f))[KNOTS]}
+        numbers_drawn += of_curve
+
+    def centred(moved: Psf) -> list[DrawnNumber]:
+        return centred_numbers(moved) + ([_strehl(moved, diffraction)] if diffraction is not None else [])
+
+    of_space = [*first_moments(psf), *about_origin(psf, origin, centred), *whole_numbers(psf)]
+    numbers_drawn += of_space
+    uncertainties = dict(
+        zip(
+            (one.name for one in numbers_drawn),
+            _uncertainty(C, np.array([one.gradient for one in numbers_drawn])),
+            strict=True,
+        )
+    )
+    open_parts |= _finite_grid_uncertainty(about(psf, origin), uncertainties, of_space, diffraction)
     reported = [one for one in numbers_drawn if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
     budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": open_parts[one.name]} for one in reported}
     numbers = {
         one.name: Quantity(one.value, one.unit, float(np.linalg.norm(list(budgets[one.name].values()))), one.method, n)
         for one in reported
     }
-    p, light, stray = psf.parameters, psf.light, truncation_at(psf, f)
-    bands = (np.hypot(_uncertainty(C, slope), stray) for _, slope in curves.values())
-    band_h, band_v, band_r = bands
     return Quality(
         f,
-        *(mtf_h, band_h, mtf_v, band_v, mtf_r, band_r),
-        horizontal @ p / light,
-        vertical @ p / light,
+        *(mtf_h, mtf_v, mtf_r),
+        horizontal @ psf.parameters / psf.light,
+        vertical @ psf.parameters / psf.light,
         numbers,
-        {one.name: one.gradient for one in reported},
+        gradients | {one.name: one.gradient for one in reported},
         budgets,
+        curve_budgets,
         tuple(at),
+        origin,
     )
 
 
+def _read_from_curve(numbers: Sequence[DrawnNumber], f: Array, uncertainty: Array, fall: Array) -> dict[str, float]:
+    """An uncertainty of a curve as that of the numbers read from it; `fall` is the negative derivative of the curve."""
+    parts = {}
+    for one in numbers:
+        crossed, known = one.unit == CYCLES, frequency_of(one.name)
+        place = one.value if crossed else known[0] if known else NYQUIST
+        steepness = max(float(np.interp(place, f, fall)), 1e-9) if crossed else 1.0
+        parts[one.name] = float(np.interp(place, f, uncertainty)) / steepness
+    return parts
+
+
 def _finite_grid_uncertainty(
-    psf: Psf,
-    f: Array,
-    curves: Mapping[str, tuple[Array, Array]],
-    uncertainties: Mapping[str, float],
-    numbers_drawn: list[DrawnNumber],
-    diffraction: Diffraction | None,
+    psf: Psf, uncertainties: Mapping[str, float], numbers_drawn: list[DrawnNumber], diffraction: Diffraction | None
 ) -> dict[str, float]:
-    """Uncertainty of each number by the finite support (of the curves) or the finite band (of the spatial numbers)."""
-    stray = truncation(psf)
+    """Uncertainty of each spatial number by the finite band and the energy outside the support."""
     parts = {one.name: 0.0 for one in numbers_drawn}
-    for name, (mtf, _) in curves.items():
-        for number in parts:
-            if number.endswith(f"_{name}") and number.startswith("mtf_"):
-                parts[number] = stray
-        for level in LEVELS:
-            if (number := MTF_CROSSINGS[level, name]) in parts:
-                i = int(np.clip(np.argmax(mtf < level / 100), 1, len(f) - 1))
-                parts[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
     values = {one.name: one.value for one in numbers_drawn}
     for share in NARROW_BANDS:
         for name, value in _within_band(psf, share, diffraction).items():
@@ -269,17 +308,12 @@ def _finite_grid_uncertainty(
 
 
 def _tail_energy_changes(psf: Psf, numbers_drawn: list[DrawnNumber]) -> dict[str, float]:
-    """Change of the numbers that are not of the curves by the uncertainty of the energy outside the support.
-
-    That energy is assumed to belong to the mean tail. The numbers of the curves use `truncation` instead.
-    """
+    """Change of the numbers by the uncertainty of the energy outside the support, assumed to be of the mean tail."""
     if not len(psf.tail.amplitudes):
         return {}
     mean_tail = psf.k**2  # index of its amplitude
     share = tail_energy_uncertainty(psf) * psf.light / float(psf.weights[mean_tail])
-    changes = {
-        one.name: share * abs(float(one.gradient[mean_tail])) for one in numbers_drawn if not one.name.startswith("mtf")
-    }
+    changes = {one.name: share * abs(float(one.gradient[mean_tail])) for one in numbers_drawn}
     return {name: value for name, value in changes.items() if np.isfinite(value)}
 
 
@@ -300,12 +334,30 @@ def mtf50_along(psf: Psf, angle: float) -> tuple[float, Array] | None:
 
 def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
     """MTF50 along a direction, degrees from x towards y, with its uncertainty; None where the MTF stays above 1/2."""
-    numbers_drawn = mtf50_along(psf, float(np.radians(angle_deg)))
-    if numbers_drawn is None:
+    angle = float(np.radians(angle_deg))
+    crossed = mtf50_along(psf, angle)
+    if crossed is None:
         return None
-    value, gradient = numbers_drawn
-    uncertainty = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
+    value, gradient = crossed
+    noise = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
+    uncertainty = float(np.hypot(noise, crossing_model_error(psf, value, lambda f: mtf_along(psf, f, angle))))
     return Quantity(value, "cycles/pixel", uncertainty, f"|OTF| = 0.5 at {angle_deg:.1f} degrees from x", n)
+
+
+def crossing_model_error(
+    psf: Psf, frequency: float, curve: Callable[[Array], tuple[Array, Array]], passed: float = 1.0
+) -> float:
+    """Standard uncertainty of the frequency where a curve crosses a level, by the model error of the tail.
+
+    Parameters
+    ----------
+    curve : callable
+        Values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
+    """
+    f = frequency + np.array([-STEP, 0, STEP])
+    value, slope = curve(f)
+    error = curve_model_error(psf, f[1:2], value[1:2] * passed, slope[1:2], passed)
+    return float(error[0]) * 2 * STEP / max(float(value[0] - value[2]), 1e-9)
 
 
 def _modulus(psf: Psf, waves: Complex) -> tuple[Array, Array]:
@@ -402,7 +454,7 @@ def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> lis
         return []
     limit = diffraction.otf(quality.frequencies)
     both = np.array([quality.mtf_horizontal, quality.mtf_vertical])
-    uncertainties = np.array([quality.mtf_horizontal_uncertainty, quality.mtf_vertical_uncertainty])
+    uncertainties = np.array([quality.uncertainty("horizontal"), quality.uncertainty("vertical")])
     above = both - MAX_EXCESS - EXCESS_SIGMAS * uncertainties - limit
     way, at = np.unravel_index(np.argmax(above), above.shape)
     measured, most = both[way, at], limit[at]

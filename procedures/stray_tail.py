@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.bessel import j0
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
 from procedures.psf import Psf
 
@@ -13,9 +16,17 @@ Array = npt.NDArray[np.float64]
 ROUGHNESS = 0.25
 """Relative deviation of a true tail's density from the fitted one: rings of a small aperture, spikes of an iris. For
 Airy discs, defocus, coma and polygons it was 0.1 to 0.3, for spikes up to 1."""
-RINGS = 1 / (8**0.5 * np.pi)
-"""Effect of the rings 1 - sin(2 pi f_c r) of a circular pupil at a square support's border, over (f_c R)^-3/2 of the
-energy outside; the phase is stationary at the middles of the four sides."""
+RINGS = 0.25
+"""Effect of a pupil's rings on the energy outside a square support, over (f_c R)^-3/2 of it.
+
+The phase is stationary at the middles of the four sides: 1 / (8^1/2 pi) = 0.11 for the rings 1 - sin(2 pi f_c r) of a
+clear circle, 0.46 for the slower beat, of period 2 / ((1 - 0.3) f_c), of a pupil obstructed to 0.3 of its diameter."""
+RING_FREQUENCIES = np.linspace(0.25, 1.0, 13)
+"""Frequencies of rings, over f_c: from the beat of a pupil obstructed to a half to the rings of a clear one."""
+RING_RADII = np.arange(1.02, 9.0, 0.04)
+"""Radii over that of the support at which rings are summed; they are tapered towards the end."""
+FINEST_RINGS = 8.0
+"""Greatest f_c R that is distinguished: finer rings have no effect."""
 
 
 def truncation(psf: Psf) -> float:
@@ -51,7 +62,52 @@ def _excess_factor(psf: Psf) -> float:
     return max(1.0, float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) - 1) if others else 1.0
 
 
-def truncation_at(psf: Psf, f: Array) -> Array:
-    """Truncation uncertainty at frequencies (n,): 0 at frequency 0, as the OTF is normalised there."""
+def curve_model_error(psf: Psf, f: Array, mtf: Array, slope: Array, passed: Array | float = 1.0) -> Array:
+    """Standard uncertainty (n,) of an MTF curve by the model error of the tail.
+
+    Three independent parts: the tail's roughness, its rings, and the energy outside the support, by which the OTF is
+    normalised. All vanish at frequency 0.
+
+    Parameters
+    ----------
+    f : (n,) float64
+        In cycles/pixel.
+    mtf : (n,) float64
+        The PSF's MTF.
+    slope : (n, k^2 + q or more) float64
+        Derivative of the curve by the PSF's parameters.
+    passed : (n,) float64 or float
+        Factor by which the MTF was divided to give the curve.
+    """
+    if not len(psf.tail.amplitudes):
+        return np.zeros(len(f))
+    radius, mean_tail = psf.k / 2 / psf.s, psf.k**2
+    rough = truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2)))
+    rings = abs(psf.share_outside) * _rings_at(psf, f, mtf)
+    energy = tail_energy_uncertainty(psf) * psf.light / float(psf.weights[mean_tail]) * slope[:, mean_tail]
+    return np.asarray(np.hypot(np.hypot(rough, rings) / passed, energy))
+
+
+def _rings_at(psf: Psf, f: Array, mtf: Array) -> Array:
+    """Rms change (n,) of an MTF by rings of unknown phase and frequency, over the energy outside.
+
+    Rings 1 + cos(2 pi v r + phase) of the mean tail 1 / r^3 have the spectrum
+
+        G(f, v) = integral of w(r) r^-2 exp(2 pi i v r) J0(2 pi f r) dr,
+
+    r and 1 / f in units of the support's half side, w(r) the share of a circle outside the square. The OTF is divided
+    by the whole energy, so that its change is G(f, v) - H(f) G(0, v).
+    """
     radius = psf.k / 2 / psf.s
-    return np.asarray(truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2))))
+    cutoff = 1 / (np.pi**3 * max(psf.tail_density_px, 1e-9))
+    rings = np.exp(2j * np.pi * RING_FREQUENCIES[:, None] * min(cutoff * radius, FINEST_RINGS) * RING_RADII)
+    outside = 4 / np.pi * np.arccos(1 / np.minimum(RING_RADII, 2**0.5))
+    rings = rings * outside / RING_RADII**2 * np.exp(-((RING_RADII / 5) ** 2)) * float(np.diff(RING_RADII[:2])[0])
+    change = rings @ _waves(tuple((f * radius).tolist())) - mtf * rings.sum(axis=1)[:, None]
+    return np.asarray(np.sqrt(np.mean(np.abs(change) ** 2, axis=0) / 2))
+
+
+@lru_cache(maxsize=16)
+def _waves(fR: tuple[float, ...]) -> Array:
+    """J0(2 pi f r) at the radii of the rings (m,) and frequencies (n,), both in units of the support: (m, n)."""
+    return j0(2 * np.pi * RING_RADII[:, None] * np.array(fR))

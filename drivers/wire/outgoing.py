@@ -20,6 +20,8 @@ WRITE_S = 1.0
 """Time limit for a port to accept bytes."""
 URGENT_S = 0.03
 """How long bytes that end a motion wait for a port before the driver stops by stronger means."""
+STOP_TRIES = 6
+"""How often a stop is offered to a port that takes no bytes, each time for `WRITE_S`: what moves goes on meanwhile."""
 HELD_UP_S = 0.005
 """How long a stop waits for an order that is being written to a port without a descriptor."""
 GONE = (OSError, ValueError, TypeError, AttributeError)
@@ -66,15 +68,20 @@ class Outgoing:
         held = self._wire.acquire(timeout=HELD_UP_S)
         try:
             self._drop_unsent()
+            return any(self._stopped(data) for _ in range(STOP_TRIES))
+        finally:
+            if held:
+                self._wire.release()
+
+    def _stopped(self, data: bytes) -> bool:
+        """Whether the port takes these bytes within `WRITE_S`; one that is clogged may take them later."""
+        try:
             rest, deadline_s = _put(self._port, data), time.monotonic() + WRITE_S
             while rest and _room(self._port, deadline_s):
                 rest = _put(self._port, rest)
             return not rest
         except GONE:
             return False
-        finally:
-            if held:
-                self._wire.release()
 
     def _drop_unsent(self) -> None:
         """Discard what the port has buffered and not sent."""

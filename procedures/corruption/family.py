@@ -69,7 +69,17 @@ SCATTER = Corruption(
     "take a cut edge or a finer print, keep the camera still, and take the RAW file",
     "take a cut edge or a finer print, and keep the camera still",
 )
-VEIL = Corruption(
+FILTERED = _processing("filter", "edges look unlike any image by a lens ({}): the photograph was denoised")
+SELECTIVE = _processing("sharpening", "strong detail is sharpened more than faint detail ({})")
+WIDE = _processing("sharpening", "light is missing around edges, as by a wide unsharp mask ({})")
+GHOSTED = Corruption(
+    "ghost",
+    "the picture, mirrored through the frame's centre, lies over the chart ({}): the lens reflects light",
+    *2 * ("keep bright surfaces out of the frame, and photograph the chart on a dark wall",),
+)
+PRINT_BLUR = "print blur"
+"""Term of the budget: blur of the chart's print, which one photograph cannot distinguish from that of the lens."""
+VEILED = Corruption(
     "veil",
     "light is scattered farther than the plains reach ({})",
     *2 * ("keep stray light away, clean the lens, or give a wider region",),
@@ -81,16 +91,22 @@ def threshold(places: int = 1) -> float:
     return NormalDist().inv_cdf(1 - FALSE_ALARM / places)
 
 
-def nuisance(estimate: float, uncertainty: float, prior: float) -> float:
+def nuisance(estimate: float, uncertainty: float, prior: float, present: float = 1.0) -> float:
     """Root mean square of a strength that is not negative, known to `estimate` with a standard uncertainty.
 
-    The prior is half-normal of standard deviation `prior`; an infinite uncertainty leaves it as it is.
+    With the prior probability `present` it is half-normal of standard deviation `prior`, otherwise 0; an infinite
+    uncertainty leaves the prior as it is.
     """
     if not math.isfinite(uncertainty):
-        return prior
+        return prior * math.sqrt(present)
     share = prior**2 / (prior**2 + uncertainty**2)
     mean, spread = estimate * share, uncertainty * math.sqrt(share)
     normal, at = NormalDist(), mean / spread
+    if present < 1:
+        # ratio of the estimate's probability densities with and without the corruption
+        gain = 2 * normal.cdf(at) * math.sqrt(1 - share) * math.exp(min(at**2 / 2, 500.0))
+        odds = present / (1 - present) * gain
+        return math.sqrt(odds / (1 + odds)) * nuisance(estimate, uncertainty, prior)
     if at < -5:  # far on the wrong side the posterior falls as an exponential of length spread / -at
         return math.sqrt(2) * spread / -at
     return math.sqrt(mean**2 + spread**2 + mean * spread * normal.pdf(at) / normal.cdf(at))

@@ -29,6 +29,8 @@ AMOUNTS = np.concatenate([np.arange(0.01, 0.3, 0.01), np.geomspace(0.3, 2.0, 20)
 REFERENCE_RADIUS = RADII.index(1.0)
 MIN_PAIRS = 500
 """Least number of pairs at one distance."""
+COARSEST = 0.02
+"""Frequency below which the spectrum of a texture is flat, in cycles/pixel."""
 GRID = 12
 """Extent of the sampled Gaussians, in pixels."""
 
@@ -36,6 +38,8 @@ _y, _x = (one.ravel() for one in np.mgrid[0 : MAX_LAG + 1, -MAX_LAG : MAX_LAG + 
 _kept = ((_y > 0) | (_x > 0)) & (_x**2 + _y**2 <= MAX_LAG**2)
 LAG_X, LAG_Y = _x[_kept], _y[_kept]
 """Lags, one of each pair of opposite ones."""
+DRIFT = (LAG_X**2 + LAG_Y**2) / MAX_LAG**2
+"""Correlations of a slowly varying picture, besides a constant."""
 
 
 @dataclass(frozen=True)
@@ -177,11 +181,22 @@ def _first_order(radius_px: float) -> Array:
     return np.asarray(-np.exp(-(LAG_X**2 + LAG_Y**2) / (2 * radius_px**2)) / (np.pi * radius_px**2))
 
 
-def texture_correlation(frequencies: Array, mtf: Array) -> Array:
-    """Correlations (l,) of fine texture that a lens images: of the spectrum MTF^2, alike in all directions."""
+def combined_scores(first: Sequence[MaskScore], second: Sequence[MaskScore]) -> list[MaskScore]:
+    """Scores of the same masks by independent fields together."""
+    combined = []
+    for one, other in zip(first, second, strict=True):
+        weights = np.array([one.uncertainty, other.uncertainty]) ** -2.0
+        information = float(weights.sum())
+        amount = float(weights @ [one.amount, other.amount]) / information if information else 0.0
+        combined.append(MaskScore(one.radius_px, amount, information**-0.5 if information else np.inf))
+    return combined
+
+
+def texture_correlation(frequencies: Array, mtf: Array, exponent: float = 0.0) -> Array:
+    """Correlations (l,) of a texture that a lens images: of the spectrum MTF^2 / f^exponent, in all directions."""
     from scipy.special import j0  # a slow import
 
-    power = frequencies * mtf**2
+    power = frequencies * mtf**2 / np.maximum(frequencies, COARSEST) ** exponent
     lags = np.hypot(LAG_X, LAG_Y)
     return np.asarray(j0(2 * np.pi * lags[:, None] * frequencies) @ power / power.sum())
 

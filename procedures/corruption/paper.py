@@ -34,11 +34,14 @@ class NoiseMeasurement:
         Noise variance at the paper's finest detail, which no lens passes, over that expected there.
     uncertainty : float
         Standard uncertainty of `finest` by the number of pixels.
+    paper, residual : Variogram
     """
 
     sharpening: Sharpening
     finest: float
     uncertainty: float
+    paper: Variogram
+    residual: Variogram
 
 
 def measure_noise(
@@ -60,11 +63,11 @@ def measure_noise(
         Residual of a fit, NaN where there is none.
     """
     paper, expected = _flat_paper(picture, levels, variance_at)
-    sharpening = find_sharpening([paper, Variogram.of(residual, np.isfinite(residual), residual=True)])
+    of_fit = Variogram.of(residual, np.isfinite(residual), residual=True)
+    sharpening = find_sharpening([paper, of_fit])
     pairs = float(paper.pairs.max())
-    if not pairs:
-        return NoiseMeasurement(sharpening, 1.0, np.inf)
-    return NoiseMeasurement(sharpening, paper.finest / expected, float(np.sqrt(2 * OVERLAP / pairs)))
+    finest, uncertainty = (paper.finest / expected, float(np.sqrt(2 * OVERLAP / pairs))) if pairs else (1.0, np.inf)
+    return NoiseMeasurement(sharpening, finest, uncertainty, paper, of_fit)
 
 
 def _flat_paper(

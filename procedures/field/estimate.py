@@ -143,7 +143,7 @@ def measure_frame(
     if not sightings:
         raise Refused(
             f"{source}: no chart in the photograph",
-            "show the whole chart, sharp and evenly lit, its noise region 60 to 300 pixels wide",
+            "show the whole chart, sharp and evenly lit, its noise region 45 to 300 pixels wide",
         )
     jobs: list[Job] = []
     for plane in frame.planes.values():

@@ -16,7 +16,7 @@ from procedures.field.maps import propagated, radius_direction
 from procedures.field.photosite import WithoutPhotosite
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
-from procedures.stray_tail import truncation
+from procedures.stray_tail import curve_model_error
 
 Array = npt.NDArray[np.float64]
 
@@ -82,6 +82,6 @@ def _at(field: PsfField, x: float, y: float, f: Array, without: WithoutPhotosite
     rows = []
     for angle in (radius + np.pi / 2, radius):
         value, slope = (without.curve if without else mtf_along)(psf, f, angle)
-        stray = truncation(psf) / (without.passed(f, angle) if without else 1.0)
-        rows += [value, np.hypot(propagated(psf, slope), stray)]
+        passed = without.passed(f, angle) if without else np.ones(len(f))
+        rows += [value, np.hypot(propagated(psf, slope), curve_model_error(psf, f, value * passed, slope, passed))]
     return np.array(rows)

@@ -25,14 +25,13 @@ from procedures.numbers import (
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 from procedures.psf_field import PsfField, in_half_diagonals
-from procedures.quality import frequencies, mtf_along
+from procedures.quality import crossing_model_error, frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
-from procedures.stray_tail import tail_energy_uncertainty, truncation
+from procedures.stray_tail import tail_energy_uncertainty
 from procedures.transfer_function import first_crossing
 
 Array = npt.NDArray[np.float64]
 
-STEP = 0.005  # half the interval around MTF50 over which the curve's slope is taken, in cycles per pixel
 COLUMNS = 21  # positions of a map along the frame's longer side
 MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)  # maps of numbers derived from the PSF
 BEFORE_PHOTOSITES = tuple(without_photosite(name) for name in OF_PLACES)
@@ -179,12 +178,11 @@ def propagated(psf: Psf, slopes: Array) -> Array:
 
 
 def _mtf50(psf: Psf, angle: float, without: WithoutPhotosite | None) -> tuple[float, Array, float]:
-    """MTF50 along a direction, its derivative, and its standard uncertainty by the tail's truncation."""
+    """MTF50 along a direction, its derivative, and its standard uncertainty by the model error of the tail."""
     f = without.frequencies(psf, angle) if without else frequencies(psf)
     curve = without.curve if without else mtf_along
     crossing = first_crossing(f, lambda some: curve(psf, some, angle))
     if crossing is None:
         return np.nan, np.full(len(psf.parameters) + (without is not None), np.nan), np.nan
-    before, after = curve(psf, crossing[0] + np.array([-STEP, STEP]), angle)[0]
-    stray = truncation(psf) / (float(without.passed(crossing[0], angle)) if without else 1.0)
-    return *crossing, stray * 2 * STEP / max(float(before - after), 1e-9)
+    passed = float(without.passed(crossing[0], angle)) if without else 1.0
+    return *crossing, crossing_model_error(psf, crossing[0], lambda some: curve(psf, some, angle), passed)

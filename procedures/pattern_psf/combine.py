@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
-from procedures.budget import TERMS, Budget, with_parts
+from procedures.budget import COMMON, TERMS, Budget, knot_budgets, with_parts
 from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
@@ -76,21 +76,18 @@ class CombinedPsf:
     def quality(self) -> Quality:
         """MTF and sharpness metrics of the mean, with uncertainty budgets in the proportions of the shots'.
 
-        The term "mismatch" may be common to all shots, so it does not decrease with their number.
+        The terms `COMMON` may be common to all shots, so they do not decrease with their number.
         """
-        at = self.shots[0].quality.at
-        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
-        parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
+        first = self.shots[0].quality
+        n = sum(shot.n for shot in self.shots)
+        quality = assess(self.psf, n=n, diffraction=self.diffraction, at=first.at, origin=first.origin)
+        of_shots = [{**knot_budgets(shot.quality), **shot.quality.budgets} for shot in self.shots]
+        whole = {**knot_budgets(quality), **quality.budgets}
+        parts = {
+            name: _part_of_mean([one[name] for one in of_shots if name in one], terms["noise"])
+            for name, terms in whole.items()
+        }
         return with_parts(quality, parts)
-
-    def _parts(self, name: str, noise: float) -> Budget:
-        budgets = [shot.quality.budgets[name] for shot in self.shots if name in shot.quality.budgets]
-        if not budgets:
-            return {"noise": noise}
-        mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
-        random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
-        total = sum(random.values())
-        return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
 
     @property
     def diffraction(self) -> Diffraction | None:
@@ -172,6 +169,16 @@ def _mean(shots: Sequence[PatternPsf], places: Sequence[int]) -> CombinedPsf:
         centre_px=float(np.sqrt(np.trace(scatter))) / shots[0].psf.s,
         places=tuple(places),
     )
+
+
+def _part_of_mean(budgets: Sequence[Budget], noise: float) -> Budget:
+    """Terms of a number of the mean in the proportions of the shots' budgets; `noise` is by the mean's covariance."""
+    if not budgets:
+        return {"noise": noise}
+    mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
+    random = {term: mean[term] for term in TERMS if term not in (*COMMON, "choice")}
+    total = sum(random.values())
+    return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, **{t: mean[t] ** 0.5 for t in COMMON}}
 
 
 def _complement(columns: Array) -> Array:

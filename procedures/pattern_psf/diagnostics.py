@@ -20,6 +20,10 @@ from procedures.psf import Psf
 Array = npt.NDArray[np.float64]
 
 
+OBSTRUCTED = 0.67
+"""Relative excess of the far tail behind a central obstruction of 0.4 of the pupil: 1 / (1 - 0.4) - 1."""
+
+
 @dataclass(frozen=True)
 class Diagnostics:
     """Statistics of a PSF estimate on which its verdict rests.
@@ -49,8 +53,8 @@ class Diagnostics:
         Number of isolated samples excluded although their neighbours fit: hot or dead pixels.
     saturated, flatness, contrast, noise : float
         Clipped share of the white blocks, smallest over largest white, white minus black, and noise over that contrast.
-    response_curvature : float
-        beta of the response m + beta (m^2 - m).
+    response_curvature, response_uncertainty : float
+        beta of the response m + beta (m^2 - m), and its standard uncertainty.
     ink_spread : float
         Displacement of the printed edges from black towards white, in cells.
     printed_edges_rms : float
@@ -65,8 +69,8 @@ class Diagnostics:
     truncation, band_edge : float
         Part of the OTF that the support may truncate, and the OTF near the band's edge.
     tail_sigmas : float
-        Difference of the fitted far tail from that expected from f-number and pitch, in standard uncertainties; 0 where
-        these are not known.
+        Difference of the fitted far tail from that expected from f-number and pitch, in standard uncertainties, less
+        what an obstructed pupil adds; 0 where these are not known.
     missing_light : float
         Light missing in the rings around the core, relative to the least a lens leaves there, in standard
         uncertainties.
@@ -96,6 +100,7 @@ class Diagnostics:
     contrast: float
     noise: float
     response_curvature: float
+    response_uncertainty: float
     ink_spread: float
     printed_edges_rms: float
     s_over_t: float
@@ -152,7 +157,7 @@ def diagnose(
         agreement=fit.agreement,
         unexplained=unexplained(fit),
         residual_std=fit.residual_std,
-        whiteness=_neighbour_correlation(fit),
+        whiteness=fit.neighbour_correlation,
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
         support_cut=fit.cut,
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
@@ -165,6 +170,7 @@ def diagnose(
         contrast=light.contrast,
         noise=float(np.sqrt(light.variance_white) / light.contrast),
         response_curvature=float(fit.light[RESPONSE]),
+        response_uncertainty=_variance_of(fit, GEOMETRY + RESPONSE) ** 0.5 * fit.residual_std,
         ink_spread=-float(fit.light[SPREAD]),
         printed_edges_rms=fit.edge_rms,
         s_over_t=float(psf.s * pixels_per_cell),
@@ -194,17 +200,16 @@ def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
         return 0.0
     expected = prior.energy(s, round(len(fit.h) ** 0.5))
     known, fitted = (prior.share * expected) ** 2, float(fit.light[TAIL])
-    equations, place = fit.equations, GEOMETRY + TAIL
-    through = equations.E[place]
-    c = float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
+    c = _variance_of(fit, GEOMETRY + TAIL)
     alone = c / max(1 - c / known, 1e-9)
     away = fitted + alone * (fitted - expected) / known - expected
+    if away > 0:  # an obstructed pupil has more edge for its area
+        away = max(away - OBSTRUCTED * expected, 0.0)
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))
 
 
-def _neighbour_correlation(fit: ChartFit) -> float:
-    """Largest correlation of the residual at lag one, along rows or columns."""
-    grid, variance = fit.residual_image, float(np.var(fit.residual))
-    products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
-    lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
-    return max(lags, key=abs)
+def _variance_of(fit: ChartFit, place: int) -> float:
+    """Variance of a nuisance parameter, for unit noise."""
+    equations = fit.equations
+    through = equations.E[place]
+    return float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)

@@ -43,7 +43,7 @@ class Variation:
     Attributes
     ----------
     halves : (str, str)
-        "left" and "right", or "top" and "bottom".
+        "left" and "right", "top" and "bottom", or "centre" and "rim".
     values : (float, float)
     sigmas : float
         Difference of the values in standard uncertainties.
@@ -65,7 +65,7 @@ class ErrorParts:
     mismatch : mapping of str to float
         Variance of the numbers by the tiles' scatter, over that by white noise.
     variations : tuple of Variation
-        Requested numbers, left against right and top against bottom.
+        Requested numbers, left against right, top against bottom, centre against rim.
     """
 
     parts: Mapping[str, Budget]
@@ -74,9 +74,13 @@ class ErrorParts:
 
 
 def error_parts(
-    fit: ChartFit, psf: Psf, quality: Quality, checked: tuple[str, ...], groups: Mapping[str, slice]
+    fit: ChartFit,
+    psf: Psf,
+    quality: Quality,
+    checked: tuple[str, ...],
+    groups: Mapping[str, slice],
 ) -> ErrorParts:
-    """Split the uncertainties of all numbers into their parts.
+    """Split the uncertainties of all numbers, and of the curves at their knots, into their parts.
 
     Parameters
     ----------
@@ -84,9 +88,9 @@ def error_parts(
     groups : GROUPS, or CALIBRATED
     """
     names = list(quality.gradients)
-    gradients = _by_fitted(np.array([quality.gradients[name] for name in names]), fit, psf)
-    freed, weights = _freed(fit.equations, gradients, groups)
-    whole = np.array([quality.budgets[name]["noise"] ** 2 for name in names])
+    by_psf = np.array([quality.gradients[name] for name in names])
+    freed, weights = _freed(fit.equations, _by_fitted(by_psf, fit, psf), groups)
+    whole = np.einsum("ij,ij->i", by_psf @ psf.parameter_covariance, by_psf)
     added = {"noise": freed["noise"]}
     last = freed["noise"]
     for group in groups:
@@ -97,7 +101,9 @@ def error_parts(
     # the contribution of the centre's convention counts as geometry
     added["geometry"] = added["geometry"] + np.maximum(whole - sum(added.values()), 0)
     changes = fit.scores @ weights.T  # change of each number by each tile
-    ratio = np.sum(changes**2, axis=0) / np.maximum(last * scale, 1e-300)
+    # tiles that agree may share an error, which correlates the residual of the four neighbours
+    coherent = 1 + 4 * max(fit.neighbour_correlation, 0.0)
+    ratio = np.maximum(np.sum(changes**2, axis=0) / np.maximum(last * scale, 1e-300), coherent)
     added["mismatch"] = np.maximum(ratio - 1, 0) * last * scale
     parts = {
         name: {group: float(np.sqrt(variance[i])) for group, variance in added.items()} for i, name in enumerate(names)
@@ -108,7 +114,8 @@ def error_parts(
         if name in checked
         for one in _variations(name, quality.numbers[name].value, changes[:, i], float(np.sqrt(last[i] * scale)))
     ]
-    return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
+    mismatch = {name: float(ratio[i]) for i, name in enumerate(names) if name in quality.numbers}
+    return ErrorParts(parts, mismatch, tuple(variations))
 
 
 def _by_fitted(gradients: Array, fit: ChartFit, psf: Psf) -> Array:
@@ -142,14 +149,23 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
 
 
 def _variations(name: str, value: float, changes: Array, uncertainty: float) -> list[Variation]:
-    """Compare one number left and right, and top and bottom; `changes` (TILES^2,) are those of the tiles."""
-    grid = changes.reshape(TILES, TILES)
+    """Compare one number in parts of the chart; `changes` (TILES^2,) are those of the tiles."""
+    grid, rim = changes.reshape(TILES, TILES), TILES // 6
+    inner = np.zeros(grid.shape, dtype=bool)
+    inner[rim : TILES - rim, rim : TILES - rim] = True
+    column, row = np.meshgrid(np.arange(TILES), np.arange(TILES))
     pairs = (
-        (("left", "right"), grid[:, : TILES // 2].sum(), grid[:, TILES // 2 :].sum()),
-        (("top", "bottom"), grid[: TILES // 2].sum(), grid[TILES // 2 :].sum()),
+        (("left", "right"), column < TILES // 2),
+        (("top", "bottom"), row < TILES // 2),
+        (("centre", "rim"), inner),
     )
-    # a half has half of the information: its own change is twice its contribution to the whole
-    return [
-        Variation(name, halves, (value + 2 * float(a), value + 2 * float(b)), float(a - b) / uncertainty)
-        for halves, a, b in pairs
-    ]
+    return [_variation(name, halves, grid, first, value, uncertainty) for halves, first in pairs]
+
+
+def _variation(
+    name: str, halves: tuple[str, str], grid: Array, first: npt.NDArray[np.bool_], value: float, uncertainty: float
+) -> Variation:
+    """A number in the first tiles and in the others, whose information is their share of all."""
+    share = float(first.mean())
+    a, b = float(grid[first].sum()) / share, float(grid[~first].sum()) / (1 - share)
+    return Variation(name, halves, (value + a, value + b), (a - b) / (uncertainty * (1 / share / (1 - share)) ** 0.5))

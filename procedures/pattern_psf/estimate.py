@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_convergence, with_parts
+from procedures.budget import with_modes, with_parts
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
@@ -32,8 +32,10 @@ from procedures.outcome import Outcome, Refused, Verdict, checked_type, verdict_
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
+from procedures.pattern_psf.corruptions import corruption_checks, modes_of
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
+from procedures.pattern_psf.evidence import examine
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
 from procedures.pattern_psf.outliers import (
@@ -54,8 +56,9 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import SharedErrors, Solution, solution
-from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit
+from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit, is_structured
 from procedures.psf import Psf, Sampling
+from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.sensor_model import SensorModel
@@ -87,6 +90,8 @@ class PatternParameters(Sampling):
     ----------
     chosen : bool
         Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
+    origin : "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
 
     s: int | None = None
@@ -94,6 +99,7 @@ class PatternParameters(Sampling):
     solver: str = "ls"
     at: tuple[float, ...] = ()
     chosen: bool = False
+    origin: Origin = "marks"
 
 
 @dataclass(frozen=True)
@@ -270,19 +276,28 @@ def _estimate(
         attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
     psf = final.solution.psf
-    quality = assess(psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
+    unconverged = remaining_change(tried)
+    quality = assess(
+        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged,
+        origin=parameters.origin,
+    )  # fmt: skip
     parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
-    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
+    quality = with_parts(quality, parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
     diagnostics = diagnose(
         final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
     )
+    curve = quality.frequencies, quality.mtf_radial
+    evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
+    modes = modes_of(evidence, quality.frequencies, final.fit.registration, raw=plane.raw)
+    quality = with_modes(quality, psf, modes)
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(checks_of(diagnostics, final.fit, inputs), result)
+    corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
+    return verdict_of([*checks_of(diagnostics, final.fit, inputs), *corrupted], result)
 
 
 @dataclass(frozen=True)
@@ -372,7 +387,6 @@ def _result(
 ) -> PatternPsf:
     """Assemble the reported values from the final fit."""
     fit, psf, o = final.fit, final.solution.psf, final.fit.observation
-    x, y = o.points[0]
     return PatternPsf(
         psf=psf,
         n=len(o),
@@ -390,7 +404,7 @@ def _result(
         diagnostics=asdict(d),
         marks=corners,
         residual=fit.residual_image,
-        residual_origin=(int(x) - int(o.columns[0]), int(y) - int(o.rows[0])),
+        residual_origin=(o.window.x, o.window.y),
         correspondences=correspondences(fit),
         shared=final.solution.shared,
     )

@@ -48,6 +48,12 @@ class Observation:
         """Number of samples."""
         return len(self.y)
 
+    @property
+    def window(self) -> Window:
+        """The samples' window, up to its last row and column."""
+        x, y = (self.points[0] - (self.columns[0], self.rows[0])).astype(int)
+        return Window(int(x), int(y), int(self.columns.max()) + 1, int(self.rows.max()) + 1)
+
     def where(self, kept: npt.NDArray[np.bool_] | slice) -> Observation:
         """Subset of the samples."""
         return Observation(*(getattr(self, field.name)[kept] for field in fields(self)))

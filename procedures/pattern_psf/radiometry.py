@@ -23,7 +23,8 @@ Array = npt.NDArray[np.float64]
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations, and digital numbers, beyond which a block's sample is an outlier of its surface."""
 MIN_SAMPLES = 12
-"""Samples of a block above which a surface is fitted to them."""
+"""Samples of a block above which a surface of degree two is fitted to them, and outliers are searched for; for fewer
+than half of them it is a constant, for those between a plane."""
 MAX_SIGNAL_SHARE = 0.97
 """Share of the saturation signal up to which the response is known."""
 MIN_BEND_UNCERTAINTY = 1e-4
@@ -224,7 +225,7 @@ def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArra
     """Mask (n,) of a block's samples free of specks, scratches and shadows, if most are; and the residuals of the
     surface through these."""
     if len(value) <= MIN_SAMPLES:
-        return np.ones(len(value), dtype=bool), value
+        return np.ones(len(value), dtype=bool), _without_surface(design, value)
     kept, residuals = np.zeros(len(value), dtype=bool), value - quantile(value, 0.5)
     for _ in range(4):
         away = np.abs(residuals)
@@ -235,6 +236,17 @@ def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArra
     return kept, residuals
 
 
+def _terms(count: int) -> int:
+    """Number of monomials of the surface through so many samples of a block."""
+    return 6 if count > MIN_SAMPLES else 3 if 2 * count > MIN_SAMPLES else 1
+
+
+def _without_surface(design: Array, value: Array) -> Array:
+    """Residuals (n,) of a block's samples from their surface."""
+    used = design[:, : _terms(len(value))]
+    return np.asarray(value - used @ np.linalg.lstsq(used, value, rcond=None)[0]) if len(value) else value
+
+
 def _fit_blocks(
     block_at: Callable[[tuple[int, int]], _Block], places: tuple[tuple[int, int], ...]
 ) -> tuple[Array, float, float]:
@@ -243,10 +255,10 @@ def _fit_blocks(
     blocks = [block_at(place) for place in places]
     square, freedom, neighbours = 0.0, 0, np.zeros(2)
     for block in blocks:
-        residual = block.residuals[block.inliers] if np.count_nonzero(block.inliers) > MIN_SAMPLES else np.zeros(0)
-        if len(residual):
+        residual = block.residuals[block.inliers]
+        if len(residual) > 1:
             square += float(residual @ residual)
-            freedom += len(residual) - block.design.shape[1]
+            freedom += len(residual) - _terms(len(residual))
             neighbours += _neighbour_correlation(block.pixels[block.inliers], residual)
     coefficients = _robust_fit(
         [block.design[block.inliers] for block in blocks], [block.value[block.inliers] for block in blocks]

@@ -125,6 +125,14 @@ class ChartFit:
         return 1 - float(residual @ residual) / self.freedom / float(np.var(self.observation.y))
 
     @property
+    def neighbour_correlation(self) -> float:
+        """Largest correlation of the residual at lag one, along rows or columns."""
+        grid, variance = self.residual_image, float(np.var(self.residual))
+        products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
+        lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
+        return max(lags, key=abs)
+
+    @property
     def cut(self) -> float:
         """Share of the PSF's energy outside its support, by the tail's amplitude."""
         outside = float(self.light[TAIL:] @ tail_sums(round(len(self.h) ** 0.5)))
@@ -245,6 +253,34 @@ def refine(
             break
     slopes = _predict(system_matrix[:, : k * k], fit.h, s, k)[1]
     return replace(fit, converged=bool(step_px < 10 * TOLERANCE_PX), scores=_scores(fit, system_matrix), slopes=slopes)
+
+
+def linear_system(
+    fit: ChartFit, chart: Chart, raster: Raster, window: Window, k: int, far: Array32
+) -> tuple[Array32, Array, Array]:
+    """The columns of a fit at its solution, divided by the noise.
+
+    Returns
+    -------
+    shared : (m, k^2 + q) float32
+        Of the PSF and the tail.
+    own : (m, p - q) float64
+        Of the other nuisance parameters.
+    gram : (k^2 + q, k^2 + q) float64
+        Gram matrix of the first without the second, with the tail's priors.
+    """
+    q, n, o, equations = len(SHAPES), k * k, fit.observation, fit.equations
+    model = _Model(whole_chart(chart), raster, window, k, far)
+    u = model.read(fit.registration, tail_border(k))
+    shared = model.system(o, u, q)
+    _, Z = _linearised(fit, shared[:, :n], model, model.far(fit, u))
+    Z = Z * o.weight[:, None]
+    shared[:, n:] = Z[:, -q:]
+    AZ, ZZ = equations.AZ, equations.ZZ
+    AA = equations.G + AZ @ equations.E
+    joined = np.block([[AA, AZ[:, -q:]], [AZ[:, -q:].T, ZZ[-q:, -q:]]])
+    others = np.vstack([AZ[:, :-q], ZZ[-q:, :-q]])
+    return shared, Z[:, :-q], joined - others @ np.linalg.solve(ZZ[:-q, :-q], others.T)
 
 
 def fit_by_marks(

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import OPEN, Trial
+from procedures.corruption.family import threshold
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
@@ -32,7 +33,7 @@ MAX_RESIDUAL_CORRELATION = 0.3
 MAX_NOISE_CORRELATION = 0.25
 """Noise correlation of neighbouring samples above which the picture was processed."""
 MAX_CURVATURE = 0.15
-"""Curvature of the response above which the picture is not linear."""
+"""Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
 MAX_INK_SPREAD = 0.25
 """Ink spread, in cells, above which the model of thin outlines fails."""
 MAX_SUPPORT_CUT = 0.15
@@ -43,11 +44,6 @@ TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
 MISSING_LIGHT_SIGMAS = 3.0
 """Standard uncertainties of missing light above which the picture was sharpened."""
-SHARPENING_SIGMAS = 3.0
-"""Standard uncertainties of anticorrelated noise and missing light combined above which the picture was sharpened.
-White noise exceeds 2.6 in 1 % of photographs; an unprocessed lens leaves missing light far below 0."""
-ANTICORRELATION_SIGMAS = 1.0
-"""Least significance of the anticorrelated noise alone for the combined check to apply."""
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
 the picture was processed or taken at another gain."""
@@ -235,20 +231,23 @@ def _truncation_checks(inputs: VerdictInputs) -> list[Check]:
     ]  # fmt: skip
 
 
+def is_structured(d: Diagnostics) -> bool:
+    """Whether uneven light, reflections or a small support structure the residual, and imitate processing."""
+    coloured = d.unexplained > DOUBTFUL_UNEXPLAINED or abs(d.whiteness) > MAX_RESIDUAL_CORRELATION
+    return coloured or d.support_cut > MAX_SUPPORT_CUT
+
+
 def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
     """Checks for traces of the camera's processing."""
     doubtful, raw, prior = Verdict.DOUBTFUL, inputs.raw, _processing(inputs.raw)
     less = "expose less" if inputs.sensor else "expose less, or calibrate the sensor's response"
-    structured = d.unexplained > DOUBTFUL_UNEXPLAINED or abs(d.whiteness) > MAX_RESIDUAL_CORRELATION
-    # uneven light, reflections and a support that is too small cause such rings as well
-    sharpened = SYMPTOM if raw or structured or d.support_cut > MAX_SUPPORT_CUT else 1.0
+    sharpened = SYMPTOM if raw or is_structured(d) else 1.0
     origin = "uneven light or a reflection" if raw else "the picture was sharpened"
     remedy = (
         "light the chart evenly, and keep reflections and shadows off it"
         if raw
         else "use the RAW file, or switch sharpening off"
     )
-    masked = float(np.hypot(d.sharpened_sigmas, max(d.missing_light, 0.0)))
     return [
         Check("noise correlation", abs(d.noise_correlation), MAX_NOISE_CORRELATION, doubtful,
               f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: "
@@ -257,15 +256,11 @@ def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
         Check("sharpening", d.missing_light, MISSING_LIGHT_SIGMAS, doubtful,
               f"a ring around the PSF's core is darker than any lens makes it, by {d.missing_light:.0f} standard "
               f"uncertainties: {origin}", remedy, prior=sharpened),
-        Check("sharpening", masked, SHARPENING_SIGMAS, doubtful,
-              f"the noise of neighbouring pixels is anticorrelated by {d.sharpened_sigmas:.1f} standard uncertainties, "
-              f"as by an unsharp mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px: {origin}",
-              remedy, given=d.sharpened_sigmas > ANTICORRELATION_SIGMAS, prior=sharpened),
         Check("black", d.crushed, MAX_BLACK_CLIPPING, doubtful,
               f"black is clipped: {d.crushed:.0%} of its samples have one value",
               "raise the black level (offset) of the camera" if raw else "use the RAW file, or raise the black level"),
-        Check("response", abs(d.response_curvature), MAX_CURVATURE, doubtful,
-              f"the response is not linear: its curvature is {d.response_curvature:.2f}"
+        Check("response", abs(d.response_curvature), MAX_CURVATURE + threshold() * d.response_uncertainty, doubtful,
+              f"the response is not linear: its curvature is {d.response_curvature:.2f} ± {d.response_uncertainty:.2f}"
               + ("" if raw else ", as of a tone curve"),
               less if raw else "use the RAW file, or a linear picture"),
         Check("ink spread", abs(d.ink_spread), MAX_INK_SPREAD, doubtful,

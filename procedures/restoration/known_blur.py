@@ -89,9 +89,9 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
     if known.blur_by == BOTH:
         return motions_and_lens(frames, known, read)
     if known.blur_by == MOTIONS:
-        exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
-        if len(exposures) == len(frames):
-            return BlurSpec(RecordedMotion((*exposures,), focal_px(frames[0], known)), known.max_w)
+        recorded = recorded_motion(frames, focal_px(frames[0], known))
+        if recorded is not None:
+            return BlurSpec(recorded, known.max_w)
         return BlurSpec(unknown_motion(len(frames), known), known.max_w)
     each = [blur_relation(frames[0], frame, known, which) for frame, which in zip(frames, ORDER, strict=False)]
     ratios, offsets = (tuple(one) for one in zip(*each, strict=True))
@@ -107,11 +107,11 @@ def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: 
 
     Raises BadParameter where a motion has no record, or the lens is not known.
     """
-    exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
     focal = focal_px(frames[0], known)
+    recorded = recorded_motion(frames, focal)
     each = (lens(frame, known.lens_f_number, known) for frame in frames)
     settings = [setting for setting in each if setting is not None]
-    if len(exposures) < len(frames):
+    if recorded is None:
         remedy = "repair shaker or IMU and take them again, or use motions alone"
         raise BadParameter("motions in addition to the lens's blur need a record of each photograph's motion", remedy)
     if focal is None or len(settings) < len(frames):
@@ -122,7 +122,30 @@ def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: 
     ratios = tuple(-one.scale_px_mm / 1000 for one in settings)
     offsets = tuple(one.scale_px_mm / one.focus_mm for one in settings)
     lens_blur = AdditionalDefocus(shapes * (len(frames) // len(shapes)), ratios, offsets)
-    return BlurSpec(RecordedMotion((*exposures,), focal), known.max_w, lens_blur)
+    return BlurSpec(recorded, known.max_w, lens_blur)
+
+
+def recorded_motion(frames: Sequence[RawFrame], focal: float | None) -> RecordedMotion | None:
+    """The motion during all photographs; None where one has no record that covers it.
+
+    The error of the times, common to all records, is bounded by the largest bound.
+    """
+
+    def poses(late_s: float) -> tuple[Poses, ...]:
+        each = [rig_poses(frame, late_s) for frame in frames]
+        if any(one is None for one in each):
+            raise BadInput("a record does not cover its exposure", "begin it earlier, end it later")
+        return tuple(one for one in each if one is not None)
+
+    with suppress(BadInput):
+        return RecordedMotion(poses(0.0), focal, within_s=max(map(times_within_s, frames)), late=poses)
+    return None
+
+
+def times_within_s(frame: RawFrame) -> float:
+    """Bound of the error of a motion record's times."""
+    record = frame.shaker_path or frame.imu
+    return 0.0 if record is None else record.within_s
 
 
 def unknown_motion(photographs: int, known: RestorationFacts) -> UnknownMotion:
@@ -148,8 +171,10 @@ def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
     return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * restored_plane(frame).pitch)
 
 
-def rig_poses(frame: RawFrame) -> Poses | None:
+def rig_poses(frame: RawFrame, late_s: float = 0.0) -> Poses | None:
     """Poses of the camera during an exposure, relative to the rig at rest; None without a record.
+
+    `late_s` : how late the times of the record are.
 
     A shaker's commanded path takes precedence over an IMU's record: it has no drift.
     """
@@ -158,10 +183,10 @@ def rig_poses(frame: RawFrame) -> Poses | None:
         return None
     with suppress(BadInput):
         if frame.shaker_path is not None:
-            return poses_on(frame.shaker_path, open_s)
+            return poses_on(frame.shaker_path, open_s, late_s)
     with suppress(BadInput):
         if frame.imu is not None:
-            return poses_of(frame.imu, open_s)
+            return poses_of(frame.imu, open_s, late_s)
     return None
 
 

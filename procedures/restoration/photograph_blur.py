@@ -34,6 +34,7 @@ from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.shape_fields import ShapeField
+from procedures.restoration.time_shift import LEAST_S, TimeShift, fit_time_shift
 from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
 from procedures.restoration.unknown_motion.flat_scene import (
     MIN_PICTURE_WEIGHT,
@@ -74,11 +75,15 @@ class RecordedMotion:
 
     focal_px : focal length in pixels of the plane; None for a rig without rotation, with w in pixels.
     max_inverse_m : largest inverse depth, 1/m; None for the one that blurs by `BlurSpec.max_w`.
+    within_s : bound of the common error of the records' times; `late` : the poses if the times are late by so much, by
+    which the error is fitted.
     """
 
     exposures: tuple[Poses, ...]
     focal_px: float | None = None
     max_inverse_m: float | None = None
+    within_s: float = 0.0
+    late: Callable[[float], tuple[Poses, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ class SceneBlur:
 
     unit : of w; max_w, ratios : as used, where w is a half-width; motion : if estimated from the photographs; flat_w :
     of the whole frame, if that made the masks; doubt : of known shapes, or None; finer : the same masks on pixels n
-    times as fine along each axis, with w in those.
+    times as fine along each axis, with w in those; time_shift : of recorded motion, where it was fitted.
     """
 
     masks: Sequence[Masks]
@@ -140,6 +145,7 @@ class SceneBlur:
     motion: MotionShapes | None = None
     flat_w: float | None = None
     doubt: str | None = None
+    time_shift: TimeShift | None = None
 
     def restored(
         self,
@@ -188,7 +194,7 @@ def blur_of(
     if isinstance(source, KnownShapes):
         blur = _shaped(source, spec.max_w, photographs, shape)
     elif isinstance(source, RecordedMotion):
-        blur = _recorded(source, spec.max_w or DEFAULT_MAX_W, shape)
+        blur = _in_time(source, spec.max_w or DEFAULT_MAX_W, photographs)
     else:
         report = report or (lambda finding: None)
         if source.region == "whole":
@@ -249,6 +255,20 @@ def _spread(motion: SceneBlur, defocus: AdditionalDefocus, shape: Size) -> Scene
         return convolved
 
     return replace(motion, masks=spread(motion.masks, 1), finer=lambda n: spread(motion.finer(n), n))
+
+
+def _in_time(source: RecordedMotion, max_w: float, photographs: Sequence[Array]) -> SceneBlur:
+    """Blur of recorded motion, its times corrected by a fit where they are uncertain."""
+    shape = (int(photographs[0].shape[1]), int(photographs[0].shape[2]))
+    if source.late is None or source.within_s < LEAST_S:
+        return _recorded(source, max_w, shape)
+    late = source.late
+
+    def masks_at(late_s: float, part: Size) -> Sequence[Masks]:
+        return _recorded(replace(source, exposures=late(late_s)), max_w, part).masks
+
+    shift = fit_time_shift(photographs, masks_at, source.within_s)
+    return replace(_recorded(replace(source, exposures=late(shift.late_s)), max_w, shape), time_shift=shift)
 
 
 def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:

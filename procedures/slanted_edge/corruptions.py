@@ -13,7 +13,7 @@ from procedures.corruption.family import (
     SHARPENED,
     SMOOTHED,
     TONE_CURVE,
-    VEIL,
+    VEILED,
     nuisance,
 )
 from procedures.corruption.noise import MaskScore
@@ -54,7 +54,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
         OVERSHOOT.check(evidence.halo.score, halo, raw=raw),
-        VEIL.check(evidence.tail, raw=raw),
+        VEILED.check(evidence.tail, raw=raw),
     ]
 
 

@@ -9,7 +9,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from simulators.camera.subjects import SUBJECTS
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
 from simulators.devices.grbl_state import Outputs
-from simulators.devices.imu import FastModule, WitModule
+from simulators.devices.imu import FastModule, WitModule, box_reading
 from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.devices.ports import PtyPort, TcpPort
 from simulators.devices.scpi import ScpiTwin
@@ -62,7 +62,7 @@ class Setup:
 
 
 class SimulatedBench:
-    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/3 box, body, shaker, two IMUs and lasers, a lamp.
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/4 box, body, shaker, two IMUs and lasers, a lamp.
 
     A probe measures the room.
     """
@@ -94,13 +94,18 @@ class SimulatedBench:
             plug(f"{self.name}/{name}", cable)
 
     def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
-        axes, seeds = self.world.axes, rng.spawn(4)
+        axes, seeds = self.world.axes, rng.spawn(5)
         outputs = Outputs(self._relay, self.world.set_lamp)
         chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
             "head": ZaberChain(chain),
-            "shutter": StrigBox(self.body, actuators=VoiceCoils(self.world), enable=self._enable),
+            "shutter": StrigBox(
+                self.body,
+                actuators=VoiceCoils(self.world),
+                enable=self._enable,
+                inertial=partial(box_reading, self.world, seeds[4]),
+            ),
             "rts": RtsLine(self.body),
             "imu": WitModule(self.world, seeds[0]),
             "fast_imu": FastModule(self.world, seeds[1]),

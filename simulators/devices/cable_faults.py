@@ -12,8 +12,8 @@ import numpy as np
 class Faults:
     """Faults of one cable. Probabilities are per byte, except `duplicate`, which is per chunk.
 
-    `silent`: spans of seconds in which nothing passes; `delay_s`: delay of every reply; `slip`: a reply comes only when
-    the next one is due;
+    `silent`: spans of seconds in which nothing passes; `clogged`: in which the port takes no bytes; `delay_s`: delay of
+    every reply, up to `jitter_s` longer at random; `slip`: a reply comes only when the next one is due;
     `unplugged_at_s`, `replugged_at_s`: when the cable is disconnected and reconnected; `wrong_baud`: all is noise.
     """
 
@@ -22,8 +22,10 @@ class Faults:
     garbage: float = 0.0
     duplicate: float = 0.0
     delay_s: float = 0.0
+    jitter_s: float = 0.0
     slip: bool = False
     silent: tuple[tuple[float, float], ...] = ()
+    clogged: tuple[tuple[float, float], ...] = ()
     unplugged_at_s: float = float("inf")
     replugged_at_s: float = float("inf")
     wrong_baud: bool = False
@@ -34,6 +36,10 @@ class Faults:
     def unplugged(self, now_s: float) -> bool:
         """Whether the cable is disconnected."""
         return self.unplugged_at_s <= now_s < self.replugged_at_s
+
+    def is_clogged(self, now_s: float) -> bool:
+        """Whether the port takes no bytes."""
+        return any(begin <= now_s < end for begin, end in self.clogged)
 
     def scramble(self, data: bytes) -> bytes:
         """The bytes received at a wrong baud rate: noise of the same length or slightly shorter."""
@@ -66,7 +72,8 @@ class Faults:
         if spoilt and self.slip:
             self._held, spoilt = spoilt, self._held
         if self.delay_s and spoilt and now_s >= self.begin_s:
-            self._late.append((now_s + self.delay_s, spoilt))
+            due_s = now_s + self.delay_s + (self.rng.uniform(0.0, self.jitter_s) if self.jitter_s else 0.0)
+            self._late.append((max([due_s, *(moment for moment, _ in self._late)]), spoilt))
             return b""
         return spoilt
 

@@ -154,6 +154,14 @@ def ccitt(data: bytes) -> int:
     return value
 
 
+def box_reading(world: World, rng: np.random.Generator, t_s: float, *, noise_g: float = 0.002) -> list[int]:
+    """The digits of an ideal unit with noise, of 8 g and 500 degrees per second, on a STRIG box."""
+    force, rate = world.ideal_imu(np.array([t_s]))
+    force = force + rng.normal(0, noise_g * G, force.shape)
+    numbers: list[int] = np.hstack([digits(force, 8 * G), digits(rate, np.radians(500))])[0].tolist()
+    return numbers
+
+
 class FastModule(SerialDevice):
     """A fast accelerometer and gyroscope on a small board with a clock of its own."""
 

@@ -48,9 +48,12 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
             raise PortError(str(error)) from error
 
     def write(self, data: bytes) -> int:
-        """All of `data`, at once."""
+        """All of `data`, at once. Raises PortError, and TimeoutError after `write_timeout` at a clogged port."""
         try:
             self._there().write(bytes(data))
+        except TimeoutError:
+            self._there().clock.sleep(self.write_timeout or 0.0)
+            raise
         except OSError as error:
             raise PortError(str(error)) from error
         return len(data)

@@ -94,11 +94,13 @@ class Cable:
             self._pump()
 
     def write(self, data: bytes) -> None:
-        """Bytes to the device. Raises Unplugged."""
+        """Bytes to the device. Raises Unplugged, and TimeoutError while the port is clogged."""
         with self._news:
             self._pump()
             now_s = self.clock.now_s()
             self._check_plug(now_s)
+            if self.faults.is_clogged(now_s):
+                raise TimeoutError("the port takes no bytes")
             received = self.faults.spoil(data, now_s) if self._baud_ok else self.faults.scramble(data)
             if received:
                 self.device.receive(received, now_s)

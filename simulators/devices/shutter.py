@@ -1,5 +1,5 @@
-"""Shutter boxes at byte level: a STRIG/3 box with shaker and motor enable, and a bare RTS line, both closing a camera's
-contacts.
+"""Shutter boxes at byte level, which close a camera's contacts: a STRIG/4 box with shaker, inertial unit and motor
+enable, and a bare RTS line.
 """
 
 from __future__ import annotations
@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 from typing import Protocol
 
 from simulators.devices.serial_device import SerialDevice, drained
@@ -19,6 +21,7 @@ HEARTBEAT_MS, LONGEST_HEARTBEAT_MS = 100, 1000
 MOTORS = ("ENABLE", "BEAT")
 SHAKES = ("PATH", "POINT", "SHAKE")
 MOST, FULL = 128, 4095
+MOST_SAMPLES_HZ = 200
 
 
 class Contacts(Protocol):
@@ -49,6 +52,8 @@ class Actuators(Protocol):
         ...
 
 
+Inertial = Callable[[float], Sequence[int]]
+"""Three accelerations and three rotation rates at a time, in digits of 8 g and 500 degrees per second in 16 bits."""
 Enable = Callable[[bool, float], None]
 """Callback of a box's motor enable output: on or off, and when."""
 
@@ -90,9 +95,9 @@ class PathPlayback:
 
 
 class StrigBox:
-    """A box with STRIG/3, see drivers/firmware/STRIG.md; its clock is fast by `drift`.
+    """A box with STRIG/4, see drivers/firmware/STRIG.md; its clock is fast by `drift`.
 
-    Without `enable` nothing is connected to its motor enable output.
+    `enable` : what is connected to its motor enable output; `inertial` : its unit's reading at a time, or None.
     """
 
     baud = 115200
@@ -103,12 +108,15 @@ class StrigBox:
         *,
         actuators: Actuators | None = None,
         enable: Enable = lambda on, now_s: None,
+        inertial: Inertial | None = None,
         serial: str = "SIM-1",
         drift: float = 20e-6,
         boot_s: float = 0.3,
     ) -> None:
         self.contacts, self.actuators, self.enable = contacts, actuators, enable
-        self._hello = f"STRIG/3 simulated 3.0 {serial}"
+        self._inertial = inertial
+        self._sample_s, self._interval_us = NEVER, 0
+        self._hello = f"STRIG/4 simulated 4.0 {serial}"
         self._hold = MotorEnable()
         self._path = PathPlayback([], 0, 0)
         self._drift, self._boot = drift, boot_s
@@ -133,7 +141,7 @@ class StrigBox:
         self._open(now_s)
         self.enable(False, now_s)
         self._hold = MotorEnable()
-        self._shot, self._seq = None, 0
+        self._shot, self._seq, self._sample_s = None, 0, NEVER
         if self._path.runs and self.actuators is not None:
             self.actuators.rest(now_s)
         self._path = PathPlayback([], 0, 0)
@@ -162,7 +170,7 @@ class StrigBox:
 
     def next_event_s(self) -> float | None:
         """The earliest of boot, contacts, watchdogs and flash."""
-        moments = [self._boot_end_s, self._flash_at_s, self._hold.due_s]
+        moments = [self._boot_end_s, self._flash_at_s, self._hold.due_s, self._sample_s]
         if self._path.runs:
             moments.append(min(self._path.rest_at_s, self._received_s + WATCHDOG_S))
         if self._shot is not None:
@@ -182,8 +190,15 @@ class StrigBox:
             self._flash_at_s = NEVER
         if self._shot is not None:
             self._live(self._shot, now_s)
+        if self._sample_s <= now_s and self._inertial is not None:
+            self._sample(self._inertial, now_s)
         if self._path.runs and min(self._path.rest_at_s, self._received_s + WATCHDOG_S) <= now_s:
             self._rest(now_s)
+
+    def _sample(self, inertial: Inertial, now_s: float) -> None:
+        digits = "".join(f"{number & 0xFFFF:04X}" for number in inertial(now_s))
+        self._send(f"S {self._t_us(now_s)} {digits}")
+        self._sample_s += self._interval_us * 1e-6 / (1 + self._drift)
 
     def _release(self, now_s: float) -> None:
         """Remove the motors' current: no heartbeat came, or the host ordered it."""
@@ -237,7 +252,7 @@ class StrigBox:
             self.contacts.release(now_s)
 
     def _send(self, line: str) -> None:
-        self._out += line.encode() + b"\n"
+        self._out += b"%s*%02X\n" % (line.encode(), reduce(xor, line.encode(), 0))
 
     def _t_us(self, now_s: float) -> int:
         return round((now_s - self._booted_s) * (1 + self._drift) * 1e6)
@@ -249,22 +264,30 @@ class StrigBox:
         command, *words = line.decode("ascii", "replace").split(" ")
         if line == b"ID?":
             self._send(self._hello)
-        elif line == b"SYNC?":
-            self._send(f"SYNC {self._t_us(now_s)}")
+        elif command == "SYNC?":
+            self._synchronise(words, now_s)
         elif line == b"ABORT":
             self._accept()
             self._end("ABORT", now_s)
             self._rest(now_s)
-        elif command not in ("FOCUS", "SHOT", "BULB", *MOTORS, *SHAKES):
+        elif command == "IMU" and self._inertial is None:
+            self._send("ERR 5 no inertial unit")
+        elif command not in ("FOCUS", "SHOT", "BULB", "IMU", *MOTORS, *SHAKES):
             self._send("ERR 1 unknown command")
         elif command in SHAKES and self.actuators is None:
             self._send("ERR 4 no shaker")
-        elif command not in MOTORS and (
+        elif command not in (*MOTORS, "IMU") and (
             self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0")
         ):
             self._send("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
+
+    def _synchronise(self, words: list[str], now_s: float) -> None:
+        if len(words) > 1 or not all(w.isascii() and w.isdigit() and int(w) <= LONGEST_MS for w in words):
+            self._send("ERR 2 bad argument")
+        else:
+            self._send(" ".join(("SYNC", str(self._t_us(now_s)), *(str(int(w)) for w in words))))
 
     def _accept(self) -> int:
         self._seq += 1
@@ -278,6 +301,10 @@ class StrigBox:
                 self._accept()
             case "ENABLE", [0 | 1 as on] if good:
                 self._set_enable(bool(on), now_s)
+            case "IMU", [rate] if 0 <= rate <= MOST_SAMPLES_HZ:
+                self._accept()
+                self._interval_us = 1_000_000 // rate if rate else 0
+                self._sample_s = now_s + self._interval_us * 1e-6 / (1 + self._drift) if rate else NEVER
             case "BEAT", []:
                 self._feel_beat(HEARTBEAT_MS, now_s)
             case "BEAT", [next_ms] if 1 <= next_ms <= LONGEST_HEARTBEAT_MS:

@@ -183,6 +183,7 @@ def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, An
             "acceleration_m_s2": [[round(float(v), 5) for v in row] for row in block.acceleration_m_s2[inside]],
             "rotation_rad_s": [[round(float(v), 6) for v in row] for row in block.rotation_rad_s[inside]],
             "lost": block.lost,
+            **({} if block.clock is None else {"clock": asdict(block.clock)}),
         }
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Cause, Outcome, Verdict, worst_of
+from procedures.outcome import BadInput, Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
-from procedures.raw import ImuRecord, RawFrame, ShakerPath, read_frame
+from procedures.raw import ImuRecord, RawFrame, ShakerPath, ShakerResponse, measured_path, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
 from station.results.environment import environment_of
@@ -85,7 +86,13 @@ def imu_during(shot: SessionShot) -> ImuRecord | None:
         checked_array(motion[name], f"`{name}` of a recorded motion")
         for name in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
-    return ImuRecord(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
+    opened_s = checked_number(shutter["flash_s"], "`flash_s` of a shutter")
+    clock, box_s = motion.get("clock"), checked_number(shutter.get("within_s") or 0.0, "`within_s` of a shutter")
+    if clock is None:
+        return ImuRecord(times - opened_s, acceleration, rotation)
+    own_s = checked_number(clock["within_s"], "`within_s` of a clock")
+    # a unit on the box's own cable shares the error of its round trip, which cancels
+    return ImuRecord(times - opened_s, acceleration, rotation, own_s if clock["by"] == "box" else own_s + box_s)
 
 
 COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
@@ -93,7 +100,10 @@ COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
 
 
 def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
-    """The shaker's path during a photograph; None without one, or if it also turned the camera."""
+    """The shaker's path during a photograph; None without one, or if it also turned the camera.
+
+    It is measured where an inertial unit is on the shaker's box, otherwise what the response makes of the command.
+    """
     shake, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not shake or not set(shake["offsets"]) <= set(COLUMNS):
         return None
@@ -103,7 +113,17 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
         position_m[:, COLUMNS[axis]] = checked_array(offsets, f"`{axis}` of a shaker's path", (count,)) / 1000
     flash_s = shutter.get("flash_s")
     since_s = None if flash_s is None else float(flash_s) - float(shake["began_s"])
-    return ShakerPath(position_m, float(shake["interval_s"]), since_s)
+    given = {COLUMNS[axis]: one for axis, one in (shake.get("response") or {}).items()}
+    response = tuple(
+        ShakerResponse(given[i]["gain"], given[i]["frequency_hz"], given[i]["damping"]) if i in given
+        else ShakerResponse() for i in range(3)
+    )  # fmt: skip
+    within_s = max((float(one["within_s"]) for one in given.values()), default=0.0)
+    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
+    if ((shot.snapshot.get("motion") or {}).get("clock") or {}).get("by") == "box":  # on the clock of the shaker
+        with suppress(BadInput):
+            return measured_path(path, imu) if (imu := imu_during(shot)) is not None else path
+    return path
 
 
 def derive(

@@ -64,8 +64,8 @@ def mtf_figure(
     """
     f, shown = quality.frequencies, quality.frequencies * axis.factor
     curves = {
-        "horizontal": (quality.mtf_horizontal, quality.mtf_horizontal_uncertainty),
-        "vertical": (quality.mtf_vertical, quality.mtf_vertical_uncertainty),
+        "horizontal": (quality.mtf_horizontal, quality.uncertainty("horizontal")),
+        "vertical": (quality.mtf_vertical, quality.uncertainty("vertical")),
     }
     true = {} if truth is None else {"horizontal": np.abs(truth(f, 0 * f)), "vertical": np.abs(truth(0 * f, f))}
     rows = 2 if true else 1
@@ -78,7 +78,7 @@ def mtf_figure(
     for direction, value in true.items():
         curve(upper, shown, value, width=0.8, ls=DASHED, label="true" if direction == "vertical" else None)
     finish_mtf(upper, curves, f, axis, limit, others)
-    largest = np.maximum(quality.mtf_horizontal_uncertainty, quality.mtf_vertical_uncertainty)
+    largest = np.maximum(quality.uncertainty("horizontal"), quality.uncertainty("vertical"))
     if (unknown := largest > CLEAR).any():
         hatched = {"fc": "none", "ec": FAINT, "hatch": "////", "lw": 0, "label": "not determined"}
         upper.fill_between(shown, 0, 1, unknown, step="mid", **hatched)

@@ -8,8 +8,8 @@ Each corruption prints its mean shift of MTF50, the verdicts, and P(pass and |z|
 Clopper-Pearson interval (95 %, one-sided); z is the error over the stated standard uncertainty. Clean photographs print
 P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 and of the curve.
 
-`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart] [--count 100] [--seed 1]`: only corruptions
-whose names hold one of the words.
+`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
+corruptions whose names hold one of the words.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -39,10 +39,13 @@ from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
+from procedures.two_photo.estimate import estimate_psf_of_pair  # noqa: E402
 
 Array = np.ndarray
 Rng = np.random.Generator
 
+ZOOM_STEPS = 9
+"""Sizes of which the picture of a zoom is the mean."""
 FINE, CELL_PIXELS = 8, 16
 """Fine pixels along a pixel's side; pixels of the printed bitmap along a cell's."""
 SHARPEST = 0.8
@@ -198,6 +201,8 @@ class Corruption:
     lens : changes of the lens
     raw : whether a RAW file can have it
     scale : pixels of the picture for one of the sensor
+    print_cells : standard deviation in cells of a blur of the chart's print
+    zoom : share by which the picture grows while it is taken
     """
 
     distort: Distort | None = None
@@ -206,6 +211,14 @@ class Corruption:
     lens: Mapping[str, float] = field(default_factory=dict)
     raw: bool = False
     scale: float = 1.0
+    print_cells: float = 0.0
+    zoom: float = 0.0
+
+    def shows(self, scene: str) -> bool:
+        """Whether a scene can have it."""
+        if scene != "edge" and self.distort is not None:
+            return False
+        return scene == "chart" or not (self.print_cells or self.zoom)
 
 
 @dataclass(frozen=True)
@@ -235,15 +248,19 @@ def chart_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng:
     The print's bitmap is averaged over fine pixels, multiplied by the OTF in the Fourier domain, and read at the
     pixels' centres. Its margin is as white as what lies around it.
     """
-    if corruption.distort is not None:
-        raise ValueError("a corruption that displaces an edge has no chart")
     width_px, size = (100 + 0.25 * pose.rows) * pitch, 200 * pitch
     roll, scale = np.radians(pose.angle_deg / 3), width_px * FINE / (CELLS * CELL_PIXELS)
-    print_ = cv2.blur(bitmap(Chart.from_seed(), CELL_PIXELS).astype(np.float32) / 255, (round(1 / scale),) * 2)
+    print_ = bitmap(Chart.from_seed(), CELL_PIXELS).astype(np.float32) / 255
+    if corruption.print_cells:
+        print_ = gaussian_filter(print_, corruption.print_cells * CELL_PIXELS, truncate=3)
+    print_ = cv2.blur(print_, (round(1 / scale),) * 2)
     turn = scale * np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     middle = (np.array(print_.shape) - 1) / 2
     offset = size * FINE / 2 + pose.shift_px * FINE - turn @ middle
-    fine = cv2.warpAffine(print_, np.column_stack([turn, offset]), (size * FINE, size * FINE), borderValue=1.0)
+    warped = partial(cv2.warpAffine, print_, dsize=(size * FINE,) * 2, borderValue=1.0)
+    grown = 1 + corruption.zoom * (np.linspace(-0.5, 0.5, ZOOM_STEPS) if corruption.zoom else np.zeros(1))
+    fixed = np.full(2, size * FINE / 2)
+    fine = np.mean([warped(np.column_stack([a * turn, fixed + a * (offset - fixed)])) for a in grown], axis=0)
     fy, fx = np.meshgrid(np.fft.fftfreq(size * FINE, 1 / FINE), np.fft.rfftfreq(size * FINE, 1 / FINE), indexing="ij")
     passed = np.hypot(fx, fy) < lens.cutoff
     otf = np.zeros(fx.shape, complex)
@@ -253,6 +270,59 @@ def chart_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng:
 
 
 SCENES = {"edge": edge_light, "chart": chart_light}
+WALL_PX, WALL_FINE = 130, 2
+"""Side of a wall's far photograph in pixels; fine pixels along a near pixel's side."""
+
+
+def wall_lights(lens: Lens, pose: Pose, rng: Rng) -> tuple[Array, Array]:
+    """Light of a wall with 1/f detail on the pixels of a near and a far photograph."""
+    zoom = 3.4 + 0.01 * pose.rows
+    near_px = int(WALL_PX * zoom * 1.1)
+    size = WALL_FINE * (near_px + 80)
+    fx, fy = np.meshgrid(np.fft.rfftfreq(size, 1 / WALL_FINE), np.fft.fftfreq(size, 1 / WALL_FINE))
+    spectrum = np.fft.rfft2(rng.standard_normal((size, size))) / np.maximum(np.hypot(fx, fy), 4 / near_px)
+    wall = np.fft.irfft2(spectrum, (size, size))
+    spectrum *= 0.12 / wall.std()
+    near, far = (0.4 + np.fft.irfft2(spectrum * lens.otf(fx * a, fy * a), (size, size)) for a in (1.0, zoom))
+    first = WALL_FINE * 40
+    roll, apart = np.radians(pose.angle_deg / 3), WALL_FINE * zoom
+    y, x = (np.indices((WALL_PX, WALL_PX)) - (WALL_PX - 1) / 2) * apart
+    middle = (size - 1) / 2 + pose.shift_px
+    at = middle + np.cos(roll) * y + np.sin(roll) * x, middle + np.cos(roll) * x - np.sin(roll) * y
+    end = first + WALL_FINE * near_px
+    return near[first:end:WALL_FINE, first:end:WALL_FINE], map_coordinates(far, at, order=5, mode="wrap")
+
+
+def pair(seed: int, corruption: Corruption, *, source: str) -> tuple[Photograph, Photograph]:
+    """Near and far photograph of a wall, both corrupted; monochrome."""
+    rng = np.random.default_rng(seed)
+    pose, noise = draw_pose(rng), draw_noise(rng)
+    while (lens := draw_lens(rng)).mtf50(0.0) > SHARPEST:
+        pass
+    lens, truth = replace(lens, **corruption.lens), np.abs(lens.along(0.0, CURVE))
+    shots = []
+    for light in wall_lights(lens, pose, rng):
+        light = light if corruption.light is None else corruption.light(light)
+        plane = exposed(light, noise, corruption, source, rng)
+        shots.append(Photograph(plane, lens.mtf50(0.0), truth))
+    return shots[0], shots[1]
+
+
+def exposed(light: Array, noise: Noise, corruption: Corruption, source: str, rng: Rng) -> Plane:
+    """The plane of a photograph: noise, rounding, processing."""
+    prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
+    signal = rng.poisson(np.maximum(light, 0) * noise.white_e * np.maximum(prnu, 0))
+    picture = (signal + noise.read_e * rng.standard_normal(light.shape)) / noise.white_e
+    steps = 2 ** (noise.bits if source == "grey" else 14) - 1
+    picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    pitch = 2 if source == "bayer" else 1
+    if source == "bayer":
+        picture = picture[::2, 1::2]
+    if corruption.process is not None:
+        picture = corruption.process(picture, float(noise.white_e**-0.5), rng)
+        picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    samples = np.ascontiguousarray(picture, dtype=np.float32)
+    return Plane("Y", samples, 1 / steps, pitch=pitch, raw=source != "grey")
 
 
 def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "edge") -> Photograph:
@@ -266,21 +336,9 @@ def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "
     light, direction_deg = SCENES[scene](lens, pose, corruption, pitch, rng)
     if corruption.light is not None:
         light = corruption.light(light)
-    electrons = np.maximum(light, 0) * noise.white_e
-    prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
-    signal = rng.poisson(electrons * np.maximum(prnu, 0)) + noise.read_e * rng.standard_normal(light.shape)
-    picture = signal / noise.white_e
-    bits = noise.bits if source == "grey" else 14
-    steps = 2**bits - 1
-    picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
-    if source == "bayer":
-        picture = picture[::2, 1::2]
-    if corruption.process is not None:
-        picture = corruption.process(picture, float(noise.white_e**-0.5), rng)
-        picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    plane = exposed(light, noise, corruption, source, rng)
     scale = corruption.scale / pitch
     truth = np.abs(lens.along(direction_deg, CURVE * scale))
-    plane = Plane("Y", np.ascontiguousarray(picture, dtype=np.float32), 1 / steps, pitch=pitch, raw=source != "grey")
     return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
 
 
@@ -376,6 +434,22 @@ def wavelet(noises: float) -> Corruption:
     return Corruption(process=process)
 
 
+def edge_directed(steps: int, grain: float) -> Corruption:
+    """Diffusion along edges, at the noise's gradients, then white grain in noises."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        smooth = x
+        for _ in range(steps):
+            gy, gx = np.gradient(gaussian_filter(smooth, 0.7))
+            gyy = np.gradient(np.gradient(smooth, axis=0), axis=0)
+            gxy, gxx = np.gradient(np.gradient(smooth, axis=1))
+            square = gx * gx + gy * gy + (0.3 * noise) ** 2
+            smooth = smooth + 0.2 * (gy * gy * gxx - 2 * gx * gy * gxy + gx * gx * gyy) / square
+        return smooth + grain * noise * rng.standard_normal(x.shape)
+
+    return Corruption(process=process)
+
+
 def jpeg(quality: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         levels = np.rint(255 * np.clip(x, 0, 1)).astype(np.uint8)
@@ -449,6 +523,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "median": median_blend(1.0),
     "wavelet threshold, 1 noise": wavelet(1.0),
     "wavelet threshold, 3 noises": wavelet(3.0),
+    "edge-directed denoising with grain": edge_directed(1, 0.7),
     "JPEG 90": jpeg(90),
     "JPEG 60": jpeg(60),
     "rough print 0.15 px": rough(0.15, 1.0),
@@ -456,7 +531,10 @@ CORRUPTIONS: dict[str, Corruption] = {
     "vibration 0.3 px in 20 rows": vibration(0.3, 20),
     "vibration 0.3 px in 60 rows": vibration(0.3, 60),
     "vibration 0.5 px in 7 rows": vibration(0.5, 7),
+    "print blurred by 0.5 cell": Corruption(print_cells=0.5, raw=True),
+    "zoom of 1 %": Corruption(zoom=0.01, raw=True),
     "halo 8 % of 2.5 px": veil(0.08, 2.5),
+    "halo 6 % of 2 px": veil(0.06, 2.0),
     "veil 20 % of 15 px": veil(0.2, 15),
     "veil 20 % of 30 px": veil(0.2, 30),
     "ghost 5 % of 3 px": ghost(0.05, 3.0),
@@ -495,8 +573,21 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
         return Answer(str(outcome.verdict), outcome.reason)
     quality = outcome.value.quality
-    number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.mtf_horizontal_uncertainty)
+    number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
+    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+
+
+def by_wall(near: Plane, far: Plane) -> Answer:
+    """Two photographs of a wall, along rows."""
+    outcome = estimate_psf_of_pair(near, far)
+    if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
+        return Answer(str(outcome.verdict), outcome.reason)
+    quality = outcome.value.quality
+    number, f = quality.numbers["mtf50_horizontal"], quality.frequencies
+    values, spreads = (
+        np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
+    )
     return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
 
 
@@ -550,6 +641,10 @@ def run(name: str, estimator: str, source: str, seeds: Sequence[int]) -> Tally:
     """Every seed's photograph with one corruption, through one estimator."""
     answers = []
     for seed in seeds:
+        if estimator == "wall":
+            near, far = pair(seed, CORRUPTIONS[name], source=source)
+            answers.append((far, by_wall(near.plane, far.plane)))
+            continue
         shot = photograph(seed, CORRUPTIONS[name], source=source, scene=estimator)
         answers.append((shot, ESTIMATORS[estimator](shot.plane, seed)))
     return Tally(f"{name} ({source})", answers)
@@ -559,7 +654,7 @@ def main() -> None:
     """Print a line for each corruption and source."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words", nargs="*")
-    parser.add_argument("--estimator", choices=ESTIMATORS, default="edge")
+    parser.add_argument("--estimator", choices=[*ESTIMATORS, "wall"], default="edge")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reasons", action="store_true")
@@ -571,10 +666,12 @@ def main() -> None:
     for name, corruption in CORRUPTIONS.items():
         if given.words and not any(word in name for word in given.words):
             continue
-        if given.estimator != "edge" and corruption.distort is not None:
+        if not corruption.shows(given.estimator):
             continue
         for source in given.sources:
             if source == "grey" or (corruption.raw and (source == "raw" or name == "clean")):
+                if (given.estimator, source) == ("wall", "bayer"):
+                    continue
                 print(run(name, given.estimator, source, seeds).line(given.reasons), flush=True)
     print(f"{time.process_time() - start:.0f} s of processor time")
 

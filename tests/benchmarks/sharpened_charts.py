@@ -24,7 +24,6 @@ from damage import sharpened  # noqa: E402
 from procedures.outcome import Verdict, causes_of  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf  # noqa: E402
-from procedures.pattern_psf.trust import ANTICORRELATION_SIGMAS, SHARPENING_SIGMAS  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 
 CHART = Chart.from_seed(1)
@@ -60,11 +59,7 @@ def main() -> None:
                 for seed in range(count):
                     plane = masked(exposed(picture, np.random.default_rng(seed)), amount, radius)
                     value, verdict, reason = found(plane)
-                    own = value.diagnostics
-                    sure = (
-                        own["sharpened_sigmas"] > ANTICORRELATION_SIGMAS
-                        and np.hypot(own["sharpened_sigmas"], max(own["missing_light"], 0.0)) > SHARPENING_SIGMAS
-                    )
+                    sure = "anticorrelated" in reason
                     told, by_noise = told + ("sharpened" in reason), by_noise + sure
                     amounts += [value.diagnostics["sharpened_by"]] if sure else []
                     if verdict is Verdict.PASS:

@@ -11,6 +11,8 @@ SKETCH = HERE.parent.parent / "drivers" / "firmware" / "strig"
 STEP_S = 0.005
 """How often it is looked what it says by itself."""
 REST, DEEPEST = 2048, 2047
+GRAVITY = 4096
+"""In digits of 8 g."""
 
 
 def compiled_box(place: Path) -> ctypes.CDLL:
@@ -32,6 +34,7 @@ class BoxFirmware:
         self._library, self._ran_s, self._said = library, 0.0, b""
         self._channels = (REST, REST)
         library.host_begin(True)
+        library.host_imu((ctypes.c_int16 * 6)(0, GRAVITY, 0, 0, 0, 0))
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A board that is not wired to be reset by DTR."""

@@ -21,7 +21,7 @@ from drivers.frames import ExposureMetadata
 from drivers.gcs import GcsParser, GcsStage
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
-from drivers.imu import FastImu, WitImu
+from drivers.imu import FastImu, StrigImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.newport import Esp301Stage, NewportParser, Smc100Stage
 from drivers.polled_stage import PolledAxis
@@ -188,6 +188,13 @@ def _shaker(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> 
     return StrigShaker(box, [ShakerAxis("x_mm", 0, 2.0), ShakerAxis("y_mm", 1, 2.0)], clock=clock)
 
 
+def _box_imu(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> StrigImu:
+    """On the shutter's box."""
+    box = StrigShutter(wire("shutter", StrigParser), clock=clock)
+    box.connect()
+    return StrigImu(box, clock=clock)
+
+
 def _gphoto_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GphotoCamera:
     """The folder of the simulated body, seen through libgphoto2's own camera that browses folders."""
     pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
@@ -222,6 +229,8 @@ SHUTTERS: dict[str, Callable[..., Any]] = {
     "relay": lambda wire, clock, *_: RelayShutter(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
 IMUS: dict[str, Callable[..., Any]] = {
+    "strig_imu": _box_imu,
+    "strig_imu_host": _box_imu,
     "wit": lambda wire, clock, *_: WitImu(wire("imu", WitParser), clock=clock),
     "fast": lambda wire, clock, *_: FastImu(wire("fast_imu", FastParser), clock=clock),
 }
@@ -260,9 +269,9 @@ KINDS = {
     "camera": CAMERAS,
     "probe": PROBES,
 }
-ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
-"""All that have a line of their own; a shaker has its shutter's."""
-MAKERS = {**ALONE, **SHAKERS}
+ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items() if not name.startswith("strig_imu")}
+"""All that have a line of their own; a shaker, or an inertial unit on a box, has its shutter's."""
+MAKERS = {**ALONE, **IMUS, **SHAKERS}
 
 
 def _frame(opening: object) -> bytes:

@@ -11,6 +11,7 @@ static uint64_t now_us;
 static char said[1 << 20];
 static size_t length;
 static bool shaker = true, flash;
+static int16_t imu[6];
 
 uint64_t board_now_us(void) { return now_us; }
 
@@ -25,6 +26,9 @@ void board_send(const char *text)
 
 bool board_flash(void) { return flash; }
 bool board_has_shaker(void) { return shaker; }
+bool board_has_imu(void) { return shaker; }
+void board_imu(int16_t reading[6]) { memcpy(reading, imu, sizeof imu); }
+void host_imu(const int16_t reading[6]) { memcpy(imu, reading, sizeof imu); }
 
 static void keep(const char *what, uint16_t a, uint16_t b)
 {

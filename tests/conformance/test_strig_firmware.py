@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import functools
+import operator
 import random
 import re
 
@@ -15,6 +17,7 @@ from drivers.transport import SerialTransport
 from simulators.devices.shutter import StrigBox
 
 STEP_S = 0.0005
+READING = (1, -2, 4096, -32768, 32767, 0)
 TIME_US = 200
 """By which times may differ: the firmware looks every 50 us, the twin at once."""
 
@@ -24,12 +27,20 @@ def library(strig_library):
     return strig_library
 
 
+def checked(line):
+    """A line without its checksum, which must be right."""
+    text, _, checksum = line.rpartition("*")
+    assert int(checksum, 16) == functools.reduce(operator.xor, text.encode(), 0)
+    return text
+
+
 class Firmware:
     """The compiled protocol."""
 
     def __init__(self, library, has_shaker=True):
         self._library = library
         library.host_begin(has_shaker)
+        library.host_imu((ctypes.c_int16 * 6)(*READING))
         library.host_forget()
 
     def hear(self, line, at_s):
@@ -42,7 +53,8 @@ class Firmware:
     def said(self):
         lines = self._library.host_said().decode().splitlines()
         self._library.host_forget()
-        return [line for line in lines if not line.startswith("*")], [line for line in lines if line.startswith("*")]
+        sent = [checked(line) for line in lines if not line.startswith("*")]
+        return sent, [line for line in lines if line.startswith("*")]
 
 
 class Outputs:
@@ -77,7 +89,8 @@ class Twin:
     def __init__(self, has_shaker=True):
         self.outputs = Outputs()
         self._box = StrigBox(self.outputs, actuators=self.outputs if has_shaker else None, drift=0.0, boot_s=0.0,
-                             enable=self.outputs.enable)  # fmt: skip
+                             enable=self.outputs.enable,
+                             inertial=(lambda now_s: READING) if has_shaker else None)  # fmt: skip
         self._box.set_lines(False, True, 0.0)
         self._box.advance(0.0)
         self.outputs.motors.clear()
@@ -101,16 +114,16 @@ def told_the_same(library, script, has_shaker=True):
     firmware.run(end_s)
     heard += twin.run(end_s)
     ours, outputs = firmware.said()
-    return ours, heard.decode().splitlines(), outputs, twin.outputs
+    return ours, [checked(line) for line in heard.decode().splitlines()], outputs, twin.outputs
 
 
-TIMED = re.compile(r"^(EVT \w+(?: \d+)?|SYNC) (\d+)$")
+TIMED = re.compile(r"^(EVT \w+(?: \d+)?|SYNC|S) (\d+)((?: \w+)?)$")
 
 
 def split(line):
     """A line without its time, and the time."""
     found = TIMED.match(line)
-    return (line, 0) if found is None else (found[1], int(found[2]))
+    return (line, 0) if found is None else (found[1] + found[3], int(found[2]))
 
 
 def compare(ours, theirs):
@@ -161,6 +174,8 @@ def test_any_lines_bring_the_same_answers(library, has_shaker):
         "ABORT",
         "ID?",
         "SYNC?",
+        "IMU 0",
+        "IMUS",
         "HELLO",
         "PATHS",
         "SHAKE1",
@@ -243,7 +258,19 @@ def test_late_heartbeats_are_found_by_a_board_that_waits_for_room_to_send(librar
 
 def test_the_greeting_reports_the_version(library):
     library.host_begin(True)
-    assert library.host_said().splitlines()[-1] == b"STRIG/3 simulated 3.0 SIM-1"
+    assert checked(library.host_said().decode().splitlines()[-1]) == "STRIG/4 simulated 4.0 SIM-1"
+
+
+def test_inertial_samples_are_stamped_by_the_clock_of_the_shutter(library):
+    script = [(0.1, "IMU 100"), (0.123, "SHOT 0 30"), (0.2504, "IMU 0"), (0.3, "IMU 201"), (0.31, "SYNC? 5")]
+    ours, theirs, _, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    samples = [split(line) for line in ours if line.startswith("S ")]
+    assert {line for line, _ in samples} == {"S 0001FFFE100080007FFF0000"}
+    assert [t_us for _, t_us in samples] == pytest.approx([110_000 + 10_000 * i for i in range(15)], abs=TIME_US)
+    assert "ERR 2 bad argument" in ours
+    assert split(ours[-1])[0] == "SYNC 5"
+    assert "ERR 5 no inertial unit" in told_the_same(library, [(0.1, "IMU 100")], has_shaker=False)[0]
 
 
 @pytest.mark.slow  # the processor runs in real time

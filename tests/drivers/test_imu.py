@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.imu import FastImu, ImuSample, WitImu, block_of
+from drivers.errors import BadConfiguration, Rejected
+from drivers.imu import CableLatency, FastImu, StrigImu, WitImu
 from drivers.protocols.imu import FastParser, WitParser
+from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 
 
@@ -53,13 +55,86 @@ def test_a_wit_module_streams_unfiltered_and_with_its_time(wit, bench):
     assert (registers[0x02], registers[0x03], registers[0x1F]) == (0x0007, 0x0B, 0x0000)
 
 
-def test_the_least_late_sample_sets_the_offset_of_the_clocks():
-    late = [ImuSample(float(t), t + 5.0 + delay, (0.0,) * 6) for t, delay in ((0, 0.3), (1, 0.1), (2, 0.2))]
-    block = block_of(late, 0)
-    np.testing.assert_allclose(block.host_s, [5.1, 6.1, 7.1])
+MAKERS = {"imu": (WitImu, WitParser), "fast_imu": (FastImu, FastParser)}
 
 
-def test_a_block_without_samples_is_empty_not_an_error():
-    block = block_of([], 3)
-    assert block.acceleration_m_s2.shape == (0, 3)
-    assert block.lost == 3
+def time_error_s(imu, bench, block):
+    """How late the block's host times are: its acceleration against the world's, at the true times of its samples."""
+    if isinstance(imu, WitImu):
+        return float(np.mean(block.host_s - block.device_s)) + 86400.0  # its calendar begins with the first of a month
+    return float(np.mean(block.host_s - block.device_s / (1 + bench.devices["fast_imu"]._drift)))
+
+
+@pytest.mark.parametrize("jitter_ms", [0.0, 3.0])
+@pytest.mark.parametrize("delay_ms", [0.0, 4.0, 16.0, 40.0])
+@pytest.mark.parametrize("name", MAKERS)
+def test_the_time_of_a_sample_is_right_within_its_bound_on_a_delayed_cable(bench, name, delay_ms, jitter_ms):
+    driver, parser = MAKERS[name]
+    imu = driver(SerialTransport(bench.address(name), parser, clock=bench.clock), clock=bench.clock)
+    imu.connect()
+    bench.cables[name].faults.delay_s, bench.cables[name].faults.jitter_s = delay_ms / 1000, jitter_ms / 1000
+    imu.start(200.0)
+    block = imu.read_block(1.0)
+    late_s = time_error_s(imu, bench, block)
+    imu.close()
+    assert block.clock.by == "round trip"
+    assert abs(late_s) <= block.clock.within_s
+    # all of the delay is on the way back here, the worst case of a round trip: half of it is wrong, and bounded
+    assert late_s == pytest.approx(delay_ms / 2000, abs=0.003)
+    assert block.clock.within_s < delay_ms / 2000 + 0.004
+
+
+def test_a_measured_latency_takes_the_place_of_the_round_trip(bench):
+    wire = SerialTransport(bench.address("imu"), WitParser, clock=bench.clock)
+    imu = WitImu(wire, clock=bench.clock, latency=CableLatency(0.04, 0.001, "common event"))
+    imu.connect()
+    bench.cables["imu"].faults.delay_s = 0.04
+    imu.start(200.0)
+    block = imu.read_block(1.0)
+    imu.close()
+    assert block.clock.by == "common event"
+    assert abs(time_error_s(imu, bench, block)) <= block.clock.within_s < 0.003
+
+
+def test_the_drift_of_a_unit_s_clock_is_measured_over_a_session(fast, bench):
+    drift = bench.devices["fast_imu"]._drift = 200e-6
+    fast.start(200.0)
+    assert fast.read_block(1.0).clock.drift == 0.0  # too short to know more than a crystal's bound
+    bench.clock.sleep(60.0)
+    clock = fast.read_block(1.0).clock
+    assert abs(clock.drift - drift) <= clock.drift_within < 100e-6
+
+
+def test_a_unit_on_the_box_shares_the_clock_of_its_shutter(bench):
+    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
+    box.connect()
+    imu = StrigImu(box, clock=bench.clock)
+    imu.connect()
+    bench.cables["shutter"].faults.delay_s = 0.04
+    imu.start(200.0)
+    times = box.fire(0.1)
+    block = imu.read_block(0.2)
+    imu.stop()
+    opening = bench.body.openings[-1]
+    # the round trip is wrong alike for both, so that the time from the flash to a sample is not
+    late_s = times.flash_s - opening.begin_s
+    assert 0.019 < abs(late_s) <= times.within_s
+    began_s, drift = bench.devices["shutter"]._booted_s, bench.devices["shutter"]._drift
+    truth = began_s + block.device_s / (1 + drift)
+    assert np.abs((block.host_s - times.flash_s) - (truth - opening.begin_s)).max() < 1e-4
+    assert np.abs(block.host_s - truth).max() <= block.clock.within_s
+    assert block.lost == 0
+    box.close()
+
+
+def test_a_box_without_a_unit_says_so(bench):
+    bench.devices["shutter"]._inertial = None
+    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
+    box.connect()
+    with pytest.raises(Rejected, match="no inertial unit") as refused:
+        StrigImu(box, clock=bench.clock).connect()
+    assert "wire an inertial unit" in refused.value.remedy
+    box.version = 3
+    with pytest.raises(BadConfiguration, match="speaks STRIG/3, which has no inertial unit"):
+        StrigImu(box, clock=bench.clock).connect()
+    box.close()

@@ -101,6 +101,9 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             b"EVT FLASH 5\n",
             b"SYNC 77\n",
             b"ERR 3 busy\n",
+            b"STRIG/4 uno 4.0 A7*48\n",
+            b"SYNC 77 12*04\n",
+            b"S 5 0001FFFE100080007FFF0000*1C\n",
         ],
         [
             strig.Hello("uno", "1.0", "A7"),
@@ -111,6 +114,9 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             strig.Contact("FLASH", 0, 5),
             strig.BoxTime(77),
             strig.Refusal(3, "busy"),
+            strig.Hello("uno", "4.0", "A7", 4),
+            strig.BoxTime(77, 12),
+            strig.Sample(5, (1, -2, 4096, -32768, 32767, 0)),
         ],
     ),
     "wit": (

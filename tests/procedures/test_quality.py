@@ -6,11 +6,15 @@ from math import erf
 
 import numpy as np
 import pytest
-from scipy.special import j0
+from scipy.special import j0, j1
 
+from procedures import stray_tail
+from procedures.budget import with_frequencies, with_parts
+from procedures.numbers import frequency_of
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
+from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
 from procedures.stray_tail import tail_energy_uncertainty
@@ -102,20 +106,55 @@ def test_energy_above_nyquist_counts_what_lies_beyond_the_band() -> None:
     assert found.uncertainty < 0.01
 
 
-def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it() -> None:
-    # diffraction alone at f/22: its mean tail is a / r^3, and rings of it go in and out as the support grows
+@pytest.mark.parametrize(("obstruction", "least", "most"), [(0.0, 0.13, 0.6), (0.3, 0.4, 2.0)])
+def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it(
+    obstruction: float, least: float, most: float
+) -> None:
+    # diffraction alone at f/22: its mean tail is a / r^3, and rings of it go in and out as the support grows; they are
+    # wider where the pupil is obstructed, which the photograph does not tell
     limit, no_noise = Diffraction(22, 4.6, 550), np.zeros((1, 1))
     x = np.arange(-20, 21) / S
-    whole = limit.psf(np.hypot(x, x[:, None])) / S**2
+    v = np.maximum(np.pi * limit.cutoff * np.hypot(x, x[:, None]), 1e-9)
+    field = 2 * (j1(v) - obstruction * j1(obstruction * v)) / v / (1 - obstruction**2)
+    whole = np.pi / 4 * limit.cutoff**2 * (1 - obstruction**2) * field**2 / S**2
+    density = limit.tail_density_px / (1 - obstruction)
     away = []
     for k in range(21, 43, 2):
         part = slice(20 - k // 2, 21 + k // 2)
         h = whole[part, part]
-        amplitude = np.array([limit.tail_density_px * S / tail_density(k) / h.sum()])
+        amplitude = np.array([density * S / tail_density(k) / h.sum()])
         psf = Psf(h / h.sum(), S, np.zeros((k * k, k * k)), PsfTail(amplitude, no_noise, np.zeros((k * k, 1))))
         away.append((psf.share_outside - (1 - h.sum())) / tail_energy_uncertainty(psf))
-    assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.3
+    assert least < np.sqrt(np.mean(np.square(away))) < most
     assert np.abs(away).max() < 2.5
+
+
+@pytest.mark.parametrize("origin", ["centroid", "peak"])
+def test_numbers_about_the_own_origin_do_not_move_with_the_psf(origin: Origin) -> None:
+    limit = Diffraction(8, 5.0, 550)
+    middle = assess(sure(gaussian(0.6, 0.6)), n=1, diffraction=limit).numbers
+    moved = sure(gaussian(0.6, 0.6, x0=0.31, y0=-0.17))
+    own = assess(moved, n=1, diffraction=limit, origin=origin).numbers
+    marks = assess(moved, n=1, diffraction=limit, origin="marks").numbers
+    for name in ("encircled_energy_50", "encircled_energy_80", "fwhm_horizontal", "strehl"):
+        assert own[name].value == pytest.approx(middle[name].value, rel=1e-3), name
+    # exp(-r^2 / 2 sigma^2) at the marks, r the PSF's distance from them
+    assert marks["strehl"].value == pytest.approx(own["strehl"].value * np.exp(-(0.31**2 + 0.17**2) / 0.72), rel=1e-3)
+    assert marks["encircled_energy_50"].value > 1.05 * own["encircled_energy_50"].value
+    assert "marks" in marks["strehl"].method
+    assert origin in own["strehl"].method
+
+
+@pytest.mark.parametrize("origin", ["centroid", "peak"])
+def test_gradients_about_an_origin_are_those_of_changed_samples(origin: Origin, rng: np.random.Generator) -> None:
+    h = gaussian(0.5, 0.65, turn=0.4, k=17) + 0.3 * gaussian(0.6, 0.6, x0=0.4, k=17)
+    h, limit = h / h.sum(), Diffraction(8, 5.0, 550)
+    change = 1e-6 * rng.standard_normal(h.shape)
+    first, more, less = (assess(sure(h + sign * change), n=1, diffraction=limit, origin=origin) for sign in (0, 1, -1))
+    for name in ("encircled_energy_50", "encircled_energy_80", "fwhm_vertical", "strehl"):
+        expected = (more.numbers[name].value - less.numbers[name].value) / 2
+        scale = np.linalg.norm(first.gradients[name]) * 1e-6
+        assert first.gradients[name] @ change.ravel() == pytest.approx(expected, abs=0.05 * scale), name
 
 
 def test_ellipse_of_a_turned_gaussian() -> None:
@@ -186,10 +225,41 @@ def test_uncertainties_are_those_of_repeated_noise(rng: np.random.Generator) -> 
         spread = np.std([draw.numbers[name].value for draw in draws])
         assert spread == pytest.approx(number.uncertainty, rel=0.26), name
     # a modulus is linear in the noise only while it stands well above it
-    clear = expected.mtf_horizontal > 4 * expected.mtf_horizontal_uncertainty
+    uncertainty = expected.uncertainty("horizontal")
+    clear = expected.mtf_horizontal > 4 * uncertainty
     clear[0] = False
     spread = np.std([draw.mtf_horizontal for draw in draws], axis=0)[clear]
-    np.testing.assert_allclose(spread, expected.mtf_horizontal_uncertainty[clear], rtol=0.26)
+    np.testing.assert_allclose(spread, uncertainty[clear], rtol=0.26)
+
+
+def test_a_curve_has_the_uncertainty_of_the_numbers_read_from_it() -> None:
+    h = gaussian(0.5, 0.65, turn=0.4, k=17)
+    amplitudes = 0.03 * np.array([1.0, 0, 0, 0, 0, 0])
+    tail = PsfTail(amplitudes, 1e-6 * np.eye(6), np.zeros((h.size, 6)))
+    quality = assess(Psf(h, S, 4e-4**2 * np.eye(h.size), tail), n=1, at=(0.1, 0.3), unconverged=0.01)
+    # a mismatch that rises with the frequency, as from the tiles of a chart
+    rising = {
+        name: {"noise": 2e-3, "mismatch": 1e-2 * frequency_of(name)[0]}
+        for name in quality.gradients
+        if frequency_of(name)
+    }
+    whole = with_parts(quality, {**rising, "mtf_nyquist_horizontal": {"noise": 2e-3, "mismatch": 5e-3}})
+    for name, f in (("mtf_at_0.1_horizontal", 0.1), ("mtf_at_0.3_horizontal", 0.3), ("mtf_nyquist_horizontal", 0.5)):
+        band = float(np.interp(f, whole.frequencies, whole.uncertainty("horizontal")))
+        assert whole.numbers[name].uncertainty == pytest.approx(band, rel=1e-9), name
+    added = with_frequencies(whole, Psf(h, S, 4e-4**2 * np.eye(h.size), tail), (0.2,))
+    band = float(np.interp(0.2, whole.frequencies, whole.uncertainty("vertical")))
+    assert added.numbers["mtf_at_0.2_vertical"].uncertainty == pytest.approx(band, rel=1e-9)
+
+
+def test_a_curve_is_as_unsure_as_the_energy_beyond_the_support_at_all_but_the_lowest_frequencies() -> None:
+    h = gaussian(0.3, 0.3, k=17)
+    psf = Psf(h, S, 1e-16 * np.eye(h.size), PsfTail(0.1 * np.eye(6)[0], np.zeros((6, 6)), np.zeros((h.size, 6))))
+    quality = assess(psf, n=1)
+    band, f = quality.uncertainty("horizontal"), quality.frequencies
+    assert band[0] == pytest.approx(0, abs=1e-9)
+    energy = tail_energy_uncertainty(psf)
+    assert (band[(f > 0.1) & (f < 0.3)] > 0.6 * energy).all()
 
 
 def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focus() -> None:
@@ -207,7 +277,10 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
     assert stray(0, 0, 0, 8, 0) == pytest.approx(7, rel=1e-3)
 
 
-def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(rng: np.random.Generator) -> None:
+def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stray_tail, "RINGS", 0.0)
     sigma, k, outside, limit = 0.5, 17, 0.02, Diffraction(8, 5.0, 550)
     h, no_noise = gaussian(sigma, sigma, k=k), np.zeros((6, 6))
     tail = PsfTail(np.array([outside, 0, 0, 0, 0, 0]), no_noise, np.zeros((h.size, 6)))

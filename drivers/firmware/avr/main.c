@@ -1,10 +1,12 @@
-/* STRIG/3 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, motor enable on PD5,
- * hot shoe on PD4 against ground; a shaker is on an MCP4822 on SPI (PB3, PB5), its CS on PB2.
+/* STRIG/4 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, motor enable on PD5,
+ * hot shoe on PD4 against ground; a shaker is on an MCP4822 on SPI (PB3, PB5), its CS on PB2;
+ * an inertial unit MPU-6500 on the same SPI (PB4, too), its CS on PB1.
  * Build: avr-gcc -mmcu=atmega328p -Os -I../strig main.c ../strig/strig.c -o strig.elf */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
 
+#define STRIG_BOARD
 #include "strig.h"
 
 #define SHUTTER _BV(PD2)
@@ -12,6 +14,7 @@
 #define HOT_SHOE _BV(PD4)
 #define MOTORS _BV(PD5)
 #define DAC_SELECT _BV(PB2)
+#define IMU_SELECT _BV(PB1)
 #define RING 128 /* a power of two */
 
 const char board_name[] = "atmega328p";
@@ -90,15 +93,53 @@ bool board_flash(void) { return !(PIND & HOT_SHOE); }
 
 bool board_has_shaker(void) { return true; }
 
+static uint8_t exchange(uint8_t byte)
+{
+    SPDR = byte;
+    while (!(SPSR & _BV(SPIF)))
+        ;
+    return SPDR;
+}
+
 static void put_out(uint16_t word)
 {
     PORTB &= (uint8_t)~DAC_SELECT;
-    for (uint8_t i = 0; i < 2; i++, word <<= 8) {
-        SPDR = (uint8_t)(word >> 8);
-        while (!(SPSR & _BV(SPIF)))
-            ;
-    }
+    exchange((uint8_t)(word >> 8));
+    exchange((uint8_t)word);
     PORTB |= DAC_SELECT;
+}
+
+static uint8_t imu_register(uint8_t address, uint8_t value)
+{
+    PORTB &= (uint8_t)~IMU_SELECT;
+    exchange(address);
+    value = exchange(value);
+    PORTB |= IMU_SELECT;
+    return value;
+}
+
+static bool imu_there;
+
+static void begin_imu(void)
+{
+    imu_there = imu_register(0x80 | STRIG_IMU_WHO, 0) == STRIG_IMU_ANSWER;
+    for (uint8_t i = 0; imu_there && i < sizeof strig_imu_setup / 2; i++)
+        imu_register(strig_imu_setup[i][0], strig_imu_setup[i][1]);
+}
+
+bool board_has_imu(void) { return imu_there; }
+
+void board_imu(int16_t reading[6])
+{
+    PORTB &= (uint8_t)~IMU_SELECT;
+    exchange(0x80 | STRIG_IMU_DATA);
+    for (uint8_t i = 0; i < 7; i++) { /* the fourth word is a temperature */
+        uint16_t word = (uint16_t)(exchange(0) << 8);
+        word |= exchange(0);
+        if (i != 3)
+            reading[i < 3 ? i : i - 1] = (int16_t)word;
+    }
+    PORTB |= IMU_SELECT;
 }
 
 void board_shaker(uint16_t x, uint16_t y)
@@ -111,9 +152,9 @@ int main(void)
 {
     DDRD = SHUTTER | FOCUS | MOTORS;
     PORTD = HOT_SHOE;                             /* pull-up */
-    DDRB = DAC_SELECT | _BV(PB3) | _BV(PB5);
-    PORTB = DAC_SELECT;
-    SPCR = _BV(SPE) | _BV(MSTR);                  /* 4 MHz */
+    DDRB = DAC_SELECT | IMU_SELECT | _BV(PB3) | _BV(PB5);
+    PORTB = DAC_SELECT | IMU_SELECT;
+    SPCR = _BV(SPE) | _BV(MSTR) | _BV(SPR0);      /* 1 MHz, the unit's fastest for its registers */
     UBRR0 = 16;                                   /* 115200 baud, 2.1 % fast */
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
@@ -125,6 +166,7 @@ int main(void)
     OCR2A = 31;
     TIMSK2 = _BV(OCIE2A);
     sei();
+    begin_imu();
     strig_begin();
     for (;;) {
         while (rx_in != rx_out)

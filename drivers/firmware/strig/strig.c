@@ -1,4 +1,4 @@
-/* STRIG/3, see ../STRIG.md. */
+/* STRIG/4, see ../STRIG.md. */
 #include "strig.h"
 
 #include <string.h>
@@ -13,6 +13,7 @@
 #define LONGEST_US 1000000UL
 #define FULL 4095
 #define REST 2048
+#define MOST_SAMPLES_HZ 200
 
 enum phase { IDLE, DELAY, FOCUS, CLOSED };
 
@@ -42,6 +43,36 @@ static uint32_t shake;          /* number of the command that began it */
 static uint8_t point;           /* that is put out */
 static uint64_t next_us;        /* when the following one is */
 
+static uint32_t sample_interval_us; /* of the inertial unit; 0: it is not read */
+static uint64_t sample_us;      /* when it is read next */
+static uint8_t checksum;        /* of the line that is being sent */
+
+static void say(const char *text)
+{
+    for (const char *at = text; *at; at++)
+        checksum ^= (uint8_t)*at;
+    board_send(text);
+}
+
+static void say_hex(uint16_t value, uint8_t digits)
+{
+    char text[5];
+    for (uint8_t i = digits; i > 0; i--, value >>= 4)
+        text[i - 1] = "0123456789ABCDEF"[value & 15];
+    text[digits] = '\0';
+    say(text);
+}
+
+/* Every line ends in `*` and the exclusive or of the characters before it. */
+static void end_line(void)
+{
+    uint8_t sum = checksum;
+    say("*");
+    say_hex(sum, 2);
+    say("\n");
+    checksum = 0;
+}
+
 /* A number in decimal. One 64-bit division splits it; the rest is done in 32 bits, which small cores are quicker at. */
 static void send_number(uint64_t number)
 {
@@ -54,42 +85,49 @@ static void send_number(uint64_t number)
         *--at = (char)('0' + low % 10);
     for (; high; high /= 10)
         *--at = (char)('0' + high % 10);
-    board_send(at);
+    say(at);
 }
 
 static void send_event(const char *kind, uint32_t number, uint64_t t_us)
 {
-    board_send("EVT ");
-    board_send(kind);
-    board_send(" ");
+    say("EVT ");
+    say(kind);
+    say(" ");
     send_number(number);
-    board_send(" ");
+    say(" ");
     send_number(t_us);
-    board_send("\n");
+    end_line();
 }
 
 static void send_flash(uint64_t t_us)
 {
-    board_send("EVT FLASH ");
+    say("EVT FLASH ");
     send_number(t_us);
-    board_send("\n");
+    end_line();
 }
 
 static void greet(void)
 {
-    board_send("STRIG/3 ");
-    board_send(board_name);
-    board_send(" " STRIG_FIRMWARE " ");
-    board_send(board_serial);
-    board_send("\n");
+    say("STRIG/4 ");
+    say(board_name);
+    say(" " STRIG_FIRMWARE " ");
+    say(board_serial);
+    end_line();
 }
 
 static void accept(void)
 {
     seq++;
-    board_send("OK ");
+    say("OK ");
     send_number(seq);
-    board_send("\n");
+    end_line();
+}
+
+static void refuse(const char *text)
+{
+    say("ERR ");
+    say(text);
+    end_line();
 }
 
 static void rest(void)
@@ -237,6 +275,31 @@ static bool take_enable(uint8_t count, const uint32_t *n)
     return true;
 }
 
+static bool take_imu(uint8_t count, const uint32_t *n)
+{
+    if (count != 1 || n[0] > MOST_SAMPLES_HZ)
+        return false;
+    accept();
+    sample_interval_us = n[0] ? 1000000UL / n[0] : 0;
+    sample_us = board_now_us() + sample_interval_us;
+    return true;
+}
+
+static void send_sample(uint64_t now_us)
+{
+    int16_t reading[6];
+    board_imu(reading);
+    sample_us += sample_interval_us;
+    if (sample_us < now_us) /* something took longer than an interval */
+        sample_us = now_us + sample_interval_us;
+    say("S ");
+    send_number(now_us);
+    say(" ");
+    for (uint8_t i = 0; i < 6; i++)
+        say_hex((uint16_t)reading[i], 4);
+    end_line();
+}
+
 static bool begins(const char *word)
 {
     size_t n = strlen(word);
@@ -273,6 +336,10 @@ static void act(void)
         count = read_numbers(line + 4, n, 1);
         if (count >= 0 && take_beat((uint8_t)count, n))
             return;
+    } else if (begins("IMU")) {
+        count = read_numbers(line + 3, n, 1);
+        if (count >= 0 && take_imu((uint8_t)count, n))
+            return;
     } else if (begins("PATH")) {
         count = read_numbers(line + 4, n, 2);
         if (count >= 0 && take_path((uint8_t)count, n))
@@ -292,29 +359,44 @@ static void act(void)
             return;
         }
     }
-    board_send("ERR 2 bad argument\n");
+    refuse("2 bad argument");
 }
 
 static void obey(uint64_t arrived_us)
 {
     if (strcmp(line, "ID?") == 0) {
         greet();
-    } else if (strcmp(line, "SYNC?") == 0) {
-        board_send("SYNC ");
+    } else if (begins("SYNC?")) {
+        uint32_t tag = 0;
+        int8_t count = read_numbers(line + 5, &tag, 1);
+        if (count < 0) {
+            refuse("2 bad argument");
+            return;
+        }
+        say("SYNC ");
         send_number(arrived_us);
-        board_send("\n");
+        if (count) {
+            say(" ");
+            send_number(tag);
+        }
+        end_line();
     } else if (strcmp(line, "ABORT") == 0) {
         accept();
         end_shot("ABORT");
         rest();
     } else if (begins("ENABLE") || begins("BEAT")) {
         act();
+    } else if (begins("IMU")) {
+        if (board_has_imu())
+            act();
+        else
+            refuse("5 no inertial unit");
     } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB") && !shakes()) {
-        board_send("ERR 1 unknown command\n");
+        refuse("1 unknown command");
     } else if (shakes() && !board_has_shaker()) {
-        board_send("ERR 4 no shaker\n");
+        refuse("4 no shaker");
     } else if (phase != IDLE || (shaking && shakes() && strcmp(line, "SHAKE 0") != 0)) {
-        board_send("ERR 3 busy\n");
+        refuse("3 busy");
     } else {
         act();
     }
@@ -327,6 +409,8 @@ void strig_begin(void)
     phase = IDLE;
     flash_before = false;
     points = points_set = 0;
+    sample_interval_us = 0;
+    checksum = 0;
     shaking = resting = false;
     enabled = unreported = false;
     hold = 0;
@@ -351,7 +435,7 @@ void strig_byte(char byte)
     }
     line[length] = '\0';
     if (length > LONGEST)
-        board_send("ERR 2 bad argument\n");
+        refuse("2 bad argument");
     else if (length > 0)
         obey(received_us);
     length = 0;
@@ -390,4 +474,6 @@ void strig_poll(void)
         else
             board_shaker(path[point][0], path[point][1]);
     }
+    if (sample_interval_us && now_us >= sample_us)
+        send_sample(now_us);
 }

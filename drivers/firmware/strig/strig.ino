@@ -1,13 +1,14 @@
-// STRIG/3 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, motor enable on pin 5,
+// STRIG/4 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, motor enable on pin 5,
 // all active high into opto-couplers; a resistor of 10 k against ground keeps the motors off while the board starts. Hot
 // shoe on pin 4 against ground. A shaker's two channels are those of an MCP4822 on SPI, its CS on
-// pin 10: set HAS_SHAKER where there is one.
+// pin 10: set HAS_SHAKER where there is one; an inertial unit MPU-6500 on the same SPI, its CS on pin 9: set HAS_IMU.
 #include <SPI.h>
 
+#define STRIG_BOARD
 #include "strig.h"
 
-const bool HAS_SHAKER = false;
-const int DAC_SELECT = 10;
+const bool HAS_SHAKER = false, HAS_IMU = false;
+const int DAC_SELECT = 10, IMU_SELECT = 9;
 
 const int SHUTTER = 2, FOCUS = 3, HOT_SHOE = 4, MOTORS = 5;
 
@@ -62,13 +63,52 @@ extern "C" void board_shaker(uint16_t x, uint16_t y)
     SPI.endTransaction();
 }
 
+static bool imu_there;
+
+static void choose_imu(bool on)
+{
+    if (on)
+        SPI.beginTransaction(SPISettings(1000000, MSBFIRST, SPI_MODE0));
+    digitalWrite(IMU_SELECT, on ? LOW : HIGH);
+    if (!on)
+        SPI.endTransaction();
+}
+
+static uint8_t imu_register(uint8_t address, uint8_t value)
+{
+    choose_imu(true);
+    SPI.transfer(address);
+    value = SPI.transfer(value);
+    choose_imu(false);
+    return value;
+}
+
+extern "C" bool board_has_imu(void) { return imu_there; }
+
+extern "C" void board_imu(int16_t reading[6])
+{
+    choose_imu(true);
+    SPI.transfer(0x80 | STRIG_IMU_DATA);
+    for (uint8_t i = 0; i < 7; i++) { // the fourth word is a temperature
+        int16_t word = (int16_t)SPI.transfer16(0);
+        if (i != 3)
+            reading[i < 3 ? i : i - 1] = word;
+    }
+    choose_imu(false);
+}
+
 void setup()
 {
-    if (HAS_SHAKER) {
+    if (HAS_SHAKER || HAS_IMU) {
         pinMode(DAC_SELECT, OUTPUT);
         digitalWrite(DAC_SELECT, HIGH);
+        pinMode(IMU_SELECT, OUTPUT);
+        digitalWrite(IMU_SELECT, HIGH);
         SPI.begin();
     }
+    imu_there = HAS_IMU && imu_register(0x80 | STRIG_IMU_WHO, 0) == STRIG_IMU_ANSWER;
+    for (uint8_t i = 0; imu_there && i < sizeof strig_imu_setup / 2; i++)
+        imu_register(strig_imu_setup[i][0], strig_imu_setup[i][1]);
     pinMode(SHUTTER, OUTPUT);
     pinMode(FOCUS, OUTPUT);
     pinMode(MOTORS, OUTPUT);

@@ -20,8 +20,8 @@ from procedures.pattern_psf.chart_finding import chart_frame
 from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.marks import find_saddles
 
-MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
-"""Widths of the noise region that the estimator accepts, in pixels."""
+MAX_WIDTH = 300.0
+"""Greatest width of the noise region that the estimator accepts, in pixels; below 45 its marks are not found."""
 TOLERANCE = 1.06
 """Tolerance of a width, as a factor: the width of a tilted chart varies."""
 MAX_HIDDEN = 2
@@ -261,7 +261,7 @@ def one_chart(sightings: list[ChartSighting]) -> ChartSighting:
     if not sightings:
         raise Refused(
             "no chart in the photograph",
-            "photograph the whole chart, in focus and evenly lit, with its noise region 60 to 300 pixels wide",
+            "photograph the whole chart, in focus and evenly lit, with its noise region 45 to 300 pixels wide",
         )
     if len(sightings) > 1:
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in sightings))
@@ -294,11 +294,6 @@ def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
             "remove what covers the chart, and avoid hard shadows and glare on it",
         )
     widths = sighting.widths()
-    if widths.max() * TOLERANCE < MIN_WIDTH:
-        raise Refused(
-            f"the noise region must be at least {MIN_WIDTH:.0f} pixels wide; it is {widths.mean():.0f}",
-            f"move closer: to {widths.mean() / MIN_WIDTH:.2f} of the distance or less, or print a larger chart",
-        )
     if widths.min() / TOLERANCE > MAX_WIDTH:
         raise Refused(
             f"the noise region must be at most {MAX_WIDTH:.0f} pixels wide; it is {widths.mean():.0f}",

@@ -35,6 +35,9 @@ with a wrong shape (a Gaussian for a pillbox); 11 and more for photographs of di
 LEAST_GAINED = 3.0
 """Above the first limit, the error due to blur over the picture's expected error, which includes the residual: 3 to 11
 with true masks, 1.4 and less with paths bent by a fifth and with wrong shapes."""
+LEAST_GAIN = 1.25
+"""Error due to blur over the picture's expected error below which restoring is of no use; the ratio is known to
+a quarter."""
 LEAST_NOISE = 1.2e-3
 """Residual of 8-bit quantisation, which is no disagreement, white = 1."""
 MOST_NOISE = 0.06
@@ -79,13 +82,14 @@ class RestorationParameters:
                 raise BadParameter(f"{name} must be positive, got {value}", "omit it to derive it from the noise")
 
 
-def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
+def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVEL_PX) -> float:
     """Standard deviation of the photographs' noise, from the residual of any common picture at any depth.
 
     Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
-    the levels is taken, and its lower quartile over the frame, where blur is constant and levels fit.
+    the levels, `step` pixels apart, is taken, and its lower quartile over the frame, where blur is constant and levels
+    fit.
     """
-    levels = initial_depth.levels_of(stacks)
+    levels = initial_depth.levels_of(stacks, step)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
@@ -260,6 +264,11 @@ def judge(result: Restoration) -> Outcome[Restoration]:
               f"{d.picture_std:.1%} of white or more",
               f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
               "photographs", given=d.gained < LEAST_GAINED, prior=unexplained),
+        Check("gain", d.gained, LEAST_GAIN, doubtful,
+              f"the restored picture is expected to err by {d.picture_std:.1%} of white, and the least blurred "
+              f"photograph by {d.picture_std * d.gained:.1%}: restoring gains nothing",
+              "use the photograph, take photographs with less noise or more different blur, or raise --image-weight",
+              least=True),
         Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),

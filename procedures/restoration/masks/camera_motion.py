@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import ImuRecord, ShakerPath
+from procedures.raw import ImuRecord, ShakerPath, ShakerResponse
 from procedures.reading.arrays import SMALLEST, checked_array, checked_number
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
@@ -73,8 +73,8 @@ class Poses:
         return -self.position_m[:, :2]
 
 
-def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
-    """Poses during an exposure, from a record that goes beyond it both ways.
+def poses_of(imu: ImuRecord, exposure_s: float, late_s: float = 0.0) -> Poses:
+    """Poses during an exposure, from a record that goes beyond it both ways and whose times are late by `late_s`.
 
     Gravity is rotated with the rig and subtracted as the mean. The unit's offsets cause a line in the rotations and a
     parabola in the positions, which are subtracted, as a vibrating rig has neither. The unit is assumed at the lens;
@@ -83,7 +83,7 @@ def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
     Raises BadInput if the record is too short, unordered, does not cover the exposure, or rotates by more than a few
     degrees.
     """
-    t = check_record(imu, exposure_s)
+    t = check_record(imu, exposure_s, late_s)
     turn = _without_drift(t, _integral(t, imu.rotation_rad_s * FLIPPED), 1)
     if np.abs(turn).max() > MOST_TURN:
         raise BadInput(
@@ -93,7 +93,7 @@ def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
         )
     force = Rotation.from_rotvec(turn).apply(imu.acceleration_m_s2 * FLIPPED)
     position = _without_drift(t, _integral(t, _integral(t, force - force.mean(axis=0))), 2)
-    at = np.linspace(0, exposure_s, INSTANTS)
+    at = late_s + np.linspace(0, exposure_s, INSTANTS)
     return Poses(CubicSpline(t, position)(at), CubicSpline(t, turn)(at))
 
 
@@ -117,8 +117,10 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     return Poses(position * FLIPPED, turn * FLIPPED)
 
 
-def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
+def poses_on(shaker_path: ShakerPath, exposure_s: float, late_s: float = 0.0) -> Poses:
     """Poses during an exposure, from the path that was commanded, which is gone around as a periodic cubic spline.
+
+    The rig follows it by the response of each axis, at the harmonics of a round. `late_s` : how late its times are.
 
     Raises BadInput if the start of the exposure on the path is not known, and the exposure is no whole number of
     rounds.
@@ -134,12 +136,26 @@ def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
             "not known",
             "wire the hot shoe, or expose a whole round",
         )
-    at = began_s + np.linspace(0, exposure_s, INSTANTS)
+    at = began_s + late_s + np.linspace(0, exposure_s, INSTANTS)
     spline = CubicSpline(interval_s * np.arange(len(points) + 1), [*points, points[0]], bc_type="periodic")
-    return Poses(np.asarray(spline(at)) * FLIPPED, np.zeros((INSTANTS, 3)))
+    position = spline(at)
+    if any(one != ShakerResponse() for one in shaker_path.response):
+        position = _followed(spline(np.arange(INSTANTS) * round_s / INSTANTS), shaker_path, at / round_s)
+    return Poses(np.asarray(position) * FLIPPED, np.zeros((INSTANTS, 3)))
 
 
-def check_record(imu: ImuRecord, exposure_s: float) -> Array:
+def _followed(command: Array, shaker_path: ShakerPath, phase: Array) -> Array:
+    """Positions of the axes for a round of commands (n, 3), at phases in rounds."""
+    spectrum = np.fft.rfft(command, axis=0)
+    round_s = shaker_path.interval_s * len(shaker_path.position_m)
+    harmonic = np.arange(len(spectrum))
+    answer = spectrum * np.stack([one.at(harmonic / round_s) for one in shaker_path.response], axis=1)
+    waves = np.exp(2j * np.pi * phase[:, None] * harmonic)
+    weight = np.where((harmonic == 0) | (2 * harmonic == len(command)), 1.0, 2.0)[:, None]
+    return np.asarray((waves @ (weight * answer)).real / len(command))
+
+
+def check_record(imu: ImuRecord, exposure_s: float, late_s: float = 0.0) -> Array:
     """The record's times. Raises BadInput, see `poses_of`."""
     if len(imu.time_s) < FEWEST:
         reason = f"motion needs {FEWEST} samples or more; got {len(imu.time_s)}"
@@ -147,7 +163,7 @@ def check_record(imu: ImuRecord, exposure_s: float) -> Array:
     t = _times(imu.time_s)
     for vectors in (imu.acceleration_m_s2, imu.rotation_rad_s):
         _vectors(vectors, "accelerations and rates of a record", len(t))
-    if t[0] > 0 or t[-1] < exposure_s:
+    if t[0] > min(late_s, 0.0) or t[-1] < exposure_s + max(late_s, 0.0):
         raise BadInput(
             f"the record must cover the exposure, 0 s to {exposure_s:.3f} s; it is from {t[0]:.3f} s to {t[-1]:.3f} s",
             "begin it before the shutter opens, end it after the shutter closes; time 0 is the opening",

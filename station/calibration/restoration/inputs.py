@@ -107,14 +107,17 @@ def poses_table(poses: Poses, exposure_s: float) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def poses_of_records(files: Sequence[Path], exposures_s: Sequence[float | None]) -> tuple[Poses, ...]:
-    """Poses of the camera, from an IMU's record of each exposure.
+def poses_of_records(
+    files: Sequence[Path], exposures_s: Sequence[float | None], late_s: float = 0.0
+) -> tuple[Poses, ...]:
+    """Poses of the camera, from an IMU's record of each exposure, whose times are late by `late_s`.
 
     exposures_s : of each photograph; None if neither camera nor operator stated it
     """
     if any(one is None for one in exposures_s):
         raise BadParameter("the photographs do not record their exposure time", "give --exposure-s")
-    return tuple(poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True))
+    each = zip(files, exposures_s, strict=True)
+    return tuple(poses_of(read_imu(file), float(one or 0), late_s) for file, one in each)
 
 
 def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_per_px: int | None = None) -> Shape:

@@ -51,7 +51,9 @@ def test_numbers_are_those_of_the_whole_psf() -> None:
         number = estimate.quality.numbers[name]
         # four numbers of one photograph, each within 3 of its standard uncertainties
         assert abs(number.value - true) < 3 * number.uncertainty, name
-        assert number.uncertainty < 0.008 * true
+        budget = estimate.quality.budgets[name]
+        assert np.hypot(budget["processing"], budget["print blur"]) < 0.03 * true
+        assert number.uncertainty**2 - budget["processing"] ** 2 - budget["print blur"] ** 2 < (0.008 * true) ** 2
 
 
 @pytest.mark.slow

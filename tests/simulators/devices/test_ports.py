@@ -28,7 +28,7 @@ def ports(tmp_path):
 def test_a_shutter_answers_on_both(ports, which):
     shutter = StrigShutter(SerialTransport(ports["shutter"][which], StrigParser))
     try:
-        assert shutter.connect().model == "STRIG/3 simulated"
+        assert shutter.connect().model == "STRIG/4 simulated"
     finally:
         shutter.close()
 

@@ -264,7 +264,7 @@ def test_frequencies_that_are_not_determined_are_marked(report):
     quality = report.planes[0].quality
     assert "not determined" not in str(mtf_figure(quality, None, "clear"))
     rising = np.linspace(0, 0.3, len(quality.frequencies))
-    unclear = replace(quality, mtf_horizontal_uncertainty=rising)
+    unclear = replace(quality, curve_budgets={**quality.curve_budgets, "horizontal": {"noise": rising}})
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
 
 
@@ -295,7 +295,7 @@ def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
     assert len(titles) == 40 * len(report.planes)
     quality = report.planes[0].quality
     one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
-    value, uncertainty = quality.mtf_horizontal[-1], quality.mtf_horizontal_uncertainty[-1]
+    value, uncertainty = quality.mtf_horizontal[-1], quality.uncertainty("horizontal")[-1]
     assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
     assert "<script" not in page
 

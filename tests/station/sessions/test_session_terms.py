@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
-from procedures.budget import with_parts
+from procedures.budget import knot_budgets, with_parts
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
@@ -67,7 +67,8 @@ def plane():
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
     quality = assess(psf, n=9)
-    noise = {name: terms["noise"] for name, terms in quality.budgets.items()}
+    budgets = {**knot_budgets(quality), **quality.budgets}
+    noise = {name: terms["noise"] for name, terms in budgets.items()}
     parts = {name: {"noise": own, "mismatch": 2 * own} for name, own in noise.items()}
     return PlaneResult.of("G1", Verdict.PASS, psf, with_parts(quality, parts), pitch=2)
 

@@ -162,7 +162,7 @@ def test_several_charts_are_refused_with_their_places() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("pixels", "says"),
-    [(52, "at least 60 pixels wide; it is 52; move closer: to 0.8"), (330, "move back 1.1x or more")],
+    [(36, "its noise region 45 to 300 pixels wide"), (330, "move back 1.1x or more")],
 )
 def test_wrong_distances_are_refused(pixels: float, says: str) -> None:
     camera = camera_of(*(int(1.6 * pixels),) * 2)

@@ -1,0 +1,85 @@
+"""Corruptions of a photograph of the chart: tests of them, and terms of the budget by those that are not excluded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
+from procedures.corruption.family import (
+    FILTERED,
+    GHOSTED,
+    PRINT_BLUR,
+    SELECTIVE,
+    SHARPENED,
+    SMOOTHED,
+    VEILED,
+    WIDE,
+    nuisance,
+)
+from procedures.outcome import SYMPTOM, Check
+from procedures.pattern import BLOCK
+from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
+from procedures.pattern_psf.registration import Registration, block_size_px
+
+Array = npt.NDArray[np.float64]
+
+MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
+"""Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
+WIDE_MODEL = 0.01
+"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
+VARIED = 2.0
+"""Standard uncertainties above which a variation of the PSF over the chart counts."""
+WIDE_PRESENT = 0.5
+"""Prior probability that such a picture was sharpened by a wide mask at all."""
+PRINT_CELLS = 0.075
+"""Prior standard deviation of the print's blur, in cells: a laser printer's, on a chart 300 mm wide."""
+
+
+def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -> list[Check]:
+    """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
+    scores = {name: one.score for name, one in evidence.strengths.items()}
+    wide = [
+        one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
+    ]
+    checks = [
+        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
+        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
+        FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
+        SELECTIVE.check(scores[THRESHOLD], raw=raw),
+        *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
+        GHOSTED.check(scores[GHOST], raw=raw),
+        VEILED.check(scores[VEIL], raw=raw),
+    ]
+    return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
+
+
+def modes_of(evidence: ChartEvidence, f: Array, registration: Registration, *, raw: bool) -> dict[str, Array]:
+    """Relative changes of the transfer function at frequencies f (n,), in cycles/pixel, by what is not excluded.
+
+    Each is one standard deviation of its corruption.
+    """
+    cell_px, square = block_size_px(registration) / BLOCK, 2 * (np.pi * f) ** 2
+    kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
+    # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
+    varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
+    modes = {
+        PRINT_BLUR: square * (PRINT_CELLS * cell_px) ** 2,
+        "variation": square * varied,
+    }
+    if raw:
+        return modes
+    fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]
+    parts = [
+        nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0),
+        nuisance(wide.unseen, wide.uncertainty, WIDE_PRIOR, WIDE_PRESENT) * _mask(square, WIDE_PX[0]),
+    ]
+    return modes | {"processing": np.hypot(*parts)}
+
+
+def _mask(square: Array, radius_px: float) -> Array:
+    """Gain of an unsharp mask of amount 1, less 1."""
+    return np.asarray(1 - np.exp(-square * radius_px**2))

@@ -1,0 +1,93 @@
+"""Charts that a program or a lens changed: flagged by name, or within the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.corruption.directions import mask
+from procedures.outcome import Outcome, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.raw import Plane
+
+from .analytic_camera import View, circular, light, mtf50
+
+Array = np.ndarray
+CHART, CAMERA = Chart.from_seed(1), circular(1.62, fill=0.9, blur_px=0.3)
+ELECTRONS = 8000
+SETTINGS = PatternParameters(4, 17, chosen=True)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Array:
+    """Light of the chart, 0.1 black and 0.8 white."""
+    return 0.1 + 0.7 * light(CAMERA, CHART, View())
+
+
+def measured(samples: Array, *, raw: bool = False) -> Outcome[PatternPsf]:
+    plane = Plane("Y", np.asarray(np.rint(samples * 65535) / 65535, np.float32), 1 / 65535, raw=raw)
+    return estimate_psf(plane, CHART, SETTINGS)
+
+
+def picture(scene: Array, rng: np.random.Generator) -> Array:
+    return rng.poisson(scene * ELECTRONS) / ELECTRONS
+
+
+def thresholded(x: Array) -> Array:
+    detail = mask(x, 1.0)
+    return x + 0.3 * np.where(np.abs(detail) > 0.025, detail, 0)
+
+
+def smoothed_along_edges(x: Array) -> Array:
+    """One step of curvature flow, and grain that hides it in the noise's spectrum."""
+    gy, gx = np.gradient(cv2.GaussianBlur(x, (0, 0), 0.7))
+    gxy, gxx = np.gradient(np.gradient(x, axis=1))
+    gyy = np.gradient(np.gradient(x, axis=0), axis=0)
+    flow = (gy**2 * gxx - 2 * gx * gy * gxy + gx**2 * gyy) / (gx**2 + gy**2 + 1e-5)
+    return x + 0.2 * flow + 0.007 * np.random.default_rng(0).standard_normal(x.shape)
+
+
+PROCESSED: dict[str, tuple[Callable[[Array], Array], str]] = {
+    "median": (lambda x: 0.7 * x + 0.3 * cv2.medianBlur(x.astype(np.float32), 3), "denoised"),
+    "along edges": (smoothed_along_edges, "denoised"),
+    "moved": (lambda x: cv2.warpAffine(x, np.float32([[1, 0, 0.3], [0, 1, 0.3]]), x.shape[::-1]), "resampled"),
+    "sharpened above a threshold": (thresholded, "strong detail is sharpened more"),
+    "sharpened widely": (lambda x: x + 0.2 * mask(x, 6.0), "was sharpened"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROCESSED)
+def test_what_a_program_does_is_flagged_by_name(name: str, scene: Array, rng: np.random.Generator) -> None:
+    process, words = PROCESSED[name]
+    outcome = measured(process(picture(scene, rng)))
+    assert outcome.verdict is not Verdict.PASS
+    assert any(words in one for one in (outcome.reason, *(cause.reason for cause in outcome.other_causes)))
+
+
+def test_a_ghost_and_a_veil_are_flagged_by_name(scene: Array, rng: np.random.Generator) -> None:
+    ghost = 0.95 * scene + 0.05 * cv2.GaussianBlur(scene[::-1, ::-1], (0, 0), 3.0)
+    veil = 0.8 * scene + 0.2 * cv2.GaussianBlur(scene, (0, 0), 25.0)
+    for changed, words in ((ghost, "the lens reflects light"), (veil, "light is scattered farther")):
+        outcome = measured(picture(changed, rng), raw=True)
+        assert outcome.verdict is Verdict.DOUBTFUL
+        assert any(words in one for one in (outcome.reason, *(cause.reason for cause in outcome.other_causes)))
+
+
+def test_a_mild_mask_is_within_the_uncertainty_of_a_picture_and_a_clean_chart_passes(
+    scene: Array, rng: np.random.Generator
+) -> None:
+    clean = picture(scene, rng)
+    masked = measured(clean + 0.04 * mask(clean, 1.0)).result().quality.numbers["mtf50_horizontal"]
+    assert abs(masked.value - mtf50(CAMERA)) < 3 * masked.uncertainty
+    raw, grey = (measured(clean, raw=raw) for raw in (True, False))
+    assert raw.verdict is grey.verdict is Verdict.PASS
+    of_raw, of_grey = (one.result().quality.numbers["mtf50_horizontal"] for one in (raw, grey))
+    assert of_raw.value == of_grey.value
+    # RAW files are not sharpened: the term is that of the picture alone
+    term = grey.result().quality.budgets["mtf50_horizontal"]["processing"]
+    assert of_grey.uncertainty == pytest.approx(np.hypot(of_raw.uncertainty, term), rel=1e-6)
+    assert raw.result().quality.budgets["mtf50_horizontal"]["processing"] == 0
