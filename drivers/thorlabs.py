@@ -11,14 +11,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
-from drivers.clock import Clock
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
-from drivers.making import LineOptions, MakerContext
-from drivers.options import Interval, PollInterval, axes, option, positive
+from drivers.making import LineOptions
+from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
@@ -63,9 +62,9 @@ def _measure(head: bytes) -> int:
         return MORE
     number, length, dest, _ = struct.unpack_from("<HHBB", head)
     data = LENGTHS.get(number, BAD)
-    if data == BAD or dest & ~LONG not in (0, HOST) or (dest & LONG and length != data):
+    if data == BAD or dest & ~LONG not in (0, HOST) or bool(dest & LONG) != bool(data) or (data and length != data):
         return BAD
-    total = HEADER + length * bool(dest & LONG)
+    total = HEADER + data
     return total if len(head) >= total else MORE
 
 
@@ -93,11 +92,10 @@ class AptStage(PolledStage[AptMessage]):
         transport: Transport[AptMessage],
         axes: Sequence[PolledAxis],
         *,
-        clock: Clock | None = None,
-        poll_s: float = 0.1,
         cycle_s: float = 2048 / 6e6,
+        **more: Any,
     ) -> None:
-        super().__init__(transport, axes, clock=clock, poll_s=poll_s)
+        super().__init__(transport, axes, **more)
         self._speed_unit = 65536 * cycle_s
         stops = b"".join(header(STOP, self._dest(axis), CHANNEL, PROFILED) for axis in axes)
         self.stop_bytes = (stops + b"\0") * HEADER
@@ -173,7 +171,7 @@ class AptAxis(PolledAxis):
     """An axis of driver "apt": its number is its bay, 0 where there are none."""
 
     number: Annotated[int, option("0", least=0, most=10)]
-    scale: Annotated[float, option("2.915e-5")]
+    scale: Annotated[float, option("2.915e-5", "a number other than 0", holds=bool)]
     travel: Interval
 
 
@@ -181,11 +179,7 @@ class AptAxis(PolledAxis):
 class AptOptions(LineOptions):
     """Options of driver "apt"."""
 
+    makes = AptStage
+    parser = AptParser
     axes: Annotated[tuple[AptAxis, ...], axes("number")]
-    poll_s: PollInterval = 0.1
     cycle_s: Annotated[float, positive("102.4e-6")] = 2048 / 6e6
-
-    def make(self, parts: MakerContext) -> AptStage:
-        """The stage."""
-        wire = parts.wire(self.port, AptParser, baud=self.baud)
-        return AptStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, cycle_s=self.cycle_s)

@@ -29,14 +29,17 @@ from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
 from procedures.psf import Psf
+from procedures.psf_origin import Origin, about, about_origin
 from procedures.spatial_numbers import (
     CIRCLES,
     DrawnNumber,
+    centred_numbers,
     circle,
     energy_beyond_band,
+    first_moments,
     name_of_circle,
     section_widths,
-    spatial_numbers,
+    whole_numbers,
 )
 from procedures.stray_tail import curve_model_error, tail_energy_uncertainty
 from procedures.transfer_function import NYQUIST, curve_numbers, first_crossing
@@ -88,6 +91,8 @@ class Quality:
         see `procedures.budget`.
     at : tuple of float
         Requested frequencies of the MTF.
+    origin : "centre", "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
 
     frequencies: Array
@@ -101,6 +106,7 @@ class Quality:
     budgets: Mapping[str, Mapping[str, float]]
     curve_budgets: Mapping[str, Mapping[str, Array]]
     at: tuple[float, ...] = ()
+    origin: Origin = "centre"
 
     __repr__ = summary
     _repr_html_ = html
@@ -198,8 +204,9 @@ def otf(psf: Psf, fx: Array, fy: Array) -> Complex:
 
 
 def assess(
-    psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = (), unconverged: float = 0.0
-) -> Quality:
+    psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = (), unconverged: float = 0.0,
+    origin: Origin = "centre",
+) -> Quality:  # fmt: skip
     """Compute the curves and numbers of a PSF.
 
     Parameters
@@ -213,6 +220,8 @@ def assess(
         Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
     unconverged : float
         Relative change of the frequencies that is expected if k is raised.
+    origin : "centre", "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     f = frequencies(psf)
@@ -234,9 +243,11 @@ def assess(
         open_parts |= _read_from_curve(of_curve, f, choice, fall)
         gradients |= {name_at(f[i], name): slope[i] for i in range(len(f))[KNOTS]}
         numbers_drawn += of_curve
-    of_space = spatial_numbers(psf)
-    if diffraction is not None:
-        of_space.append(_strehl(psf, diffraction))
+
+    def centred(moved: Psf) -> list[DrawnNumber]:
+        return centred_numbers(moved) + ([_strehl(moved, diffraction)] if diffraction is not None else [])
+
+    of_space = [*first_moments(psf), *about_origin(psf, origin, centred), *whole_numbers(psf)]
     numbers_drawn += of_space
     uncertainties = dict(
         zip(
@@ -245,7 +256,7 @@ def assess(
             strict=True,
         )
     )
-    open_parts |= _finite_grid_uncertainty(psf, uncertainties, of_space, diffraction)
+    open_parts |= _finite_grid_uncertainty(about(psf, origin), uncertainties, of_space, diffraction)
     reported = [one for one in numbers_drawn if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
     budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": open_parts[one.name]} for one in reported}
     numbers = {
@@ -262,6 +273,7 @@ def assess(
         budgets,
         curve_budgets,
         tuple(at),
+        origin,
     )
 
 

@@ -49,18 +49,24 @@ class DrawnNumber:
     gradient: Array
 
 
-def spatial_numbers(psf: Psf) -> list[DrawnNumber]:
-    """Width, shape and energy of the band-limited PSF."""
+def first_moments(psf: Psf) -> list[DrawnNumber]:
+    """Centroid (x, y) over the support, from the PSF's centre."""
     x = psf.offsets_px
-    above, slope = energy_above_nyquist(psf)
-    numbers = [
+    return [
         _first_moment(psf, CENTROID_X, np.tile(x, psf.k)),
         _first_moment(psf, CENTROID_Y, np.repeat(x, psf.k)),
-        _width(psf, FWHM_HORIZONTAL, 1),
-        _width(psf, FWHM_VERTICAL, 0),
-        DrawnNumber(ENERGY_ABOVE_NYQUIST, above, "1", "share of |OTF|^2", slope),
     ]
-    return [*numbers, *_encircled(psf), *_ellipse_numbers(psf)]
+
+
+def whole_numbers(psf: Psf) -> list[DrawnNumber]:
+    """Energy above Nyquist and shape, which have no origin."""
+    above, slope = energy_above_nyquist(psf)
+    return [DrawnNumber(ENERGY_ABOVE_NYQUIST, above, "1", "share of |OTF|^2", slope), *_ellipse_numbers(psf)]
+
+
+def centred_numbers(psf: Psf) -> list[DrawnNumber]:
+    """Widths of the sections through the centre, and radii of encircled energy about it."""
+    return [_width(psf, FWHM_HORIZONTAL, 1), _width(psf, FWHM_VERTICAL, 0), *_encircled(psf)]
 
 
 def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:

@@ -78,8 +78,9 @@ class CombinedPsf:
 
         The terms `COMMON` may be common to all shots, so they do not decrease with their number.
         """
-        at = self.shots[0].quality.at
-        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
+        first = self.shots[0].quality
+        n = sum(shot.n for shot in self.shots)
+        quality = assess(self.psf, n=n, diffraction=self.diffraction, at=first.at, origin=first.origin)
         of_shots = [{**knot_budgets(shot.quality), **shot.quality.budgets} for shot in self.shots]
         whole = {**knot_budgets(quality), **quality.budgets}
         parts = {

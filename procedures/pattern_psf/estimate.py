@@ -58,6 +58,7 @@ from procedures.pattern_psf.registration import (
 from procedures.pattern_psf.solution import SharedErrors, Solution, solution
 from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit, is_structured
 from procedures.psf import Psf, Sampling
+from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.sensor_model import SensorModel
@@ -89,6 +90,8 @@ class PatternParameters(Sampling):
     ----------
     chosen : bool
         Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
+    origin : "marks", "centroid" or "peak"
+        The point about which widths, encircled energies and the Strehl ratio are taken.
     """
 
     s: int | None = None
@@ -96,6 +99,7 @@ class PatternParameters(Sampling):
     solver: str = "ls"
     at: tuple[float, ...] = ()
     chosen: bool = False
+    origin: Origin = "marks"
 
 
 @dataclass(frozen=True)
@@ -274,8 +278,9 @@ def _estimate(
     psf = final.solution.psf
     unconverged = remaining_change(tried)
     quality = assess(
-        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged
-    )
+        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged,
+        origin=parameters.origin,
+    )  # fmt: skip
     parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
     quality = with_parts(quality, parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)

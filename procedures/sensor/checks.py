@@ -83,7 +83,7 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
               f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
         _outlying_level(recording, top),
         Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
-              "rounding dominates in the dark: temporal dark noise is only an upper bound",
+              "rounding dominates in the dark: its effect is computed for normally distributed noise and pixels",
               "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
 

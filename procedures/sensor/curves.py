@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.recording import SensorRecording, column
+from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, subtracted, unrounded
+from procedures.sensor.uniformity import core_variance
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +29,7 @@ class Curves:
     ----------
     light : (1 + draws, levels), photons per pixel, or a quantity proportional to them
     signal : (1 + draws, levels), mean digital number less that in the dark at the same exposure time
-    variance : (1 + draws, levels), temporal variance
+    variance : (1 + draws, levels), temporal variance before rounding, plus 1/12
     excess : (1 + draws, levels), temporal variance less that in the dark
     dark_mean, dark_variance : (1 + draws, dark levels) float64
     dark_exposure_s : (dark levels,) float64
@@ -52,11 +54,19 @@ def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int =
     Means and variances of so many samples are normally distributed. Changes of the light, estimated from pairs, move
     the means of the levels; they are drawn as errors of the light.
     """
-    mean, variance, dark_mean, dark_variance = (
-        _drawn([getattr(one, name) for one in levels], [getattr(one, f"{name}_variance") for one in levels], rng, draws)
+    (mean, variance), (dark_mean, dark_variance) = (
+        tuple(
+            _drawn(
+                [getattr(one, name) for one in levels], [getattr(one, f"{name}_variance") for one in levels], rng, draws
+            )
+            for name in ("mean", "variance")
+        )
         for levels in (recording.lights, recording.darks)
-        for name in ("mean", "variance")
     )
+    if np.min(dark_variance[0]) < NEGLIGIBLE:
+        pixels = _before_rounding(recording, dark_mean, dark_variance, rng)
+        for i in np.flatnonzero(variance[0] < NEGLIGIBLE):
+            mean[:, i], variance[:, i] = subtracted(mean[:, i], variance[:, i], pixels)
     weights = recording.dark_weights.T
     spread = light_spread(recording)
     light = np.tile(column(one.light for one in recording.lights), (draws + 1, 1))
@@ -72,6 +82,25 @@ def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int =
         spread,
         int(np.median(column(one.samples for one in recording.lights))),
     )
+
+
+def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, rng: np.random.Generator) -> Array:
+    """Replace means and variances (1 + draws, dark levels) by those before rounding, plus 1/12.
+
+    Returns the standard deviation (1 + draws,) of the pixels' means.
+    """
+    spatial, uncertainty, pixels = np.zeros(len(mean)), np.inf, np.zeros(len(mean))
+    if recording.dark_stack is not None:
+        value, uncertainty = core_variance(recording.dark_stack)
+        spatial = _drawn([value], [uncertainty**2], rng, len(mean) - 1)[:, 0]
+    for i, level in enumerate(recording.darks):
+        more = finite_pixels(level.variance, float(spatial[0]), level.samples)
+        scatter = np.sqrt(more)[:, None] * np.column_stack([np.zeros(3), rng.standard_normal((3, len(mean) - 1))])
+        variances = np.array([level.mean_variance, level.variance_variance, uncertainty**2]) + more
+        before = unrounded(np.array([mean[:, i], variance[:, i], spatial]) + scatter, variances, rng)
+        mean[:, i], variance[:, i] = before.mean, before.temporal
+        pixels = np.sqrt(before.spatial)
+    return pixels
 
 
 def light_spread(recording: SensorRecording) -> float:

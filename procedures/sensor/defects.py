@@ -65,15 +65,16 @@ class Defects:
         return mask
 
 
-def find_defects(field: Array, noise: float, scale: float = 1.0) -> Defects:
+def find_defects(field: Array, noise: float, scale: float = 1.0, least_spread: float = 0.0) -> Defects:
     """Pixels of a picture of deviations (rows, columns) that are too far from 0.
 
     Parameters
     ----------
     noise : standard deviation of the temporal noise in the picture
     scale : from the picture's unit to that of the result
+    least_spread : least standard deviation that is attributed to good pixels, in the picture's unit
     """
-    spread = MAD * float(np.median(np.abs(field)))
+    spread = max(MAD * float(np.median(np.abs(field))), least_spread)
     limit = -float(ndtri(EXPECTED / field.size / 2)) * max(spread, 1e-12)
     far = np.abs(field) > limit
     places = np.argwhere(far)

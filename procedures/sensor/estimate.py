@@ -37,8 +37,8 @@ from procedures.sensor.photon_transfer import (
 from procedures.sensor.recording import SensorRecording
 from procedures.sensor.signal_to_noise import general_numbers
 from procedures.sensor.spectrograms import Period, Spectrogram, find_periods, spectrogram
-from procedures.sensor.stacks import FrameStack, slow_part
-from procedures.sensor.uniformity import dark_numbers, response_numbers
+from procedures.sensor.stacks import FrameStack, least_spread, slow_part
+from procedures.sensor.uniformity import Rounding, before_rounding, dark_numbers, response_numbers
 from procedures.sensor_model import SensorModel
 
 DIRECTIONS = ("horizontal", "vertical")
@@ -108,7 +108,7 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
     result = replace(result, doubt=outcome.reason)
     checks += stack_checks(recording, numbers[SATURATION_SIGNAL].value)
     checks.append(linearity_check(numbers[LINEARITY_ERROR].value))
-    return verdict_of(checks, _spatial(result, recording))
+    return verdict_of(checks, _spatial(result, recording, rng))
 
 
 def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
@@ -153,24 +153,27 @@ def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorRes
     return SensorResult(numbers, curves, transfer, linearity, response, None, None, dark_level)
 
 
-def _spatial(result: SensorResult, recording: SensorRecording) -> SensorResult:
+def _spatial(result: SensorResult, recording: SensorRecording, rng: np.random.Generator) -> SensorResult:
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None:
         return result
-    gain = result.numbers[SYSTEM_GAIN]
-    in_dark = find_defects(dark_field(dark), np.sqrt(dark.residual_variance[0]))
+    gain, rounding = result.numbers[SYSTEM_GAIN], before_rounding(dark, rng)
+    noise = dark.residual_variance[0] ** 0.5
+    in_dark = find_defects(dark_field(dark), noise, least_spread=least_spread(dark))
     shape = dark.mean_picture.shape
     numbers = {
         **result.numbers,
-        **dark_numbers(dark, gain),
-        **dark_numbers(dark, gain, in_dark.mask(shape), suffix="_without_defects"),
+        **dark_numbers(dark, rounding, gain),
+        **dark_numbers(dark, rounding, gain, in_dark.mask(shape), suffix="_without_defects"),
         DEFECT_PIXELS["dark"]: in_dark.count,
     }
     result = replace(result, numbers=numbers, dark=_pattern(dark, in_dark, "DN", 1.0))
-    return result if flat is None else _with_response(result, dark, flat)
+    return result if flat is None else _with_response(result, dark, flat, (rounding, before_rounding(flat, rng)))
 
 
-def _with_response(result: SensorResult, dark: FrameStack, flat: FrameStack) -> SensorResult:
+def _with_response(
+    result: SensorResult, dark: FrameStack, flat: FrameStack, rounding: tuple[Rounding, Rounding]
+) -> SensorResult:
     signal = flat.mean - dark.mean
     noise = np.sqrt(flat.residual_variance[0] + dark.residual_variance[0])
     in_light = find_defects(response_field(dark, flat), noise, 100 / signal)
@@ -183,9 +186,9 @@ def _with_response(result: SensorResult, dark: FrameStack, flat: FrameStack) -> 
     curvature = _curvature_at(result, signal)
     numbers = {
         **result.numbers,
-        **response_numbers(dark, flat, curvature),
-        **response_numbers(dark, flat, curvature, either, suffix="_without_defects"),
-        **response_numbers(dark, flattened, curvature, either, suffix="_highpass"),
+        **response_numbers(dark, flat, rounding, curvature),
+        **response_numbers(dark, flat, rounding, curvature, either, suffix="_without_defects"),
+        **response_numbers(dark, flattened, rounding, curvature, either, suffix="_highpass"),
         DEFECT_PIXELS["light"]: in_light.count,
     }
     response = replace(flat, mean_picture=flat.mean_picture - dark.mean_picture)

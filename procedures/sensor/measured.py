@@ -59,13 +59,20 @@ def from_draws(
     return number if signed else positive(number)
 
 
+def bounded(number: IntervalNumber) -> IntervalNumber:
+    """The number, which is not negative; where its interval reaches 0 only the upper end is known, and it says so."""
+    if number.low > 0:
+        return number
+    return replace(number, method=f"{number.method}; only its upper bound is known", low=0.0)
+
+
 def root(variance: float, uncertainty: float, scale: float, unit: str, method: str, n: int) -> IntervalNumber:
     """The square root of a variance, times a scale; 0 for a negative variance, and the root of its interval."""
     low, high = variance - CONFIDENT * uncertainty, max(variance + CONFIDENT * uncertainty, uncertainty)
     ends = np.sqrt(np.maximum([variance, low, high], 0)) * scale
     value = float(ends[0])
     spread = uncertainty * scale / (2 * np.sqrt(variance)) if variance > uncertainty else np.sqrt(uncertainty) * scale
-    return IntervalNumber(value, unit, float(spread), method, n, float(ends[1]), float(ends[2]))
+    return bounded(IntervalNumber(value, unit, float(spread), method, n, float(ends[1]), float(ends[2])))
 
 
 def with_share(number: IntervalNumber, share: float) -> IntervalNumber:

@@ -38,12 +38,13 @@ from procedures.numbers import (
 )
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
-from procedures.sensor.measured import IntervalNumber, from_draws, measured, positive
+from procedures.sensor.measured import IntervalNumber, bounded, from_draws, measured, positive
 
 Array = npt.NDArray[np.float64]
 
 REGRESSION = 0.7  # upper limit of the fit of gain and responsivity, relative to the signal at saturation
-LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates, and dark noise is only bounded
+LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates
+ROUNDING = 1 / 12  # DN^2
 LEAST_EXPOSURES = 3  # exposure times required for dark current
 
 
@@ -99,7 +100,7 @@ def fit_transfer(curves: Curves, response: Response) -> Transfer:
         gain_at_dark,
         abs(float(difference[0])) if clear else 0.0,
         _through_zero(curves.light[:, fitted], curves.signal[:, fitted]),
-        np.sqrt(np.maximum(dark_variance(curves), LEAST_DARK_VARIANCE)),
+        np.sqrt(np.maximum(dark_variance(curves), ROUNDING)),
         top,
         fitted,
     )
@@ -139,7 +140,10 @@ def transfer_numbers(curves: Curves, transfer: Transfer, *, photons_known: bool)
                             share=bent),
         SYSTEM_GAIN_AT_DARK: number(transfer.gain_at_dark, "DN/e-", "the same, corrected for the response's curvature"),
         INVERSE_GAIN: number(1 / gain, "e-/DN", "1 / K", share=bent),
-        TEMPORAL_DARK_NOISE: number(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
+        TEMPORAL_DARK_NOISE: bounded(
+            from_draws(noise_e, "e-", "variance in the dark less that of rounding, over K", n,
+                       extra=abs(float(noise_e[0])) * bent, signed=True)
+        ),
         TEMPORAL_DARK_NOISE_DN: number(dark, "DN", "variance in the dark, rounding included"),
         SENSITIVITY_THRESHOLD: number(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
         RESPONSIVITY: number(transfer.responsivity, "DN/photon" if photons_known else "DN per unit of light",
@@ -216,7 +220,7 @@ def gain_and_noise(transfer: Transfer) -> GainAndNoise:
 
 def _dark_electrons(transfer: Transfer) -> Array:
     """Temporal noise in the dark without that of rounding, (1 + draws,)."""
-    return np.asarray(np.sqrt(np.maximum(transfer.dark_deviation**2 - 1 / 12, 0)) / transfer.gain)
+    return np.asarray(np.sqrt(np.maximum(transfer.dark_deviation**2 - ROUNDING, 0)) / transfer.gain)
 
 
 def dark_current_numbers(curves: Curves, transfer: Transfer) -> Mapping[str, IntervalNumber]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import convolve1d, uniform_filter
 
 from procedures.sensor.levels import Numbers
+from procedures.sensor.rounding import NEGLIGIBLE
 
 Array = npt.NDArray[np.float64]
 
@@ -52,6 +53,11 @@ class FrameStack:
     def residual_variance(self) -> tuple[float, float, float]:
         """Temporal variance in the mean picture: of its pixels, its rows' averages, its columns'."""
         return self.variance / self.count, self.row_variance / self.count, self.column_variance / self.count
+
+
+def least_spread(stack: FrameStack) -> float:
+    """Least standard deviation of good pixels, DN: where rounding dominates, most pixels have one number."""
+    return 0.5 if stack.variance < NEGLIGIBLE else 0.0
 
 
 class StackSums:

@@ -13,12 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import DSNU, PRNU
+from procedures.sensor.defects import find_defects
 from procedures.sensor.measured import IntervalNumber, root, with_share
-from procedures.sensor.stacks import FrameStack
+from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, unrounded
+from procedures.sensor.stacks import FrameStack, least_spread
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+LEAST_SLOPE = 0.1
+"""Least slope of the pixels' rounded means over their true ones by which a pattern of lines is divided."""
 PARTS = ("total", "row", "column", "pixel")
 
 
@@ -34,6 +38,16 @@ class Variances:
 
     value: Mapping[str, float]
     uncertainty: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Spatial variance that rounding adds to a mean picture, in DN^2, the standard uncertainty of the variance before
+    it, and the mean slope of the pixels' rounded means over their true ones."""
+
+    added: float
+    uncertainty: float
+    slope: float
 
 
 def spatial_variances(
@@ -80,6 +94,42 @@ def spatial_variances(
     return Variances(value, uncertainty)
 
 
+def core_variance(stack: FrameStack) -> tuple[float, float]:
+    """Spatial variance of a stack's mean picture without its defects, and its standard uncertainty."""
+    field, noise = stack.mean_picture - stack.mean, stack.residual_variance[0] ** 0.5
+    defects = find_defects(field, noise, least_spread=least_spread(stack))
+    excluded = defects.mask(stack.mean_picture.shape)
+    variances = spatial_variances(stack.mean_picture, stack.residual_variance, stack.count, excluded)
+    return variances.value["total"], variances.uncertainty["total"]
+
+
+def before_rounding(stack: FrameStack, rng: np.random.Generator, draws: int = 500) -> Rounding:
+    """The effect of rounding on a stack's spatial variances; none where its noise is large."""
+    if stack.variance > NEGLIGIBLE:
+        return Rounding(0.0, 0.0, 1.0)
+    core, uncertainty = core_variance(stack)
+    n = stack.mean_picture.size
+    variances = finite_pixels(stack.variance, core, n)
+    variances += stack.variance / (n * stack.count), 2 * stack.variance**2 / (n * (stack.count - 1)), uncertainty**2
+    centre = np.array([stack.mean, stack.variance, core])[:, None]
+    measured = centre + np.sqrt(variances)[:, None] * np.column_stack([np.zeros(3), rng.standard_normal((3, draws))])
+    before = unrounded(measured, variances, rng)
+    return Rounding(
+        core - float(before.spatial[0]), float(np.std(before.spatial[1:])), max(float(before.slope[0]), LEAST_SLOPE)
+    )
+
+
+def variances_before(stack: FrameStack, rounding: Rounding, excluded: Mask | None) -> Variances:
+    """`spatial_variances` of a stack, before rounding: the linear response to a pattern is divided out."""
+    after = spatial_variances(stack.mean_picture, stack.residual_variance, stack.count, excluded)
+    lines = {part: after.value[part] / rounding.slope**2 for part in ("row", "column")}
+    total = after.value["total"] - rounding.added
+    pixel = after.value["pixel"] - rounding.added - sum(lines[part] - after.value[part] for part in lines)
+    uncertainty = {part: max(one, rounding.uncertainty) for part, one in after.uncertainty.items()}
+    uncertainty |= {part: after.uncertainty[part] / rounding.slope**2 for part in lines}
+    return Variances({**lines, "total": total, "pixel": pixel}, uncertainty)
+
+
 def _uncertainty(pattern: float, noise: float, size: int, count: int) -> float:
     """Standard uncertainty of a pattern's variance, measured with noise from `size` values.
 
@@ -99,11 +149,10 @@ def _filled(field: Array, excluded: Mask) -> Array:
 
 
 def dark_numbers(
-    stack: FrameStack, gain: IntervalNumber, excluded: Mask | None = None, *, suffix: str = ""
+    stack: FrameStack, rounding: Rounding, gain: IntervalNumber, excluded: Mask | None = None, *, suffix: str = ""
 ) -> Mapping[str, IntervalNumber]:
     """DSNU in digital numbers and, by the gain, in electrons: of all pixels, by row, by column, by pixel."""
-    variances = spatial_variances(stack.mean_picture, stack.residual_variance, stack.count, excluded)
-    n = stack.mean_picture.size
+    variances, n = variances_before(stack, rounding, excluded), stack.mean_picture.size
     numbers: dict[str, IntervalNumber] = {}
     for part in PARTS:
         name, method = _named(DSNU, part, suffix), f"{_words(part)} of the mean dark picture"
@@ -114,16 +163,18 @@ def dark_numbers(
 
 
 def response_numbers(
-    dark: FrameStack, flat: FrameStack, curvature: float, excluded: Mask | None = None, *, suffix: str = ""
-) -> Mapping[str, IntervalNumber]:
+    dark: FrameStack, flat: FrameStack, rounding: tuple[Rounding, Rounding], curvature: float,
+    excluded: Mask | None = None, *, suffix: str = "",
+) -> Mapping[str, IntervalNumber]:  # fmt: skip
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 
     Parameters
     ----------
+    rounding : of the dark and of the flat stack
     curvature : relative standard uncertainty by the curvature of the response at the flat stack's signal
     """
-    in_flat = spatial_variances(flat.mean_picture, flat.residual_variance, flat.count, excluded)
-    in_dark = spatial_variances(dark.mean_picture, dark.residual_variance, dark.count, excluded)
+    in_dark = variances_before(dark, rounding[0], excluded)
+    in_flat = variances_before(flat, rounding[1], excluded)
     signal, n = flat.mean - dark.mean, flat.mean_picture.size
     lines = {"row": flat.mean_picture.shape[0], "column": flat.mean_picture.shape[1]}
     numbers = {}

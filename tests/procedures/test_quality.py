@@ -14,6 +14,7 @@ from procedures.numbers import frequency_of
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
+from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
 from procedures.stray_tail import tail_energy_uncertainty
@@ -126,6 +127,34 @@ def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it(
         away.append((psf.share_outside - (1 - h.sum())) / tail_energy_uncertainty(psf))
     assert least < np.sqrt(np.mean(np.square(away))) < most
     assert np.abs(away).max() < 2.5
+
+
+@pytest.mark.parametrize("origin", ["centroid", "peak"])
+def test_numbers_about_the_own_origin_do_not_move_with_the_psf(origin: Origin) -> None:
+    limit = Diffraction(8, 5.0, 550)
+    middle = assess(sure(gaussian(0.6, 0.6)), n=1, diffraction=limit).numbers
+    moved = sure(gaussian(0.6, 0.6, x0=0.31, y0=-0.17))
+    own = assess(moved, n=1, diffraction=limit, origin=origin).numbers
+    marks = assess(moved, n=1, diffraction=limit, origin="marks").numbers
+    for name in ("encircled_energy_50", "encircled_energy_80", "fwhm_horizontal", "strehl"):
+        assert own[name].value == pytest.approx(middle[name].value, rel=1e-3), name
+    # exp(-r^2 / 2 sigma^2) at the marks, r the PSF's distance from them
+    assert marks["strehl"].value == pytest.approx(own["strehl"].value * np.exp(-(0.31**2 + 0.17**2) / 0.72), rel=1e-3)
+    assert marks["encircled_energy_50"].value > 1.05 * own["encircled_energy_50"].value
+    assert "marks" in marks["strehl"].method
+    assert origin in own["strehl"].method
+
+
+@pytest.mark.parametrize("origin", ["centroid", "peak"])
+def test_gradients_about_an_origin_are_those_of_changed_samples(origin: Origin, rng: np.random.Generator) -> None:
+    h = gaussian(0.5, 0.65, turn=0.4, k=17) + 0.3 * gaussian(0.6, 0.6, x0=0.4, k=17)
+    h, limit = h / h.sum(), Diffraction(8, 5.0, 550)
+    change = 1e-6 * rng.standard_normal(h.shape)
+    first, more, less = (assess(sure(h + sign * change), n=1, diffraction=limit, origin=origin) for sign in (0, 1, -1))
+    for name in ("encircled_energy_50", "encircled_energy_80", "fwhm_vertical", "strehl"):
+        expected = (more.numbers[name].value - less.numbers[name].value) / 2
+        scale = np.linalg.norm(first.gradients[name]) * 1e-6
+        assert first.gradients[name] @ change.ravel() == pytest.approx(expected, abs=0.05 * scale), name
 
 
 def test_ellipse_of_a_turned_gaussian() -> None:

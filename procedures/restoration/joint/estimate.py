@@ -35,6 +35,9 @@ with a wrong shape (a Gaussian for a pillbox); 11 and more for photographs of di
 LEAST_GAINED = 3.0
 """Above the first limit, the error due to blur over the picture's expected error, which includes the residual: 3 to 11
 with true masks, 1.4 and less with paths bent by a fifth and with wrong shapes."""
+LEAST_GAIN = 1.25
+"""Error due to blur over the picture's expected error below which restoring is of no use; the ratio is known to
+a quarter."""
 LEAST_NOISE = 1.2e-3
 """Residual of 8-bit quantisation, which is no disagreement, white = 1."""
 MOST_NOISE = 0.06
@@ -261,6 +264,11 @@ def judge(result: Restoration) -> Outcome[Restoration]:
               f"{d.picture_std:.1%} of white or more",
               f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
               "photographs", given=d.gained < LEAST_GAINED, prior=unexplained),
+        Check("gain", d.gained, LEAST_GAIN, doubtful,
+              f"the restored picture is expected to err by {d.picture_std:.1%} of white, and the least blurred "
+              f"photograph by {d.picture_std * d.gained:.1%}: restoring gains nothing",
+              "use the photograph, take photographs with less noise or more different blur, or raise --image-weight",
+              least=True),
         Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),

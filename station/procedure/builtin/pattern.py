@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from procedures.pattern_psf.estimate import PatternParameters
 from station.calibration.planes import calibrate
@@ -27,6 +27,10 @@ class PatternSettings(ChartPsfSettings, frozen=True, kw_only=True):
         Path | None,
         setting("Of station sensor: its response is undone, its noise weighs the samples.", metavar="RESULT.json"),
     ] = None
+    origin: Annotated[
+        Literal["marks", "centroid", "peak"],
+        setting("Centre of widths, encircled energies and Strehl ratio: the chart's marks, or the PSF's own."),
+    ] = "marks"
 
 
 class Pattern(PsfProcedure[PatternSettings]):
@@ -45,11 +49,14 @@ class Pattern(PsfProcedure[PatternSettings]):
         source = settings.source
         frame = settings.read(paths[0])
         progress(f"read {paths[0]}")
-        parameters = PatternParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(frame)))
+        parameters = PatternParameters(
+            **settings.sampling(), at=terms.frequencies(settings.plane_pixels(frame)), origin=settings.origin
+        )
         known = read_sensor(settings.sensor, frame) if settings.sensor else NO_SENSOR
         limit = settings.limit(frame.exposure, needed=bool(settings.physics))
         results = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
-        asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin}
+        asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin,
+                 "origin": settings.origin}  # fmt: skip
         return self.measurement([frame], results, asked, settings, terms)
 
 

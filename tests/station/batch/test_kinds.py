@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from procedures.field import measuring as field
 from procedures.outcome import BadParameter, Refused
 from procedures.raw import read_frame
 from station.batch import run as batch_run
@@ -17,7 +18,6 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
-from station.procedure.builtin import field
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 
@@ -71,7 +71,7 @@ def test_keys_of_an_edge_may_stand_beside_its_settings(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ("planes = ['G']", "planes has .G.; use one of R, G1"),
+        ("planes = ['G']", "planes must be a list, each one of R, G1"),
         ("raw = '8x6,RGGB'", "five parts"),
         ("trust_typed = 1", "trust_typed must be true or false"),
         ("optics = { f_number = 0 }", r"optics\.f_number must be a number at least 0\.1"),

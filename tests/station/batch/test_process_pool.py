@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -12,12 +13,13 @@ import time
 from dataclasses import replace
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
 
 from procedures.outcome import BadParameter, Refused
-from station.batch import process_pool
+from station.batch import dask_pool, process_pool
 from station.batch.allowance import Allowance
 from station.batch.dask_pool import run_on_cluster
 from station.batch.process_pool import (
@@ -157,6 +159,28 @@ def test_what_runs_is_finished_when_asked_to_stop_and_nothing_else_is_begun(erra
         stop.ask()
     assert 1 <= len(found) <= 3  # the two that ran, and one more if it had been given out by then
     assert found == {n: n * n for n in found}
+
+
+@pytest.mark.parametrize("time_s", [None, 3.0])
+def test_work_of_a_cluster_ends_its_process_only_if_it_exceeds_its_time(monkeypatch, time_s):
+    timer = Mock()
+    monkeypatch.setattr(dask_pool.threading, "Timer", timer)
+    for function, outcome in ((lambda item, job: item + job, 5), (lambda item, job: item / 0, None)):
+        with contextlib.suppress(ZeroDivisionError):
+            assert dask_pool._alone(function, 2, 3, Allowance(time_s=time_s)) == outcome
+        assert timer.return_value.cancel.call_count == 1
+        assert timer.return_value.start.call_count == (time_s is not None)
+        timer.reset_mock()
+
+
+def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
+    def future(status, error=None):
+        return SimpleNamespace(status=status, result=lambda: 4, exception=lambda: error)
+
+    killed = type("KilledWorker", (Exception,), {})()
+    assert dask_pool._answer(future("finished")) == 4
+    assert "died or took too long" in dask_pool._answer(future("error", killed)).reason
+    assert dask_pool._answer(future("error", OSError("gone"))) == Lost("the cluster gave it up: OSError: gone")
 
 
 @pytest.mark.slow

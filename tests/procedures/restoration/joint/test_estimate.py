@@ -11,8 +11,9 @@ from procedures.restoration.joint.estimate import RestorationParameters, judge, 
 from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import refocused
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.checks import check_max_w
+from tests.procedures.restoration.conftest import scene
 
 SLOW_FIXTURES = {"outcome"}
 QUICK = RestorationParameters(scheme=Scheme(3, 4, 4, 1, 6))
@@ -88,12 +89,32 @@ def test_inaccurate_paths_are_doubtful_with_their_error(vibrating, vibration_sha
 
 def test_residual_decides_between_pass_doubt_and_refusal(outcome):
     # a residual above the noise enters the picture's uncertainty, which must then be small relative to the blur
-    cases = ((1.0, 1.0, "pass"), (1.3, 2.9, "doubtful"), (1.3, 3.1, "pass"), (4.9, 2.9, "doubtful"))
+    cases = ((1.0, 1.3, "pass"), (1.3, 2.9, "doubtful"), (1.3, 3.1, "pass"), (4.9, 2.9, "doubtful"))
     for times, gained, verdict in (*cases, (5.1, 9.0, "refused"), (68.0, 9.0, "refused")):
         judged = replace(
             outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times, gained=gained
         )
         assert judge(replace(outcome.value, diagnostics=judged)).verdict == verdict
+
+
+def test_a_picture_that_errs_as_much_as_the_photograph_does_not_pass(outcome):
+    judged = replace(outcome.value.diagnostics, residual_over_noise=1.0, elsewhere_over_noise=1.0, gained=1.0)
+    doubtful = judge(replace(outcome.value, diagnostics=judged))
+    assert doubtful.verdict == Verdict.DOUBTFUL
+    assert "restoring gains nothing" in doubtful.reason
+    assert "use the photograph" in doubtful.remedy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise_db", [26.0, 14.0])
+def test_expected_gain_is_the_true_one_from_symmetric_starts(noise_db):
+    # a defocus pair of little blur: at 14 dB the restored picture is no better than the photograph
+    stacks = [mask_stack(pillbox(), 4.4, ratio=ratio, R=7) for ratio in (1.0, 1.25)]
+    truth = scene(stacks, (72, 84), noise_db, 5)
+    restored = restore(list(truth.z), stacks, RestorationParameters(depth_start="symmetric")).value
+    photograph = min(truth.picture_error(one) for one in truth.z)
+    gain = photograph / truth.picture_error(restored.sharp)
+    assert restored.diagnostics.gained == pytest.approx(gain, rel=0.3)
 
 
 def test_photographs_that_no_depth_explains_may_be_in_a_wrong_order(outcome):
