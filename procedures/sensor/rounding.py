@@ -16,6 +16,7 @@ Above `NEGLIGIBLE` the sums vanish and V_t = sigma^2 + 1/12, as EMVA 1288 has it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,8 +89,8 @@ def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Arr
 
 
 def unrounded(
-    measured: tuple[Array, Array, Array],
-    variances: tuple[float, float, float],
+    measured: Sequence[Array],
+    variances: Sequence[float] | Array,
     rng: np.random.Generator,
 ) -> Unrounded:
     """Statistics before rounding from those after it.
