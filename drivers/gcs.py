@@ -10,19 +10,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from drivers.clock import Clock
-from drivers.errors import Rejected
+from drivers.errors import NoAnswer, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
-from drivers.making import LineOptions, MakerContext
-from drivers.options import PollInterval, axes, text
+from drivers.making import LineOptions
+from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
+from drivers.wire.outgoing import URGENT_S
 
+TRIES = 3
 MOTION, STOP_ALL = b"\x05", b"\x18"
 ERRORS = {
     "2": "it does not know the command",
@@ -53,35 +54,30 @@ class GcsStage(PolledStage[str]):
     stop_bytes = b"\n" + STOP_ALL * 3
 
     def __init__(
-        self,
-        transport: Transport[str],
-        axes: Sequence[PolledAxis],
-        *,
-        clock: Clock | None = None,
-        poll_s: float = 0.1,
-        reference: str = "FRF",
+        self, transport: Transport[str], axes: Sequence[PolledAxis], *, reference: str = "FRF", **more: Any
     ) -> None:
-        super().__init__(transport, axes, clock=clock, poll_s=poll_s)
+        super().__init__(transport, axes, **more)
         self._reference = reference
-        self._question = Question[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
+        self._question = StepQuestion[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
-    def _ask(self, data: bytes, pattern: str, allowed: Callable[[], None] | None = None) -> str:
-        """The group of the pattern in the reply; an order is given only once."""
+    def _ask(self, data: bytes, pattern: str, allowed: Callable[[], None] = anything, tries: int = TRIES) -> str:
+        """The group of the pattern in the reply."""
 
         def answer(line: str) -> str | None:
             match = re.fullmatch(pattern, line)
             return None if match is None else str(match[1])
 
-        return self._line.request(data, answer, self._question, allowed or anything, 3 if allowed is None else 1)
+        return self._line.request(data, answer, self._question, allowed, tries)
 
-    def _get(self, axis: PolledAxis, query: str, value: str = NUMBER) -> str:
-        return self._ask(f"{query}? {axis.number}\n".encode(), f"{re.escape(str(axis.number))}={value}")
+    def _get(self, axis: PolledAxis, query: str, value: str = NUMBER, tries: int = TRIES) -> str:
+        pattern = f"{re.escape(str(axis.number))}={value}"
+        return self._ask(f"{query}? {axis.number}\n".encode(), pattern, tries=tries)
 
     def _order(self, axis: PolledAxis, command: str, value: str = "", allowed: Callable[[], None] = anything) -> None:
         """An order, then its error. Raises Rejected."""
         self._ask(b"ERR?\n", r"(\d+)")  # what a damaged line, or a stop, has left
         order = f"{command} {axis.number} {value}".rstrip()
-        code = self._ask(f"{order}\nERR?\n".encode(), r"(\d+)", allowed)
+        code = self._ask(f"{order}\nERR?\n".encode(), r"(\d+)", allowed, tries=1)
         if code != "0":
             reason = ERRORS.get(code, f"error {code}")
             raise Rejected(f"{axis.name} at {self.address} refused {order}: {reason}", HOME, code)
@@ -99,8 +95,18 @@ class GcsStage(PolledStage[str]):
 
     def _state(self, axis: PolledAxis) -> AxisState:
         moving = int(self._ask(MOTION, "([0-9A-Fa-f]+)"), 16)  # of any axis
-        referenced = self._get(axis, self._reference, "([01])")
-        return AxisState(axis.to_unit(float(self._get(axis, "POS"))), bool(moving), referenced == "1")
+        referenced = bool(moving) or self._referenced(axis)
+        return AxisState(axis.to_unit(float(self._get(axis, "POS"))), bool(moving), referenced)
+
+    def _referenced(self, axis: PolledAxis) -> bool:
+        """Whether it is; at rest only, as a query that lost its question mark is the order to search: it is stopped."""
+        for _ in range(TRIES):
+            try:
+                return self._get(axis, self._reference, "([01])", tries=1) == "1"
+            except NoAnswer as error:
+                self._transport.write(self.stop_bytes, within_s=URGENT_S)
+                failure = error
+        raise failure
 
     def _begin_homing(self, axis: PolledAxis, allowed: Callable[[], None]) -> None:
         self._order(axis, "SVO", "1")
@@ -121,11 +127,7 @@ class GcsAxis(PolledAxis):
 class GcsOptions(LineOptions):
     """Options of driver "gcs"."""
 
+    makes = GcsStage
+    parser = GcsParser
     axes: Annotated[tuple[GcsAxis, ...], axes("number")]
-    poll_s: PollInterval = 0.1
     reference: Literal["FRF", "FNL", "FPL"] = "FRF"
-
-    def make(self, parts: MakerContext) -> GcsStage:
-        """The stage."""
-        wire = parts.wire(self.port, GcsParser, baud=self.baud)
-        return GcsStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s, reference=self.reference)

@@ -22,6 +22,7 @@ from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, Fram
 from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
+from drivers.one_frame import OneFrame
 from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
 
@@ -108,7 +109,7 @@ class GphotoCamera:
     ) -> None:
         self.clock = clock or SystemClock()
         self._sensor = KnownSensor(folder, inspect, sensor)
-        self._stops = self._seen_stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
         self._stray: set[BodyFile] | None = None
         self.settings = CameraSettings()
         self._folder, self._inspect = folder, inspect
@@ -271,7 +272,11 @@ class GphotoCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph, fetch, decode and hash it. Raises DeviceError."""
-        requested_s, self._seen_stops = self.clock.now_s(), self._stops
+        with self._one_frame:
+            return self._expose()
+
+    def _expose(self) -> ExposedFile:
+        requested_s = self.clock.now_s()
         self._wait_for_stray()
         before = set(self.files()) if self._shutter else set()
         try:
@@ -296,10 +301,6 @@ class GphotoCamera:
                 self._new_file(self._stray)
             self._stray = None
 
-    def _check_stops(self) -> None:
-        if self._stops != self._seen_stops:
-            raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
-
     def _new_file(self, before: set[BodyFile]) -> BodyFile:
         """The RAW file of an externally fired shot: from the body's events, or else by listing."""
         added = self._do(self._collect, self._longest_s() + CALL_S)
@@ -310,7 +311,7 @@ class GphotoCamera:
             new = [place for place in self._do(self._list_afresh, self._longest_s()) if place not in before]
             if new:
                 return new[0]
-            self._check_stops()
+            self._one_frame.check()
             self.clock.sleep(0.2)
         return self._the_raw([])
 
@@ -348,7 +349,7 @@ class GphotoCamera:
         deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
         while self.clock.now_s() < deadline_s:
-            self._check_stops()
+            self._one_frame.check()
             try:
                 kind, data = self._camera.wait_for_event(200)  # milliseconds
             except gp.GPhoto2Error as error:
@@ -366,7 +367,7 @@ class GphotoCamera:
 
     def emergency_stop(self) -> None:
         """Stop waiting for a file, and open the contacts if a shutter box is used; a body's exposure ends by itself."""
-        self._stops += 1
+        self._one_frame.stop()
         if self._shutter is not None:
             self._shutter.emergency_stop()
 

@@ -19,7 +19,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
 from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext
-from drivers.options import STRIG_BOX, Seconds, device, positive
+from drivers.options import STRIG_BOX, device, option, positive
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
 from drivers.shutter import DRIFT, Sample, StrigShutter
 from drivers.wire.connection import line_condition, opened
@@ -82,7 +82,7 @@ class _Stream:
         self.rate_hz = 0.0
         self._resolution_s = resolution_s
         self._measured = latency
-        self._latency = latency or CableLatency(0.0, 0.0)
+        self.latency = latency or CableLatency(0.0, 0.0)
         self._first: LeastOffset | None = None
 
     def start(self, rate_hz: float, clock: Clock, ask: Callable[[], object]) -> None:
@@ -94,7 +94,7 @@ class _Stream:
                 asked_s = clock.now_s()
                 ask()
                 trips.append(clock.now_s() - asked_s)
-            self._latency = CableLatency(min(trips) / 2, min(trips) / 2)
+            self.latency = CableLatency(min(trips) / 2, min(trips) / 2)
 
     def put(self, sample: ImuSample, lost: int) -> None:
         self._samples.append(sample)
@@ -120,7 +120,7 @@ class _Stream:
         drift, drift_within, span_s = 0.0, DRIFT, device_s - first.device_s
         if span_s > LEAST_SPAN_S:  # the cable's delay is the same in both
             drift, drift_within = (first.offset_s - offset_s) / span_s, (first.within_s + least.within_s) / span_s
-        latency = self._latency
+        latency = self.latency
         within_s = latency.within_s + least.within_s
         return ClockOffset(offset_s - latency.latency_s, within_s, drift, drift_within, latency.by)
 
@@ -148,6 +148,11 @@ class WitImu:
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
@@ -252,6 +257,11 @@ class FastImu:
     def address(self) -> str:
         """The port or URL."""
         return self._transport.address
+
+    @property
+    def latency(self) -> CableLatency:
+        """The delay assumed of its samples."""
+        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open and identify the device. Raises DeviceError."""
@@ -389,15 +399,28 @@ class StrigImu:
 
 @dataclass(frozen=True, kw_only=True)
 class CableOptions(LineOptions):
-    """A unit on its own cable, whose measured delay is `latency_s`; else round trips bound it."""
+    """Options of a unit on a cable of its own: the measured delay of its samples; by default round trips bound it."""
 
-    latency_s: Seconds | None = None
-    latency_within_s: Seconds = 1e-3
+    latency_s: Annotated[float | None, option("0.012", least=0)] = None
+    latency_within_s: Annotated[float, option("0.001", least=0)] = 1e-3
 
     @property
     def latency(self) -> CableLatency | None:
-        """The measured delay; None where round trips bound it."""
-        return None if self.latency_s is None else CableLatency(self.latency_s, self.latency_within_s, "common event")
+        """The measured delay."""
+        if self.latency_s is None:
+            return None
+        return CableLatency(self.latency_s, self.latency_within_s, "common event")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrigImuOptions(DriverOptions):
+    """Options of driver "strig_imu"."""
+
+    box: Annotated[str, device(STRIG_BOX, '"shutter"')]
+
+    def make(self, parts: MakerContext) -> StrigImu:
+        """The IMU."""
+        return StrigImu(parts.other(self.box), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -406,8 +429,7 @@ class WitOptions(CableOptions):
 
     def make(self, parts: MakerContext) -> WitImu:
         """The IMU."""
-        wire = parts.wire(self.port, WitParser, baud=self.baud)
-        return WitImu(wire, clock=parts.clock, latency=self.latency)
+        return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -422,14 +444,3 @@ class FastOptions(CableOptions):
         wire = parts.wire(self.port, FastParser, baud=self.baud)
         scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
         return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StrigImuOptions(DriverOptions):
-    """Options of driver "strig_imu"."""
-
-    box: Annotated[str, device(STRIG_BOX)]
-
-    def make(self, parts: MakerContext) -> StrigImu:
-        """The IMU."""
-        return StrigImu(parts.other(self.box), clock=parts.clock)

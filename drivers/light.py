@@ -87,7 +87,7 @@ class LampProperties:
 
 
 class Lamp:
-    """What lamps have in common: their properties, the level last set, and whether they have warmed up since."""
+    """Common part of lamps: their properties, the level last set, and whether they have warmed up since."""
 
     def __init__(self, panel: LampProperties | None, clock: Clock | None) -> None:
         self.clock = clock or SystemClock()

@@ -13,7 +13,7 @@ class JrtOptions(LineOptions):          # port, baud
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -83,10 +83,23 @@ class DriverOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions(DriverOptions):
-    """A serial line."""
+    """A serial line.
 
+    The device is `makes(line, axes, clock=..., poll_s=..., ...)`: axes if it has some, and each further option by its
+    name; `parser` reads the line.
+    """
+
+    makes: ClassVar[Callable[..., Device]]
+    parser: ClassVar[Callable[[], Parser[Any]]]
     port: Port
     baud: Baud = 115200
+
+    def make(self, parts: MakerContext) -> Device:
+        """The device, not yet connected."""
+        options = {one.name: getattr(self, one.name) for one in fields(self)}
+        line = parts.wire(options.pop("port"), type(self).parser, baud=options.pop("baud"))
+        axes = [options.pop("axes")] if "axes" in options else []
+        return type(self).makes(line, *axes, clock=parts.clock, **options)
 
 
 @dataclass(frozen=True, kw_only=True)

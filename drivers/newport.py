@@ -16,14 +16,16 @@ from typing import Annotated, NamedTuple
 from drivers.errors import Alarm, BadConfiguration, Rejected
 from drivers.homing_state import HOME
 from drivers.interfaces import Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
 
-NUMBER, DIGIT = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)", r"([01])"
+NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
+POWER = 1 << 4
+"""Bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle."""
 ERRORS_KEPT = 11
 UNITS = {"mm": "2", "deg": "7"}
 """Codes of the units of an ESP301."""
@@ -56,8 +58,8 @@ class Esp301Stage(PolledStage[NewportReply]):
     end = "\r"
     search = 4
 
-    def _question(self, axis: PolledAxis) -> Question[NewportReply]:
-        return Question(b"\rVE?\r", lambda reply: "ESP" in reply.value or None)
+    def _question(self, axis: PolledAxis) -> StepQuestion[NewportReply]:
+        return StepQuestion(b"\rVE?\r", lambda reply: "ESP" in reply.value or None)
 
     def _echo(self, axis: PolledAxis, command: str) -> str:
         return ""
@@ -109,9 +111,10 @@ class Esp301Stage(PolledStage[NewportReply]):
         return axis.travel_between(*ends), float(self._get(axis, "VA?")) * abs(axis.scale)
 
     def _state(self, axis: PolledAxis) -> AxisState:
-        done = self._get(axis, "MD?", DIGIT)
-        powered = self._get(axis, "MO?", DIGIT)
-        return AxisState(axis.to_unit(float(self._get(axis, "TP"))), done == "0", powered == "1")
+        """From the controller's status, a character: a query that lost its question mark may be an order."""
+        bits = ord(self._ask(axis, "TS", "([@-_])[@-_]?")[0])
+        moving = bits >> int(axis.number) - 1 & 1
+        return AxisState(axis.to_unit(float(self._get(axis, "TP"))), bool(moving), bool(bits & POWER))
 
     def _begin_homing(self, axis: PolledAxis, allowed: Callable[[], None]) -> None:
         self._order(axis, f"MO;{axis.number}OR{self.search}", allowed)
@@ -126,9 +129,9 @@ class Smc100Stage(Esp301Stage):
     stop_bytes = b"\r\nST\r\n"
     end = "\r\n"
 
-    def _question(self, axis: PolledAxis) -> Question[NewportReply]:
+    def _question(self, axis: PolledAxis) -> StepQuestion[NewportReply]:
         echo = f"{axis.number}VE"
-        return Question(f"\r\n{echo}\r\n".encode(), lambda reply: reply.echo == echo or None)
+        return StepQuestion(f"\r\n{echo}\r\n".encode(), lambda reply: reply.echo == echo or None)
 
     def _echo(self, axis: PolledAxis, command: str) -> str:
         return command[: len(str(axis.number)) + 2]
@@ -184,25 +187,19 @@ class Smc100Axis(PolledAxis):
 class Esp301Options(LineOptions):
     """Options of driver "esp301"."""
 
+    makes = Esp301Stage
+    parser = NewportParser
     axes: Annotated[tuple[Esp301Axis, ...], axes("number")]
     baud: Baud = 921600
     poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> Esp301Stage:
-        """The stage."""
-        wire = parts.wire(self.port, NewportParser, baud=self.baud)
-        return Esp301Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Smc100Options(LineOptions):
     """Options of driver "smc100"."""
 
+    makes = Smc100Stage
+    parser = NewportParser
     axes: Annotated[tuple[Smc100Axis, ...], axes("number")]
     baud: Baud = 57600
     poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> Smc100Stage:
-        """The stage."""
-        wire = parts.wire(self.port, NewportParser, baud=self.baud)
-        return Smc100Stage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)

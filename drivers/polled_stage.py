@@ -54,7 +54,7 @@ class PolledAxis:
 
     name: AxisName
     number: int | str = 1
-    scale: Annotated[float, option("1.0")] = 1.0
+    scale: Annotated[float, option("1.0", "a number other than 0", holds=bool)] = 1.0
     zero: Annotated[float, option("0.0")] = 0.0
     travel: Annotated[tuple[float, float], interval("[0.0, 100.0]")] | None = None
     speed_per_s: Annotated[float, positive("10")] | None = None

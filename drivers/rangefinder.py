@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Condition, Distance, Identity, Transport
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.options import Baud
+from drivers.protocols.codes import numbered
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import line_condition, opened
 
@@ -21,25 +22,8 @@ MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex(
 STOP, WAKE = b"X", b"\x55"
 MOST_WORDS = 4
 REPLY_S, AUTO_S, SLOW_S = 1.0, 5.0, 8.0
-AIM = "aim at a matt surface within range"
-STATUSES = {
-    1: ("its supply is low", "charge or power it"),
-    3: ("it is too cold", "warm it above 0 C"),
-    4: ("it is too hot", "let it cool below 40 C"),
-    5: ("the target is out of range", AIM),
-    6: ("the measurement is invalid", AIM),
-    7: ("ambient light is too strong", "shade the target"),
-    8: ("the echo is too weak", AIM),
-    9: ("the echo is too strong", "aim at a darker surface"),
-    15: ("the reading is unstable", "hold the stage still"),
-}
-BOSCH_STATUSES = {
-    1: ("it timed out", AIM),
-    3: ("it received a wrong checksum", "check the connection"),
-    4: ("it does not know the command", "use a GLM of the first generation"),
-    8: ("its hardware failed", "switch it off and on"),
-    10: ("it is not ready", "wait a second and measure again"),
-}
+STATUSES = numbered("jrt status")
+BOSCH_STATUSES = numbered("bosch status")
 
 
 @dataclass(frozen=True)
@@ -242,17 +226,14 @@ class BoschRangefinder:
 class JrtOptions(LineOptions):
     """Options of driver "jrt"."""
 
+    makes = JrtRangefinder
+    parser = JrtParser
     baud: Baud = 19200
-
-    def make(self, parts: MakerContext) -> JrtRangefinder:
-        """The rangefinder."""
-        return JrtRangefinder(parts.wire(self.port, JrtParser, baud=self.baud), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoschOptions(LineOptions):
     """Options of driver "bosch"."""
 
-    def make(self, parts: MakerContext) -> BoschRangefinder:
-        """The rangefinder."""
-        return BoschRangefinder(parts.wire(self.port, BoschParser, baud=self.baud), clock=parts.clock)
+    makes = BoschRangefinder
+    parser = BoschParser

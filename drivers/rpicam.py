@@ -9,17 +9,17 @@ import re
 import shutil
 import subprocess
 import tempfile
-import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import DriverOptions, MakerContext
+from drivers.one_frame import OneFrame
 from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 
@@ -71,9 +71,8 @@ class RpicamCamera:
         self._frames, self._number, self._program = frames, number, program
         self._path = ""
         self._sensor: FrameFormat | None = None
-        self._one_frame = threading.Lock()
+        self._one_frame = OneFrame(lambda: self.address)
         self._process: subprocess.Popen[bytes] | None = None
-        self._stops = 0
 
     @property
     def address(self) -> str:
@@ -151,18 +150,14 @@ class RpicamCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph. Raises DeviceError."""
-        if not self._one_frame.acquire(blocking=False):
-            raise Rejected(f"{self.address} is already exposing", "wait for the frame")
-        try:
+        with self._one_frame:
             return self._expose()
-        finally:
-            self._one_frame.release()
 
     def _expose(self) -> ExposedFile:
-        stops, requested_s = self._stops, self.clock.now_s()
+        requested_s = self.clock.now_s()
         with tempfile.TemporaryDirectory(dir=self._frames.path, prefix=".rpicam-") as folder:
             picture = Path(folder, "frame.jpg")
-            self._run(self._command(picture), stops)
+            self._run(self._command(picture))
             file = picture.with_suffix(".dng")
             if not file.is_file():
                 raise FrameMissing(f"{self.address} wrote no DNG", "update rpicam-apps")
@@ -179,7 +174,7 @@ class RpicamCamera:
             "--output", str(picture),
         ]  # fmt: skip
 
-    def _run(self, command: list[str], stops: int) -> None:
+    def _run(self, command: list[str]) -> None:
         """Run the program to its end. Raises FrameMissing, LineLost, EmergencyStopped."""
         limit_s = 3 * float(self.settings.exposure_s or 0.0) + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
@@ -188,8 +183,7 @@ class RpicamCamera:
             self._process = process
             try:
                 while (code := process.poll()) is None:
-                    if self._stops != stops:
-                        raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+                    self._one_frame.check()
                     if self.clock.now_s() > deadline_s:
                         raise FrameMissing(f"{self.address} took no photograph within {limit_s:g} s", "check its cable")
                     self.clock.sleep(POLL_S)
@@ -198,15 +192,14 @@ class RpicamCamera:
                 if process.poll() is None:
                     process.kill()
                     process.wait()
-            if self._stops != stops:
-                raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+            self._one_frame.check()
             if code:
                 log_file.seek(0)
                 raise _failure(command[0], log_file.read().decode("utf-8", "replace"))
 
     def emergency_stop(self) -> None:
         """End the program, and with it the exposure."""
-        self._stops += 1
+        self._one_frame.stop()
         process = self._process
         if process is not None:
             with suppress(OSError):

@@ -17,10 +17,10 @@ from drivers.errors import NoReading, Rejected
 from drivers.interfaces import PROBE_UNITS, Condition, Identity, ProbeReading, Transport
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import LineOptions, MakerContext
-from drivers.options import Baud, option, positive, text
+from drivers.options import Baud, Uncertainty, option, positive, text
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import line_condition, opened
-from drivers.wire.in_step import InStepLine, Question
+from drivers.wire.in_step import InStepLine, StepQuestion
 from drivers.wire.visa import VISA, VisaTransport
 
 REPLY_S = 2.0
@@ -43,12 +43,12 @@ class ScpiParser:
 
 
 class ScpiInstrument:
-    """What these instruments have in common: identity, queries, orders with their errors."""
+    """Common part of these instruments: identity, queries, orders with their errors."""
 
     def __init__(self, transport: Transport[str]) -> None:
         self._transport = transport
         self._line = InStepLine(transport, REPLY_S, QUESTIONS)
-        self._question = Question[str](b"*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
+        self._question = StepQuestion[str](b"*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
     @property
     def address(self) -> str:
@@ -99,7 +99,6 @@ class ScpiInstrument:
         """Nothing moves: it goes on."""
 
 
-Uncertainty = Annotated[float, positive("0.3")]
 Query = Annotated[str, option('"MEAS:TEMP?"', "a query in quotes", pattern=r"^\S.*\?.*\Z")]
 
 
@@ -146,7 +145,7 @@ class ScpiLight(Lamp, ScpiInstrument):
         self._remember(level)
 
     def measured_level(self) -> float:
-        """What it gives, as a fraction of full. Raises DeviceError."""
+        """The measured output as a fraction of full. Raises DeviceError."""
         return self._number(self._supply.measured) / self._supply.full
 
 

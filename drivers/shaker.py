@@ -15,7 +15,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
 from drivers.interfaces import AxisResponse, Condition, Identity, ShakePath
 from drivers.making import DriverOptions, MakerContext
-from drivers.options import STRIG_BOX, AxisName, Seconds, axes, device, positive
+from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive
 from drivers.shutter import KEEP_ALIVE_S, StrigShutter
 from drivers.wire.connection import line_condition
 
@@ -37,10 +37,10 @@ class ShakerAxis:
     channel: Literal[0, 1]
     stroke: Annotated[float, positive("2.0")]
     direction: Literal[1, -1] = 1
-    frequency_hz: Annotated[float, positive("80")] | None = None
+    frequency_hz: Annotated[float | None, positive("80")] = None
     damping: Annotated[float, positive("0.5")] = 1.0
     gain: Annotated[float, positive("1")] = 1.0
-    within_s: Seconds = 0.0
+    within_s: Annotated[float, option("0.0005", least=0)] = 0.0
 
     @property
     def response(self) -> AxisResponse:

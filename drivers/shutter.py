@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
@@ -26,6 +26,7 @@ from drivers.wire.connection import anything, line_condition, opened
 
 REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
+AGAIN_S = 0.05  # before it is asked again: a port that takes no bytes may fail at once
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
 FLASH_S = 1.0
@@ -150,6 +151,11 @@ def _verdict(event: Event) -> list[Accepted | Refusal] | None:
     return [event] if isinstance(event, Accepted | Refusal) else None
 
 
+def _time_of(tag: int | None, event: Event) -> BoxTime | None:
+    """The answer to the question for the time with this tag."""
+    return event if isinstance(event, BoxTime) and event.tag == tag else None
+
+
 class StrigShutter:
     """A Shutter on a STRIG box; `version` is that of its protocol, 0 before `connect`."""
 
@@ -187,6 +193,7 @@ class StrigShutter:
             except NoAnswer:
                 if self.clock.now_s() >= deadline_s:
                     raise
+                self.clock.sleep(AGAIN_S)
 
     def synchronise(self, times: int = 3) -> None:
         """Clock offset from the fastest of a few round trips: its error is below half of that trip."""
@@ -194,9 +201,7 @@ class StrigShutter:
         for _ in range(times):
             asked_s, tag = self.clock.now_s(), self._next_tag()
             question = b"SYNC?\n" if tag is None else b"SYNC? %d\n" % tag
-            box = self._transport.request(
-                question, lambda e, tag=tag: e if isinstance(e, BoxTime) and e.tag == tag else None, REPLY_S
-            )
+            box = self._transport.request(question, partial(_time_of, tag), REPLY_S)
             received_s = self.clock.now_s()
             trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6, received_s))
         trip_s, self._offset_s, self._synchronised_s = min(trips)
@@ -431,11 +436,9 @@ class RelayShutter:
 class StrigOptions(LineOptions):
     """Options of driver "strig"."""
 
+    makes = StrigShutter
+    parser = StrigParser
     provides: ClassVar[tuple[str, ...]] = (SHUTTER, STRIG_BOX)
-
-    def make(self, parts: MakerContext) -> StrigShutter:
-        """The shutter box."""
-        return StrigShutter(parts.wire(self.port, StrigParser, baud=self.baud), clock=parts.clock)
 
 
 @dataclass(frozen=True, kw_only=True)

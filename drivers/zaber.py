@@ -24,7 +24,7 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.options import AxisName, PollInterval, axes, option, positive
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, ZaberParser, checksum
@@ -308,10 +308,7 @@ class ZaberStage:
 class ZaberOptions(LineOptions):
     """Options of driver "zaber"."""
 
+    makes = ZaberStage
+    parser = ZaberParser
     axes: Annotated[tuple[ZaberAxis, ...], axes("device", "axis")]
     poll_s: PollInterval = 0.1
-
-    def make(self, parts: MakerContext) -> ZaberStage:
-        """The stage."""
-        wire = parts.wire(self.port, ZaberParser, baud=self.baud)
-        return ZaberStage(wire, self.axes, clock=parts.clock, poll_s=self.poll_s)

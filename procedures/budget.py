@@ -95,9 +95,8 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
         Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
         deviation.
     """
-    budgets, of_curves = (
-        {name: {**terms} for name, terms in whole.items()} for whole in (quality.budgets, quality.curve_budgets)
-    )
+    budgets = {name: {**terms} for name, terms in quality.budgets.items()}
+    of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
     curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
     for term, change in modes.items():
         moved = _moved_samples(psf, quality.frequencies, change)
@@ -116,8 +115,8 @@ def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change:
         if crossed == name:
             at, slope = quality.numbers[name].value, np.gradient(curves[way], f)
             return level / 100 * float(np.interp(at, f, change) / min(np.interp(at, f, slope), -1e-9))
-    ways = {number: (0.5, way) for way, number in MTF_NYQUIST.items()}
-    if (at_frequency := ways.get(name) or frequency_of(name)) is not None:
+    nyquist: dict[str, tuple[float, str]] = {number: (0.5, way) for way, number in MTF_NYQUIST.items()}
+    if (at_frequency := nyquist.get(name) or frequency_of(name)) is not None:
         frequency, way = at_frequency
         return float(np.interp(frequency, f, curves[way] * change))
     return float(quality.gradients[name][: len(moved)] @ moved)

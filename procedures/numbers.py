@@ -591,11 +591,6 @@ def projection_at(distance_mm: float) -> str:
     return f"{_PROJECTION}at_infinity" if distance_mm == float("inf") else f"{_PROJECTION}at_{distance_mm:.0f}_mm"
 
 
-def is_projection(name: str) -> bool:
-    """Whether a number is a projection's uncertainty at some distance."""
-    return name.startswith(_PROJECTION)
-
-
 def without_photosite(number: Number) -> Number:
     """The number of a map after division by the photosite's MTF."""
     return NUMBERS[f"{number}{_WITHOUT_PHOTOSITE}"]

@@ -27,7 +27,7 @@ from procedures.reading.grey_image import (
 )
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise
-from procedures.reading.motion_records import ImuRecord, ShakerPath, ShakerResponse
+from procedures.reading.motion_records import ImuRecord, ShakerPath, ShakerResponse, measured_path
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
 from procedures.reading.stuck_pixels import no_pixels, stuck_pixels
 from procedures.reading.tiff_tags import (
@@ -51,6 +51,7 @@ __all__ = [
     "ShakerPath",
     "ShakerResponse",
     "default_plane",
+    "measured_path",
     "read_frame",
     "read_photograph",
     "read_planes",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,10 +10,11 @@ import numpy as np
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
+from drivers.errors import BadConfiguration, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
+from drivers.one_frame import OneFrame
 from drivers.options import Patience, option, positive
 from drivers.wire.connection import line_condition, not_connected
 
@@ -62,8 +62,7 @@ class AlpacaCamera:
         self.settings = CameraSettings(exposure_s=self._wanted.exposure_s)
         self._frames = frames
         self._link = AlpacaLink(server, "camera", number)
-        self._one_frame = threading.Lock()
-        self._stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
         self._state = IDLE
         self._body = Body("", "")
 
@@ -125,32 +124,28 @@ class AlpacaCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph, fetch and write it, read it back. Raises DeviceError."""
-        if not self._one_frame.acquire(blocking=False):
-            raise Rejected(f"{self.address} is already exposing", "wait for the frame")
-        try:
+        with self._one_frame:
             return self._expose()
-        finally:
-            self._one_frame.release()
 
     def _expose(self) -> ExposedFile:
         if not self._link.is_open:
             raise not_connected(self.address)
-        stops, requested_s = self._stops, self.clock.now_s()
+        requested_s = self.clock.now_s()
         requested_s = float(self.settings.exposure_s or 0.0)
         with self._link.translated_errors():
             self._link.device.StartExposure(requested_s, True)
-        self._wait(stops, requested_s)
+        self._wait(requested_s)
         levels = self._link.image(self._wanted.patience_s)
-        self._check_stops(stops)
+        self._one_frame.check()
         return self._frames.keep(self._frame(levels, requested_s), self._body, self.settings, requested_s)
 
-    def _wait(self, stops: int, requested_s: float) -> None:
+    def _wait(self, requested_s: float) -> None:
         """Wait until the image is ready; abort the exposure if anything interrupts the wait."""
         deadline_s = self.clock.now_s() + requested_s + self._wanted.patience_s
         idle = 0
         try:
             while not self._ready():
-                self._check_stops(stops)
+                self._one_frame.check()
                 idle = idle + 1 if self._state == IDLE else 0
                 if idle >= IDLE_POLLS:
                     raise FrameMissing(f"the exposure of {self.address} was aborted at its server", "expose again")
@@ -160,7 +155,7 @@ class AlpacaCamera:
                 self.clock.sleep(POLL_S)
         except BaseException:
             self._link.preempt("abortexposure")
-            self._check_stops(stops)
+            self._one_frame.check()
             raise
 
     def _ready(self) -> bool:
@@ -174,10 +169,6 @@ class AlpacaCamera:
         if self._state == FAILED:
             raise FrameMissing(f"{self.address} reports that its exposure failed", "look at its server, then repeat")
         return False
-
-    def _check_stops(self, stops: int) -> None:
-        if self._stops != stops:
-            raise EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then expose again")
 
     def _frame(self, levels: Levels, requested_s: float) -> Frame:
         """The image with the camera's metadata. Raises FrameWrong, BadConfiguration."""
@@ -203,7 +194,7 @@ class AlpacaCamera:
 
     def emergency_stop(self) -> None:
         """Abort the exposure without waiting for pending requests."""
-        self._stops += 1
+        self._one_frame.stop()
         if self._link.is_open:
             self._link.preempt("abortexposure")
 

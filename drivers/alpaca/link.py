@@ -61,7 +61,7 @@ class AlpacaAddress:
 
 
 class AlpacaLink:
-    """One device of an Alpaca server: "focuser", "camera" or "switch", by its number from 0."""
+    """One device of an Alpaca server: "focuser", "camera", "switch" or "observingconditions", by its number from 0."""
 
     def __init__(self, server: AlpacaAddress, kind: str, number: int) -> None:
         self._server, self.kind, self.number = server, kind, number
@@ -208,11 +208,14 @@ def read_image(kind: str, data: bytes) -> Levels:
 def _client(address: str, kind: str, number: int) -> Any:
     """The client's device. Raises BadConfiguration where it is not installed."""
     try:
-        from alpaca import camera, focuser, switch
+        from alpaca import camera, focuser, observingconditions, switch
     except ImportError as error:
         remedy = "install it: pip install 'calibration-station[alpaca]'"
         raise BadConfiguration("alpyca is not installed", remedy) from error
-    classes = {"camera": camera.Camera, "focuser": focuser.Focuser, "switch": switch.Switch}
+    classes = {
+        "camera": camera.Camera, "focuser": focuser.Focuser, "switch": switch.Switch,
+        "observingconditions": observingconditions.ObservingConditions,
+    }  # fmt: skip
     return classes[kind](address, number)
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import load, translated_errors
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
+from drivers.one_frame import OneFrame
 from drivers.options import option, positive, text
 from drivers.wire.connection import not_connected
 
@@ -71,8 +71,7 @@ class GenicamCamera:
         self._listening: tuple[Any, int] | None = None
         self._body = Body("", "")
         self._form = PixelFormat("Mono8", 8)
-        self._one_frame = threading.Lock()
-        self._stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
         self._lost = False
 
     @property
@@ -229,7 +228,7 @@ class GenicamCamera:
                 raise
 
     def _triggered(self) -> ExposedFile:
-        stops, requested_s = self._stops, self.clock.now_s()
+        requested_s = self.clock.now_s()
         with translated_errors(self.address, REMEDY):
             exposure_s = self._camera.get_exposure_time() / MICROSECONDS
             gain_db = self._camera.get_gain() if self._camera.is_gain_available() else None
@@ -237,7 +236,7 @@ class GenicamCamera:
                 self._stream.push_buffer(stale)
             begun_s = self.clock.now_s()
             self._camera.software_trigger()
-        buffer = self._frame_within(exposure_s + self._wanted.patience_s, stops)
+        buffer = self._frame_within(exposure_s + self._wanted.patience_s)
         try:
             frame = self._read(buffer, exposure_s, gain_db)
         finally:
@@ -245,11 +244,10 @@ class GenicamCamera:
         times = ShutterTimes(begun_s, begun_s + exposure_s)
         return self._frames.keep(frame, self._body, self.settings, requested_s, times)
 
-    def _frame_within(self, limit_s: float, stops: int) -> Any:
+    def _frame_within(self, limit_s: float) -> Any:
         deadline_s = self.clock.now_s() + limit_s
         while (buffer := self._stream.timeout_pop_buffer(int(SLICE_S * MICROSECONDS))) is None:
-            if self._stops != stops:
-                raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+            self._one_frame.check()
             if self._lost:
                 raise LineLost(f"{self.address} is gone", "check its power and cable, then connect it again")
             if self.clock.now_s() > deadline_s:
@@ -272,7 +270,7 @@ class GenicamCamera:
 
     def emergency_stop(self) -> None:
         """Nothing moves: stop waiting for a frame."""
-        self._stops += 1
+        self._one_frame.stop()
 
 
 @dataclass(frozen=True, kw_only=True)

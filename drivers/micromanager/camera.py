@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, FrameWrong, Rejected
+from drivers.errors import FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.micromanager.core import CAMERA, Core, CoreOptions, Label, check_device, identity_text, translated_errors
+from drivers.one_frame import OneFrame
+from drivers.options import option
 from drivers.wire.connection import line_condition, not_connected
 
+GAIN_ROUNDING = 0.01
+"""Allowed relative deviation from the requested gain."""
 REMEDY = "check its power and cable, then connect it again"
 
 
 class MicroManagerCamera:
-    """A Camera of a Micro-Manager configuration; `cfa` holds the colours of its tile, None for a monochrome sensor."""
+    """A Camera of a Micro-Manager configuration.
+
+    cfa : colours of its tile, None for a monochrome sensor
+    gain : in the adapter's own unit, None keeps the configuration's
+    """
 
     def __init__(
-        self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, clock: Clock | None = None
+        self,
+        core: Core,
+        device: str,
+        frames: DngFolder,
+        *,
+        cfa: str | None = None,
+        gain: float | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
         self.settings = CameraSettings()
-        self._shared, self._label, self._frames, self._cfa = core, device, frames, cfa
+        self._shared, self._label, self._frames, self._cfa, self._gain = core, device, frames, cfa, gain
         self._core: Any = None
-        self._stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
 
     @property
     def address(self) -> str:
@@ -42,12 +57,23 @@ class MicroManagerCamera:
         core = self._shared.join(self)
         try:
             check_device(core, self._label, (CAMERA,), "camera", self._shared.config.name)
+            if self._gain is not None:
+                self._set_gain(core, self._gain)
         except BaseException:
             self._shared.leave(self)
             raise
         self._core = core
         model = f"Micro-Manager {identity_text(core, self._label)}"
         return Identity(model, core.getVersionInfo(), "", self.address)
+
+    def _set_gain(self, core: Any, gain: float) -> None:
+        """Set the gain, and read it back. Raises Rejected."""
+        remedy = "write a gain that its property Gain takes, or remove it"
+        with translated_errors(self.address, remedy):
+            core.setProperty(self._label, "Gain", f"{gain:g}")
+            there = float(core.getProperty(self._label, "Gain"))
+        if abs(there - gain) > GAIN_ROUNDING * abs(gain):
+            raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
 
     def close(self) -> None:
         """Leave the configuration."""
@@ -89,8 +115,8 @@ class MicroManagerCamera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph; one interrupted by an emergency stop is kept in the folder. Raises DeviceError."""
-        core, stops, requested_s = self._open(), self._stops, self.clock.now_s()
-        with self._shared.in_a_row, translated_errors(self.address, REMEDY):
+        core, requested_s = self._open(), self.clock.now_s()
+        with self._one_frame, self._shared.in_a_row, translated_errors(self.address, REMEDY):
             core.setCameraDevice(self._label)
             begun_s = self.clock.now_s()
             core.snapImage()
@@ -99,8 +125,7 @@ class MicroManagerCamera:
             frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
         body = Body("Micro-Manager", identity_text(core, self._label))
         saved = self._frames.keep(frame, body, self.settings, requested_s, times)
-        if self._stops != stops:
-            raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+        self._one_frame.check()
         return saved
 
     def _plane(self, core: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
@@ -115,7 +140,7 @@ class MicroManagerCamera:
 
     def emergency_stop(self) -> None:
         """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
-        self._stops += 1
+        self._one_frame.stop()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,9 +148,12 @@ class MicroManagerCameraOptions(FrameOptions, CoreOptions):
     """Options of driver "micromanager_camera"."""
 
     device: Label
+    gain: Annotated[float, option("0")] | None = None
     mosaic: Literal["none", "RGGB", "BGGR", "GRBG", "GBRG"] = "none"
 
     def make(self, parts: MakerContext) -> MicroManagerCamera:
         """The camera."""
         cfa = None if self.mosaic == "none" else self.mosaic
-        return MicroManagerCamera(self.core(parts), self.device, self.frames(parts), cfa=cfa, clock=parts.clock)
+        return MicroManagerCamera(
+            self.core(parts), self.device, self.frames(parts), cfa=cfa, gain=self.gain, clock=parts.clock
+        )

@@ -9,77 +9,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from drivers.homing_state import HOME
+from drivers.protocols.codes import numbered
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 
-CODE = "a command was garbled on the wire: check the cable, and that no other program uses the port"
-ERRORS: dict[int, tuple[str, str]] = {
-    1: ("a letter was expected", CODE),
-    2: ("a number could not be read", CODE),
-    3: ("unknown $ command", CODE),
-    4: ("a value must not be negative", CODE),
-    5: ("homing is switched off", "set $22=1 and connect limit switches"),
-    6: ("step pulse below 3 us", "set $0 to 3 or more"),
-    7: ("settings memory could not be read", "restore the settings with $RST=$ and set them again"),
-    8: ("not possible while it moves", "wait until the stage is idle"),
-    9: ("locked by an alarm or a jog", HOME),
-    10: ("soft limits need homing", "set $22=1"),
-    11: ("the line is too long", CODE),
-    12: ("step rate too high", "lower $110-$112"),
-    13: ("the safety door is open", "close the door"),
-    14: ("the line is too long to be stored", "shorten it"),
-    15: ("the jog's target lies outside the travel", "choose a target inside the travel"),
-    16: ("not a jog command", CODE),
-    17: ("laser mode needs PWM", "set $32=0"),
-    20: ("unsupported G-code", CODE),
-    21: ("two commands of one modal group", CODE),
-    22: ("no feed rate", "set the axis' feed"),
-    23: ("an integer was expected", CODE),
-    24: ("two commands need the axis words", CODE),
-    25: ("a word is repeated", CODE),
-    26: ("no axis words", CODE),
-    27: ("line number out of range", CODE),
-    28: ("a value is missing", CODE),
-    29: ("coordinate systems beyond G59 are not supported", CODE),
-    30: ("G53 needs G0 or G1", CODE),
-    31: ("axis words are not used by the command", CODE),
-    32: ("the arc has no axis words in its plane", CODE),
-    33: ("the arc's target is invalid", CODE),
-    34: ("the arc's radius is invalid", CODE),
-    35: ("the arc has no offsets in its plane", CODE),
-    36: ("unused words", CODE),
-    37: ("tool length offset on another axis", CODE),
-    38: ("tool number too large", CODE),
-    39: ("a value is out of range", CODE),
-    40: ("a tool change is pending", "finish it at the controller"),
-    43: ("feed above the maximum", "lower the axis' feed"),
-    45: ("a limit switch is engaged", "move the carriage off its switch by hand, then home"),
-    46: ("homing is required", HOME),
-    50: ("the emergency stop is pressed", "release it, then home"),
-    51: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
-    52: ("a setting was refused", "correct the setting"),
-    53: ("a setting needs another to be switched on", "correct the setting"),
-    79: ("a critical event has happened", "reset the controller, then home"),
-}
-ALARMS: dict[int, tuple[str, str]] = {
-    1: ("hard limit: a switch was hit", "move the carriage off the switch, then home"),
-    2: ("soft limit: a target outside the travel", HOME),
-    3: ("reset while moving, position lost", HOME),
-    4: ("probe in the wrong state", HOME),
-    5: ("probe found no contact", HOME),
-    6: ("reset while homing", HOME),
-    7: ("the door was opened while homing", "close the door, then home"),
-    8: ("the switch stayed closed after pull-off", "increase $27 or repair the switch, then home"),
-    9: ("no limit switch was found", "check the switch's cable and $130-$132, then home"),
-    10: ("emergency stop pressed, or a dual axis failed", "release the emergency stop, then home"),
-    11: ("homing is required", HOME),
-    12: ("a limit switch is engaged", "move the carriage off its switch, then home"),
-    15: ("a dual axis failed", "check both of its switches, then home"),
-    16: ("self test failed", "switch the controller off and on"),
-    17: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
-}
+ERRORS = numbered("grbl error")
+ALARMS = numbered("grbl alarm")
 PAUSES: dict[tuple[str, int], tuple[str, str]] = {
     ("Door", 0): ("is paused at the door, which is closed again", "resume at the controller, or try again"),
     ("Door", 1): ("is paused at the door", "close it and resume"),

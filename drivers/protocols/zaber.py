@@ -10,59 +10,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.homing_state import HOME
+from drivers.protocols.codes import codes
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 
-REJECTIONS: dict[str, tuple[str, str]] = {
-    "BADDATA": ("the value is out of range, or the axis has no reference", HOME),
-    "BADCOMMAND": ("it does not know the command", "check the firmware version"),
-    "BADAXIS": ("there is no such axis", "correct the axis number"),
-    "BADMESSAGEID": ("the message id was damaged", "check the cable"),
-    "PARKED": ("it is parked", "unpark it"),
-    "DEVICEMOVING": ("it is moving", "stop it first"),
-    "STATUSBUSY": ("it is moving", "stop it first"),
-    "DEVICEONLY": ("the command is for the device, not an axis", "send it to axis 0"),
-    "AGAIN": ("it cannot do that now", "try again"),
-    "FULL": ("its queue is full", "wait"),
-    "NOTSUPPORTED": ("it is not supported", "use another device"),
-    "DRIVERDISABLED": ("its motor driver is off", "enable the driver"),
-    "REMOTE": ("another protocol controls it", "release it there"),
-}
-FLAGS: dict[str, tuple[str, str]] = {
-    "FF": ("critical system error", "switch it off and on, then home"),
-    "FN": ("peripheral not supported", "connect a supported peripheral"),
-    "FZ": ("peripheral inactive", "activate the peripheral"),
-    "FH": ("emergency stop pressed at the device", "release it, then home"),
-    "FV": ("supply voltage out of range", "check the power supply"),
-    "FO": ("motor driver disabled", "enable the driver, then home"),
-    "FC": ("current inrush error", "check the power supply"),
-    "FM": ("motor temperature error", "let it cool"),
-    "FD": ("driver disabled", "switch it off and on, then home"),
-    "FQ": ("encoder error", "check the encoder, then home"),
-    "FI": ("index error", HOME),
-    "FA": ("analogue encoder not synchronised", HOME),
-    "FR": ("overdrive limit exceeded", "reduce the load"),
-    "FS": ("stalled and stopped", "remove what blocks it, then home"),
-    "FB": ("stream or following error", "reduce the speed"),
-    "FP": ("excessive twist", "untwist the axis, then home"),
-    "FE": ("limit error", "move it off its limit, then home"),
-    "FT": ("excessive temperature", "let it cool"),
-    "WL": ("an unexpected limit was hit", HOME),
-    "WV": ("supply voltage out of range", "check the power supply"),
-    "WT": ("system temperature high", "let it cool"),
-    "WS": ("stalled with recovery", "remove what blocks it"),
-    "WM": ("moved by hand", HOME),
-    "WP": ("encoder position unknown", HOME),
-    "WR": ("no reference position", HOME),
-    "WH": ("not homed", HOME),
-    "NC": ("under manual control", "leave its knob alone"),
-    "NI": ("a movement was interrupted", "move again"),
-    "ND": ("a streamed movement was interrupted", "move again"),
-    "NR": ("set to run, still accelerating", "wait"),
-    "NT": ("triggered", "wait"),
-    "NU": ("settings are being updated", "wait"),
-    "NJ": ("joining", "wait"),
-}
+REJECTIONS = codes("zaber rejection")
+FLAGS = codes("zaber flag")
 UNREFERENCED = ("WR", "WH", "WP")
 
 

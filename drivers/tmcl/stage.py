@@ -25,7 +25,7 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
-from drivers.making import LineOptions, MakerContext
+from drivers.making import LineOptions
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.options import ENABLED_STAGE, AxisName, Baud, Patience, PollInterval, axes, interval, option, positive
 from drivers.protocols.tmcl import TmclParser
@@ -332,16 +332,11 @@ def _tolerance(axis: TmclAxis) -> float:
 class TmclOptions(LineOptions):
     """Options of driver "tmcl_stage"."""
 
+    makes = TmclStage
+    parser = TmclParser
     provides: ClassVar[tuple[str, ...]] = (ENABLED_STAGE,)
     axes: Annotated[tuple[TmclAxis, ...], axes("module", "motor")]
     baud: Baud = 9600
     poll_s: PollInterval = 0.1
     patience_s: Patience = 60.0
     variable: Annotated[int, option("55", least=0, most=255)] = 55
-
-    def make(self, parts: MakerContext) -> TmclStage:
-        """The stage."""
-        return TmclStage(
-            parts.wire(self.port, TmclParser, baud=self.baud), self.axes, clock=parts.clock, poll_s=self.poll_s,
-            patience_s=self.patience_s, variable=self.variable,
-        )  # fmt: skip

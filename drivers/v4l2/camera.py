@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import json
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from ctypes import c_int
@@ -16,11 +15,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, Rejected
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
+from drivers.one_frame import OneFrame
 from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import line_condition, not_connected
@@ -114,8 +114,7 @@ class V4l2Camera:
         self._form = FORMATS["GREY"]
         self._picture = v4l2.PixelLayout()
         self._controls: dict[int, v4l2.ControlRange] = {}
-        self._one_frame = threading.Lock()
-        self._stops = 0
+        self._one_frame = OneFrame(lambda: self.address)
 
     @property
     def address(self) -> str:
@@ -285,23 +284,19 @@ class V4l2Camera:
 
     def expose(self) -> ExposedFile:
         """Take one photograph. Raises DeviceError."""
-        if not self._one_frame.acquire(blocking=False):
-            raise Rejected(f"{self.address} is already exposing", "wait for the frame")
-        try:
+        with self._one_frame:
             return self._expose()
-        finally:
-            self._one_frame.release()
 
     def _expose(self) -> ExposedFile:
-        stops, requested_s = self._stops, self.clock.now_s()
+        requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
         if v4l2.EXPOSURE_TIME in self._controls:
             exposure_s = self._get(v4l2.EXPOSURE_TIME) * EXPOSURE_UNIT_S
         gain = next((self._get(one) for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
         with self._streaming() as memories:
             for _ in range(self._wanted.discard):
-                self._queue(self._filled(exposure_s, stops).index)
-            buffer = self._filled(exposure_s, stops)
+                self._queue(self._filled(exposure_s).index)
+            buffer = self._filled(exposure_s)
             data = bytes(memoryview(memories[buffer.index])[: buffer.used])
         notes = {"pixel_format": self._form.name, "frame": buffer.sequence, "camera_s": buffer.time_s, "gain": gain}
         comment = json.dumps({name: value for name, value in notes.items() if value is not None})
@@ -333,13 +328,12 @@ class V4l2Camera:
     def _queue(self, index: int) -> None:
         self._call(v4l2.QBUF, v4l2.VideoBuffer(index=index, type=v4l2.CAPTURE, memory=v4l2.MMAP))
 
-    def _filled(self, exposure_s: float, stops: int) -> v4l2.VideoBuffer:
+    def _filled(self, exposure_s: float) -> v4l2.VideoBuffer:
         """The next buffer that is filled. Raises FrameMissing, EmergencyStopped, LineLost."""
         limit_s = exposure_s + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
         while self._file is not None and not self._kernel.ready(self._file, SLICE_S):
-            if self._stops != stops:
-                raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+            self._one_frame.check()
             if self.clock.now_s() > deadline_s:
                 raise FrameMissing(f"no frame came from {self.address} within {limit_s:g} s", "connect it again")
         buffer: v4l2.VideoBuffer = self._call(v4l2.DQBUF, v4l2.VideoBuffer(type=v4l2.CAPTURE, memory=v4l2.MMAP))
@@ -357,7 +351,7 @@ class V4l2Camera:
 
     def emergency_stop(self) -> None:
         """Nothing moves: stop waiting for a frame."""
-        self._stops += 1
+        self._one_frame.stop()
 
 
 SET = (v4l2.EXPOSURE_TIME, v4l2.GAIN, v4l2.ANALOGUE_GAIN)

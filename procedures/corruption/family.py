@@ -69,7 +69,7 @@ SCATTER = Corruption(
     "take a cut edge or a finer print, keep the camera still, and take the RAW file",
     "take a cut edge or a finer print, and keep the camera still",
 )
-FILTERED = _processing("filter", "edges and cells differ from any image by a lens ({}): the photograph was denoised")
+FILTERED = _processing("filter", "edges look unlike any image by a lens ({}): the photograph was denoised")
 SELECTIVE = _processing("sharpening", "strong detail is sharpened more than faint detail ({})")
 WIDE = _processing("sharpening", "light is missing around edges, as by a wide unsharp mask ({})")
 GHOSTED = Corruption(

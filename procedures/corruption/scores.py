@@ -39,8 +39,8 @@ class Strength:
 
 
 @dataclass(frozen=True)
-class Part:
-    """Part of the samples with nuisance parameters of its own.
+class SampleGroup:
+    """SampleGroup of the samples with nuisance parameters of its own.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Part:
         return np.asarray(AA - AZ @ np.linalg.pinv(self.own.T @ self.own) @ AZ.T)
 
 
-def strengths(parts: Sequence[Part], directions: Sequence[Array], gram: Array, noise: float) -> list[Strength]:
+def strengths(parts: Sequence[SampleGroup], directions: Sequence[Array], gram: Array, noise: float) -> list[Strength]:
     """Strength along each direction, each by itself.
 
     Parameters

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.cameras import CameraModel, CameraSet
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
@@ -54,7 +54,7 @@ class AdjustmentState:
         Error of each node in addition to the terms.
     """
 
-    camera: CameraModel | CameraSet
+    camera: CameraModel
     poses: tuple[Pose, ...]
     terms_mm: Array
     errors_mm: Array
@@ -124,7 +124,7 @@ class AdjustmentProblem:
     views: Sequence[ChartView]
     shape: ShapeModel
 
-    def flat_state(self, camera: CameraModel | CameraSet, poses: tuple[Pose, ...]) -> AdjustmentState:
+    def flat_state(self, camera: CameraModel, poses: tuple[Pose, ...]) -> AdjustmentState:
         """State with a chart that conforms to its plan."""
         return AdjustmentState(camera, poses, np.zeros(len(self.shape.prior_mm)), np.zeros_like(self.nodes))
 

@@ -6,6 +6,7 @@ COLMAP has pixel centres at 0.5, this project at integers. The half pixel is add
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -159,20 +160,16 @@ class CameraModel:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraSet:
-    """Several cameras with their parameters one after the other."""
+class CameraSet(CameraModel):
+    """Several cameras, with the parameters of all one after the other; projections are those of its parts."""
 
-    cameras: tuple[CameraModel, ...]
+    cameras: tuple[CameraModel, ...] = ()
 
-    @property
-    def model(self) -> str:
-        """Names of the models."""
-        return " and ".join(one.model for one in self.cameras)
-
-    @property
-    def params(self) -> Array:
-        """Parameters (p,) of all cameras."""
-        return np.concatenate([one.params for one in self.cameras])
+    @classmethod
+    def of(cls, cameras: Sequence[CameraModel]) -> CameraSet:
+        """The set of these cameras."""
+        params = np.concatenate([one.params for one in cameras])
+        return cls(" and ".join(one.model for one in cameras), params, 0, 0, tuple(cameras))
 
     @property
     def prior(self) -> Array:
@@ -187,7 +184,7 @@ class CameraSet:
     def with_params(self, params: Array) -> CameraSet:
         """The cameras with other parameters."""
         parts = (self.part(i) for i in range(len(self.cameras)))
-        return CameraSet(tuple(one.with_params(params[place]) for one, place in parts))
+        return CameraSet.of([one.with_params(params[place]) for one, place in parts])
 
 
 def simple_camera(

@@ -199,7 +199,7 @@ def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
     views = [replace(view, camera=c) for c, one in enumerate(cameras) for view in one.views]
     problem = AdjustmentProblem(nodes, views, shape_model(nodes))
     poses = tuple(pose for one in cameras for pose in one.poses)
-    return adjust(problem.flat_state(CameraSet(tuple(one.camera for one in cameras)), poses), problem)
+    return adjust(problem.flat_state(CameraSet.of([one.camera for one in cameras]), poses), problem)
 
 
 def _rigid(fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float) -> RigPoses:

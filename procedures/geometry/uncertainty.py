@@ -59,7 +59,8 @@ def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *
     J = projection_derivative(fit, pixels, distance_mm)
     squares = np.einsum("nai,ij,naj->n", J, fit.covariance * fit.scale**2, J, optimize=True)
     if fit.doubt is not None and not without_doubt:
-        errors = J @ fit.doubt.unknowns.T + missing_terms(fit.state.camera, pixels) @ fit.doubt.terms.T
+        errors: Array = J @ fit.doubt.unknowns.T
+        errors += missing_terms(fit.state.camera, pixels) @ fit.doubt.terms.T
         squares = squares + np.einsum("nak,nak->n", errors, errors)
     return np.asarray(np.sqrt(squares))
 

@@ -29,7 +29,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
 
 Array = npt.NDArray[np.float64]
 State = TypeVar("State")
@@ -111,37 +111,6 @@ class Minimum(Generic[State]):
     iterations: int
     decrease: float
     converged: bool
-
-
-@dataclass(frozen=True, eq=False)
-class DenseLinearisation:
-    """The model of few unknowns, its Jacobian (m, n) written out."""
-
-    unknowns: Array
-    residual: Array
-    J: Array
-
-    @property
-    def gradient(self) -> Array:
-        """J'r."""
-        return self.transposed(self.residual)
-
-    @property
-    def scale(self) -> Array:
-        """D."""
-        return np.asarray(np.sum(self.J**2, axis=0))
-
-    def transposed(self, residual: Array) -> Array:
-        """J' times residuals (m,)."""
-        return np.asarray(self.J.T @ residual)
-
-    def solve(self, right: Array, damping: float) -> Array:
-        """(J'J + damping D)^-1 times (n,), in unknowns that are scaled alike."""
-        root = np.sqrt(self.scale)
-        root[root == 0] = 1.0
-        scaled = self.J / root
-        system = scaled.T @ scaled + damping * np.eye(len(root))
-        return np.asarray(cho_solve(cho_factor(system), right / root) / root)
 
 
 def minimise(

@@ -22,7 +22,7 @@ from procedures.corruption.family import (
 )
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, Evidence
+from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ PRINT_CELLS = 0.075
 """Prior standard deviation of the print's blur, in cells: a laser printer's, on a chart 300 mm wide."""
 
 
-def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> list[Check]:
+def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
     scores = {name: one.score for name, one in evidence.strengths.items()}
     wide = [
@@ -57,15 +57,15 @@ def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> lis
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
 
 
-def modes_of(evidence: Evidence, f: Array, registration: Registration, *, raw: bool) -> dict[str, Array]:
+def modes_of(evidence: ChartEvidence, f: Array, registration: Registration, *, raw: bool) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies f (n,), in cycles/pixel, by what is not excluded.
 
     Each is one standard deviation of its corruption.
     """
     cell_px, square = block_size_px(registration) / BLOCK, 2 * (np.pi * f) ** 2
-    found = [evidence.strengths[name] for name in (ZOOM, RIM)]
+    kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
-    varied = math.hypot(*(one.value for one in found if abs(one.score) > VARIED)) / 4
+    varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
     modes = {
         PRINT_BLUR: square * (PRINT_CELLS * cell_px) ** 2,
         "variation": square * varied,

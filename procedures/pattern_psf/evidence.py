@@ -11,7 +11,7 @@ import numpy.typing as npt
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
 from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_scores, mask_scores, texture_correlation
-from procedures.corruption.scores import Part, Strength, strengths
+from procedures.corruption.scores import SampleGroup, Strength, strengths
 from procedures.numerics.kernel_tail import far_light
 from procedures.pattern import Chart
 from procedures.pattern_psf.radiometry import LightLevels
@@ -31,7 +31,7 @@ TEXTURES = (1.0, 2.0)
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ChartEvidence:
     """Scores of a photograph.
 
     Attributes
@@ -58,11 +58,11 @@ def examine(
     k: int,
     noise: tuple[Variogram, Variogram],
     curve: tuple[Array, Array],
-) -> Evidence:
+) -> ChartEvidence:
     """Scores of a fit; `noise` are the variograms of its paper and residual, `curve` frequencies and MTF."""
     paper, residual = noise
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return Evidence(
+    return ChartEvidence(
         combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), mask_scores([residual], MASK_RADII)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),
@@ -80,7 +80,7 @@ def _strengths(
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
     shared, own, gram = linear_system(fit, chart, raster, window, k, far)
     row, column = (np.minimum(one * TILES // (one.max() + 1), TILES - 1) for one in (o.rows, o.columns))
-    cells, (frame, used) = Part(shared, own, fit.residual, row * TILES + column), whole.frame
+    cells, (frame, used) = SampleGroup(shared, own, fit.residual, row * TILES + column), whole.frame
     pictures = _pictures(whole, samples, levels)
     at = o.rows + window.y - whole.window.y, o.columns + window.x - whole.window.x
     in_cells = np.stack([one[at] for one in pictures.values()], axis=1) * o.weight[:, None]

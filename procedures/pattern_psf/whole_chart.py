@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.corruption.directions import BORDER
-from procedures.corruption.scores import Part
+from procedures.corruption.scores import SampleGroup
 from procedures.numerics import loops
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
 from procedures.numerics.sampled_convolution import sample_convolution
@@ -100,7 +100,7 @@ class WholeChart:
             (parts[0] + columns_of_light @ fit.light).reshape(shape),
             value.reshape(shape),
             weight.reshape(shape),
-            (np.stack(parts[1:], axis=1) * float(s)).reshape(*shape, 2),
+            np.stack(parts[1:], axis=1, dtype=np.float64).reshape(*shape, 2) * s,
             registration.to_pattern(points).reshape(*shape, 2),
             inner,
             tail.reshape(*shape, len(SHAPES)),
@@ -113,7 +113,7 @@ class WholeChart:
         return np.pad(np.where(outside, 1.0, self.prediction), BORDER, constant_values=1.0)
 
     @cached_property
-    def frame(self) -> tuple[Part, Mask]:
+    def frame(self) -> tuple[SampleGroup, Mask]:
         """The blocks of the frame as a test of the fit, and the mask (rows, columns) of their samples.
 
         Every block has a plane of light of its own, and the frame a displacement. The shared columns are those of the
@@ -153,7 +153,7 @@ class WholeChart:
                 touched |= corner[at[..., 0], at[..., 1]]
         return np.asarray(inside & ~noise & ~touched)
 
-    def _part(self, used: Mask, number: npt.NDArray[np.int64]) -> Part:
+    def _part(self, used: Mask, number: npt.NDArray[np.int64]) -> SampleGroup:
         rows, columns = np.nonzero(used)
         weight = self.weight[used]
         q = len(SHAPES)
@@ -169,7 +169,7 @@ class WholeChart:
         planes[np.arange(len(rows)), cluster] = np.column_stack([np.ones(len(rows)), place - middle[cluster]])
         moved = displacement_columns(self.slopes[used], cubic_monomials(*place.T))
         own = np.hstack([planes.reshape(len(rows), -1), moved]) * weight[:, None]
-        return Part(shared, own, (self.value - self.prediction)[used] * weight, cluster.astype(np.int64))
+        return SampleGroup(shared, own, (self.value - self.prediction)[used] * weight, cluster.astype(np.int64))
 
 
 def _outside(shape: tuple[int, ...], window: Window, s: int, border: int, H: Array) -> Mask:

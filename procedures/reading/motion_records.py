@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from procedures.outcome import BadInput
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,3 +57,39 @@ class ShakerPath:
     since_s: float | None = None
     response: tuple[ShakerResponse, ...] = (ShakerResponse(),) * 3
     within_s: float = 0.0
+
+
+LEAST_ROUNDS = 2.0
+"""Rounds that a record must have to separate its harmonics from drift."""
+HIGHEST = 0.4
+"""Frequency of the highest harmonic that is measured, relative to the sampling rate."""
+
+
+def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
+    """The path that a shaker really played, from an inertial unit that it carries: amplitude and phase at the harmonics
+    of its round.
+
+    Harmonics have no drift, and the offsets of the unit are not among them. Noise sigma of n accelerations gives an
+    uncertainty of sqrt(2 / n) sigma / (2 pi f)^2 of the amplitude at a frequency f.
+
+    Raises BadInput if the record is shorter than two rounds, or the start of the path is not known.
+    """
+    round_s = commanded.interval_s * len(commanded.position_m)
+    t = imu.time_s
+    if commanded.since_s is None or len(t) < 2 or t[-1] - t[0] < LEAST_ROUNDS * round_s:
+        raise BadInput("a shaker's path is measured over two rounds or more", "record longer, and wire the hot shoe")
+    rate_hz = (len(t) - 1) / (t[-1] - t[0])
+    highest = min(int(HIGHEST * rate_hz * round_s), len(commanded.position_m) // 2)
+    w = 2 * np.pi / round_s * np.arange(1, highest + 1)
+    waves = _waves(w, t + commanded.since_s)
+    trend = np.vander((t - t.mean()) / (t[-1] - t[0]), 3)
+    fit = np.linalg.lstsq(np.hstack([waves, trend]), imu.acceleration_m_s2, rcond=None)[0][: 2 * highest]
+    at = commanded.interval_s * np.arange(len(commanded.position_m))
+    position_m = -_waves(w, at) @ (fit / np.tile(w, 2)[:, None] ** 2)
+    return ShakerPath(
+        np.asarray(position_m, np.float64), commanded.interval_s, commanded.since_s, within_s=imu.within_s
+    )
+
+
+def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
+    return np.hstack([np.cos(t[:, None] * w), np.sin(t[:, None] * w)])

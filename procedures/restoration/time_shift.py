@@ -71,8 +71,8 @@ def fit_time_shift(
     fitted = minimize_scalar(residual, bounds=(low, high), method="bounded", options={"xatol": LEAST_S})
     late_s, least = min([(float(fitted.x), float(fitted.fun)), (float(tried[best]), values[best])], key=lambda p: p[1])
     # the residual is a mean of chi-squares: least (1 + shift^2 / u^2 / freedom)
-    rise = [one / least - 1 for one in (residual(late_s - step_s / 2), residual(late_s + step_s / 2))]
-    rise = max(float(np.mean([one for one in rise if np.isfinite(one)] or [0.0])), 1e-12)
+    beside = [one for one in (residual(late_s - step_s / 2), residual(late_s + step_s / 2)) if np.isfinite(one)]
+    rise = max(float(np.mean(beside)) / least - 1 if beside else 0.0, 1e-12)
     own_s = step_s / 2 / np.sqrt(rise * freedom)
     prior_s = within_s / np.sqrt(3)
     return TimeShift(late_s, float(np.hypot(LEAST_S, 1 / np.hypot(1 / own_s, 1 / prior_s))), within_s)

@@ -97,7 +97,7 @@ def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, r
         more = finite_pixels(level.variance, float(spatial[0]), level.samples)
         scatter = np.sqrt(more)[:, None] * np.column_stack([np.zeros(3), rng.standard_normal((3, len(mean) - 1))])
         variances = np.array([level.mean_variance, level.variance_variance, uncertainty**2]) + more
-        before = unrounded(tuple(np.array([mean[:, i], variance[:, i], spatial]) + scatter), variances, rng)
+        before = unrounded(np.array([mean[:, i], variance[:, i], spatial]) + scatter, variances, rng)
         mean[:, i], variance[:, i] = before.mean, before.temporal
         pixels = np.sqrt(before.spatial)
     return pixels

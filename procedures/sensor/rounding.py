@@ -16,7 +16,6 @@ Above `NEGLIGIBLE` the sums vanish and V_t = sigma^2 + 1/12, as EMVA 1288 has it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,8 +88,8 @@ def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Arr
 
 
 def unrounded(
-    measured: Sequence[Array],
-    variances: Sequence[float] | Array,
+    measured: Array,
+    variances: Array,
     rng: np.random.Generator,
 ) -> Unrounded:
     """Statistics before rounding from those after it.
@@ -100,9 +99,9 @@ def unrounded(
 
     Parameters
     ----------
-    measured : three of (1 + draws,) float64
+    measured : (3, 1 + draws) float64
         Mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with their uncertainties.
-    variances : three of float
+    variances : (3,) float64
         Squares of the standard uncertainties; infinite where the spatial variance is not known.
     """
     mean, temporal, spatial = measured
@@ -113,7 +112,7 @@ def unrounded(
     prior[:, 1:] = rng.uniform([-0.5, low, low], [0.5, high, high], (len(mean) - 1, 3)).T
     prior[0] += mean
     spread = np.array([2.0, 3.0, 3.0])
-    fit = _Fit(np.array(measured), np.maximum(variances, LEAST_UNCERTAINTY**2), prior, spread)
+    fit = _Fit(measured, np.maximum(variances, LEAST_UNCERTAINTY**2), prior, spread)
     m, sigma, s = _levelled(fit.parameters(), rng)
     return Unrounded(m, sigma**2 + 1 / 12, s**2, rounded(m, sigma, s)[3])
 

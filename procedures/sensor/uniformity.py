@@ -113,7 +113,7 @@ def before_rounding(stack: FrameStack, rng: np.random.Generator, draws: int = 50
     variances += stack.variance / (n * stack.count), 2 * stack.variance**2 / (n * (stack.count - 1)), uncertainty**2
     centre = np.array([stack.mean, stack.variance, core])[:, None]
     measured = centre + np.sqrt(variances)[:, None] * np.column_stack([np.zeros(3), rng.standard_normal((3, draws))])
-    before = unrounded(tuple(measured), variances, rng)
+    before = unrounded(measured, variances, rng)
     return Rounding(
         core - float(before.spatial[0]), float(np.std(before.spatial[1:])), max(float(before.slope[0]), LEAST_SLOPE)
     )

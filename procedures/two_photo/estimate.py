@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_parts
+from procedures.budget import with_modes, with_parts
 from procedures.choice import Trial, choose, remaining_change
 from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
@@ -26,6 +26,7 @@ from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
+from procedures.two_photo.evidence import examine
 from procedures.two_photo.inter_image import PairFit, fit_kernel
 from procedures.two_photo.near_noise import InterImageKernel, noise_at_most, without_near_noise
 from procedures.two_photo.pair_consistency import pair_consistency
@@ -178,10 +179,13 @@ def _estimate(
     quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at, unconverged=unconverged)
     parts = error_parts(fit, kernel, best.recovered, best.free, quality, errors)
     quality = with_parts(quality, parts.parts)
+    evidence = examine(fit, far, (quality.frequencies, quality.mtf_radial))
+    raw = a.raw and b.raw
+    quality = with_modes(quality, psf, evidence.modes(quality.frequencies, raw=raw))
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(best.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, consistency, parts)
-    contradicted, raw = beyond_diffraction(quality, diffraction), a.raw and b.raw
+    contradicted = beyond_diffraction(quality, diffraction)
     scale_x, scale_y = np.linalg.norm(J, axis=0)
     result = TwoPhotoPsf(
         psf=psf,
@@ -196,7 +200,8 @@ def _estimate(
         warp=fit.warp,
         diagnostics=asdict(diagnostics),
     )
-    return verdict_of(checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), result)
+    checks = checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw)
+    return verdict_of([*checks, *evidence.checks(raw=raw)], result)
 
 
 def _chosen(

@@ -354,13 +354,30 @@ def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
     )
 
 
-def _scores(fit: PairFit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
-    """Samples of every tile, and its contribution to the products with the residual: kernel, tail, nuisance."""
+def tiles_of(fit: PairFit) -> Indices:
+    """Number of every sample's tile, row by row, (m,)."""
     rows, columns = (
         np.minimum(index * TILES // n, TILES - 1)
         for index, n in zip((fit.samples.rows, fit.samples.columns), fit.near.shape, strict=True)
     )
-    tile = rows * TILES + columns
+    return np.asarray(rows * TILES + columns)
+
+
+def linear_system(fit: PairFit) -> tuple[Array32, Array]:
+    """Columns of a fit at its solution: of kernel and tail (m, k^2 + q), of the other parameters (m, 29)."""
+    samples, s, k = fit.samples, fit.near.s, round(len(fit.kernel) ** 0.5)
+    u = fit.near.read(fit.warp, tail_border(k))
+    A, quadratics = _system(samples, u, s, k), _quadratics(samples, fit.warp)
+    blurred = (A @ fit.kernel.astype(np.float32)).astype(np.float64)
+    moved = displacement_columns(fit.slopes, fit.warp.monomials(samples.points))
+    tail = tail_columns(u, samples.rows, samples.columns, s, k)
+    shared = np.hstack([A, tail.astype(np.float32)])
+    return shared, np.hstack([moved, quadratics, quadratics[:, 1:] * blurred[:, None]])
+
+
+def _scores(fit: PairFit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
+    """Samples of every tile, and its contribution to the products with the residual: kernel, tail, nuisance."""
+    tile = tiles_of(fit)
     shares = np.zeros((len(tile), TILES * TILES), dtype=np.float32)
     shares[np.arange(len(tile)), tile] = residual
     reordered = np.hstack([Z[:, -TAIL:], Z[:, :-TAIL]]).astype(np.float32)

@@ -8,9 +8,9 @@ Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import count
 
-from simulators.devices.motor import NEVER, Motor
-from simulators.devices.serial_device import SerialDevice, drained
+from simulators.devices.motor import Motor, MotorController
 from simulators.world.motion import Axis
 
 IDENTITY = "(c)2015 Physik Instrumente (PI) GmbH & Co. KG, C-884.4DC, 118057582, 1.2.1.3"
@@ -21,24 +21,21 @@ COMMANDS = (
 )  # fmt: skip
 
 
-class GcsTwin(SerialDevice):
+class GcsTwin(MotorController[str]):
     """Motors by their identifiers 1, 2, ...; none moves before its servo is on and it is referenced."""
 
     baud = 115200
 
     def __init__(self, axes: Mapping[str, Axis] | None = None) -> None:
-        self.axes = dict(axes or {"x_mm": Axis(0.0, 100.0, 37.0), "y_mm": Axis(0.0, 50.0, 21.0)})
-        self.motors = {str(number): Motor(axis) for number, axis in enumerate(self.axes.values(), 1)}
+        two = {"x_mm": Axis(0.0, 100.0, 37.0), "y_mm": Axis(0.0, 50.0, 21.0)}
+        super().__init__(axes or two, map(str, count(1)))
         self._servo: set[str] = set()
         self._error = 0
-        self._received, self._out = bytearray(), bytearray()
 
     def restart(self, now_s: float) -> None:
         """Off and on again: its servos are off, and nothing is referenced."""
-        for motor in self.motors.values():
-            motor.restart(now_s)
+        super().restart(now_s)
         self._servo.clear()
-        self._received.clear()
         self._error = 0
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -145,14 +142,3 @@ class GcsTwin(SerialDevice):
         else:
             return UNKNOWN
         return 0
-
-    def advance(self, now_s: float) -> bytes:
-        """Drives that have ended, and the output."""
-        for motor in self.motors.values():
-            motor.advance(now_s)
-        return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        """The end of the next drive."""
-        moment_s = min(motor.rest_s for motor in self.motors.values())
-        return None if moment_s == NEVER else moment_s

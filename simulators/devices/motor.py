@@ -1,10 +1,15 @@
-"""A motor with a reference switch at the low end of its axis, as the twins of stage controllers have it."""
+"""A motor with a reference switch at the low end of its axis, and what controllers of such motors have in common."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable, Mapping
+from typing import Generic, TypeVar
+
+from simulators.devices.serial_device import SerialDevice, drained
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
+K = TypeVar("K", bound=Hashable)
 
 
 class Motor:
@@ -57,3 +62,29 @@ class Motor:
             self.rest_s = NEVER
             if self.homing:
                 self.referenced, self.homing, self.place_of_zero = True, False, self.axis.low
+
+
+class MotorController(SerialDevice, Generic[K]):
+    """A controller of motors by their numbers or identifiers at it."""
+
+    def __init__(self, axes: Mapping[str, Axis], numbers: Iterable[K], speed: float = 20.0) -> None:
+        self.axes = dict(axes)
+        self.motors = {number: Motor(axis, speed) for number, axis in zip(numbers, self.axes.values(), strict=False)}
+        self._received, self._out = bytearray(), bytearray()
+
+    def restart(self, now_s: float) -> None:
+        """Off and on again."""
+        for motor in self.motors.values():
+            motor.restart(now_s)
+        self._received.clear()
+
+    def advance(self, now_s: float) -> bytes:
+        """Drives that have ended, and the output."""
+        for motor in self.motors.values():
+            motor.advance(now_s)
+        return drained(self._out)
+
+    def next_event_s(self) -> float | None:
+        """The end of the next drive."""
+        moment_s = min(motor.rest_s for motor in self.motors.values())
+        return None if moment_s == NEVER else moment_s

@@ -11,9 +11,9 @@ import re
 from collections import deque
 from collections.abc import Mapping
 from functools import partial
+from itertools import count
 
-from simulators.devices.motor import NEVER, Motor
-from simulators.devices.serial_device import SerialDevice, drained
+from simulators.devices.motor import MotorController
 from simulators.world.motion import Axis
 
 CYCLE_S = 400e-6
@@ -30,23 +30,20 @@ SMC_ERRORS = {
 COMMAND = re.compile(r"(\d*)([A-Z]{2})([-+0-9.?A-Z@]*)")
 
 
-class NewportTwin(SerialDevice):
-    """What both have: numbered motors, lines of commands, a power switch."""
+class NewportTwin(MotorController[int]):
+    """Common part of both: numbered motors, lines of commands, a power switch."""
 
     baud = 57600
     longest = 80
 
     def __init__(self, axes: Mapping[str, Axis] | None = None) -> None:
-        self.axes = dict(axes or {"x_mm": Axis(0.0, 100.0, 37.0), "y_mm": Axis(0.0, 50.0, 21.0)})
-        self.motors = {number: Motor(axis) for number, axis in enumerate(self.axes.values(), 1)}
-        self._received, self._out = bytearray(), bytearray()
+        two = {"x_mm": Axis(0.0, 100.0, 37.0), "y_mm": Axis(0.0, 50.0, 21.0)}
+        super().__init__(axes or two, count(1))
         self._booted_s = 0.0
 
     def restart(self, now_s: float) -> None:
         """Off and on again."""
-        for motor in self.motors.values():
-            motor.restart(now_s)
-        self._received.clear()
+        super().restart(now_s)
         self._booted_s = now_s
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -67,17 +64,6 @@ class NewportTwin(SerialDevice):
     def say(self, text: str) -> None:
         """Send a line."""
         self._out += text.encode() + b"\r\n"
-
-    def advance(self, now_s: float) -> bytes:
-        """Drives that have ended, and the output."""
-        for motor in self.motors.values():
-            motor.advance(now_s)
-        return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        """The end of the next drive."""
-        moment_s = min(motor.rest_s for motor in self.motors.values())
-        return None if moment_s == NEVER else moment_s
 
 
 class Esp301Twin(NewportTwin):
@@ -113,6 +99,10 @@ class Esp301Twin(NewportTwin):
             return 0
         if command == "VE":
             self.say("ESP301 Version 3.0.1 6/1/99")
+            return 0
+        if command == "TS":
+            moving = sum(motor.moves() << number - 1 for number, motor in self.motors.items())
+            self.say(chr(0x40 | moving | bool(self._powered) << 4))
             return 0
         if command in ("TB", "TE"):  # with or without a number
             code, at_s = self._errors.popleft() if self._errors else (0, now_s)

@@ -15,7 +15,7 @@ NOT_A_NUMBER = 9.91e37
 
 
 class Surrounding(Protocol):
-    """What it measures and lights: a World, for instance."""
+    """The room and the lamp: a World, for instance."""
 
     def temperature_c(self, t_s: float) -> float:
         """Temperature of the room."""

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from itertools import count
 
-from simulators.devices.motor import NEVER, Motor
-from simulators.devices.serial_device import SerialDevice, drained
+from simulators.devices.motor import Motor, MotorController
+from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
 HOST, LONG, USB = 0x01, 0x80, 0x50
@@ -24,7 +25,7 @@ SHORT = (
 )  # fmt: skip
 
 
-class AptTwin(SerialDevice):
+class AptTwin(MotorController[int]):
     """Motors by their bays; `number` of counts per unit of the axis."""
 
     baud = 115200
@@ -32,20 +33,17 @@ class AptTwin(SerialDevice):
     def __init__(
         self, axes: Mapping[str, Axis] | None = None, *, counts: float = 34304.0, sources: Sequence[int] = ()
     ) -> None:
-        self.axes = dict(axes or {"x_mm": Axis(0.0, 50.0, 21.0), "y_mm": Axis(0.0, 25.0, 9.0)})
-        places = sources or [0x20 + bay for bay in range(1, len(self.axes) + 1)]
-        self.motors = {place: Motor(axis, 10.0) for place, axis in zip(places, self.axes.values(), strict=True)}
+        two = {"x_mm": Axis(0.0, 50.0, 21.0), "y_mm": Axis(0.0, 25.0, 9.0)}
+        super().__init__(axes or two, sources or count(0x21), 10.0)
         self._counts = counts
         self._targets = dict.fromkeys(self.motors, 0)
         self._reported = dict.fromkeys(self.motors, True)
-        self._received, self._out = bytearray(), bytearray()
 
     def restart(self, now_s: float) -> None:
         """Off and on again: not homed."""
-        for place, motor in self.motors.items():
-            motor.restart(now_s)
-            self._targets[place], self._reported[place] = 0, True
-        self._received.clear()
+        super().restart(now_s)
+        self._targets = dict.fromkeys(self.motors, 0)
+        self._reported = dict.fromkeys(self.motors, True)
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Messages."""
@@ -121,18 +119,13 @@ class AptTwin(SerialDevice):
 
     def advance(self, now_s: float) -> bytes:
         """Drives that have ended, each with its message, and the output."""
-        for place, motor in self.motors.items():
-            homing, ended = motor.homing, motor.rest_s <= now_s
-            motor.advance(now_s)
-            if ended and not self._reported[place]:
+        ended = {place: motor.homing for place, motor in self.motors.items() if motor.rest_s <= now_s}
+        output = super().advance(now_s)
+        for place, homed in ended.items():
+            if not self._reported[place]:
                 self._reported[place] = True
-                if homing:
+                if homed:
                     self._out += struct.pack("<HBBBB", 0x0444, 1, 0, HOST, place)
                 else:
-                    self._send(0x0464, place, self._status(motor, now_s))
-        return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        """The end of the next drive."""
-        moment_s = min(motor.rest_s for motor in self.motors.values())
-        return None if moment_s == NEVER else moment_s
+                    self._send(0x0464, place, self._status(self.motors[place], now_s))
+        return output + drained(self._out)

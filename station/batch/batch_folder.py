@@ -14,7 +14,7 @@ from station.batch.item import RESULTS
 from station.common.durable_files import holds, read_own
 from station.results.result_files import PUBLISHING, RECORD
 
-LINES, TABLE, PAGE = "results.jsonl", "summary.csv", "report.html"
+LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
 LINE_BEGINS = '{"files": '
 """Beginning of every line of results."""
 
@@ -23,7 +23,7 @@ def check_own(out: Path) -> None:
     """Raise BadParameter if a file that a batch would overwrite was not written by a batch."""
     known = known_hashes(out)
     own = {RECORD: bool(_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
-    own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PAGE)}
+    own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PARQUET, PAGE)}
     foreign = [name for name, known in own.items() if (out / name).exists() and not known]
     if foreign:
         raise BadParameter(

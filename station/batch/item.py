@@ -298,13 +298,17 @@ def finished(out: Path) -> dict[str, str]:
     return {folder.name[-KEY_LETTERS:]: f"{RESULTS}/{folder.name}" for folder in folders}
 
 
+def row_of_record(record: Mapping[str, Any]) -> ItemRow:
+    """A row as it was written. Raises KeyError, TypeError, AttributeError where it is none."""
+    planes = {name: PlaneRow(**plane) for name, plane in record["planes"].items()}
+    return ItemRow(**{**record, "planes": planes})
+
+
 def kept_row(out: Path, folder: str) -> tuple[ItemRow | None, str]:
     """The row of an earlier result; None if its files were changed, and the reason."""
     if wrong := damage(out / folder):
         return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:
-        row = json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]
-        planes = {name: PlaneRow(**plane) for name, plane in row.pop("planes").items()}
-        return ItemRow(**row, planes=planes), ""
+        return row_of_record(json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]), ""
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None, f"{RECORD} of the result that was there is not this version's"

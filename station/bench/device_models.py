@@ -44,6 +44,7 @@ BUILTIN: Mapping[str, str] = {
     "alpaca_camera": "drivers.alpaca.camera:AlpacaCameraOptions",
     "alpaca_light": "drivers.alpaca.switch:AlpacaLightOptions",
     "alpaca_shutter": "drivers.alpaca.switch:AlpacaShutterOptions",
+    "alpaca_probe": "drivers.alpaca.probe:AlpacaProbeOptions",
     "wit": "drivers.imu:WitOptions",
     "fast": "drivers.imu:FastOptions",
     "jrt": "drivers.rangefinder:JrtOptions",

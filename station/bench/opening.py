@@ -35,7 +35,6 @@ from drivers.interfaces import (
     Identity,
     Imu,
     Light,
-    Probe,
     Rangefinder,
     Shaker,
     Shutter,
@@ -146,11 +145,6 @@ class Bench:
     def light(self) -> Light:
         """The lamp."""
         return cast(Light, self._find("light"))
-
-    @property
-    def probes(self) -> dict[str, Probe]:
-        """Instruments that measure the room or the light, by their names; may be empty."""
-        return {name: cast(Probe, device) for name, device in self.devices.items() if hasattr(device, "read")}
 
     def log_wires(self, folder: Path | None) -> None:
         """From now on, write each line's transcript to a file in this folder; to none if None."""

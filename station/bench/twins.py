@@ -88,8 +88,8 @@ def twin_of(driver: str, folder: Path) -> Iterator[TwinSetup]:
         return
     make, options = _twins().get(driver, (None, {}))
     if make is None:
-        there = ", ".join([*BUILT_IN, *_twins()])
-        raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {there}")
+        remedy = f"name a real one by --device or --port, or one of {', '.join([*BUILT_IN, *_twins()])}"
+        raise BadConfiguration(f"{driver} has no twin", remedy)
     twin, clock = make(), VirtualClock()
     register_scheme("simulators.devices")
     plug("conform/stage", cable := Cable(twin, clock))

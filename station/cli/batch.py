@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,7 @@ MOST_NAMED = 40
     "--time-s", type=FiniteNumber(min=1), default=3600, show_default=True, help="How long a photograph may take."
 )
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
+@click.option("--parquet", is_flag=True, help="Write summary.parquet beside summary.csv (extra `parquet`).")
 @click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
 @force_option
@@ -73,6 +75,7 @@ def batch(
     memory_mb: int | None,
     time_s: float,
     reports: bool,
+    parquet: bool,
     strict: bool,
     as_json: bool,
 ) -> None:
@@ -92,7 +95,7 @@ def batch(
     limits = {} if memory_mb is None else {"memory_bytes": memory_mb * 1_000_000}
     carry_out(
         procedure, folders, out, jobs=jobs, reports=reports, strict=strict, as_json=as_json, cluster=cluster, tls=tls,
-        time_s=time_s, **limits,
+        time_s=time_s, parquet=parquet, **limits,
     )  # fmt: skip
 
 
@@ -109,6 +112,7 @@ def carry_out(
     tls: tuple[Path, Path, Path] | None = None,
     time_s: float = 3600,
     memory_bytes: int | None = None,
+    parquet: bool = False,
 ) -> None:
     """Run a batch, report its progress, and exit with its code."""
     from station.batch.allowance import Allowance
@@ -131,7 +135,7 @@ def carry_out(
     ):
         done, text = run_batch(
             items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, report=report,
-            force=forced(),
+            force=forced(), parquet=parquet,
         )  # fmt: skip
     if as_json:
         click.echo(text, nl=False)
@@ -142,7 +146,7 @@ def carry_out(
     if stop.asked:
         log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
         raise click.exceptions.Exit(INTERRUPTED)
-    if done.failed or (strict and not all(row.sure for row in done.rows)):
+    if done.tally.failed or (strict and not done.tally.all_sure):
         raise click.exceptions.Exit(SOME_FAILED)
 
 
@@ -254,10 +258,11 @@ def _show(done: Batch) -> None:
 
     console = Console(highlight=False)
     console.print(_planes(done))
-    if done.failed:
+    failed = len(done.tally.failed)
+    if failed:
         console.print(_wrong(done))
-    if len(done.failed) > MOST_NAMED:
-        console.print(f"... and {len(done.failed) - MOST_NAMED} more, in summary.csv", style="dim")
+    if failed > MOST_NAMED:
+        console.print(f"... and {failed - MOST_NAMED} more, in summary.csv", style="dim")
     counts = _counted(done.counts, measurement_words)
     console.print(f"{len(done.rows)} done in {done.duration_s:.1f} s; measurements: {counts or 'none'}.")
     if done.judged:
@@ -272,14 +277,13 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.batch.run import followed, statistics
     from station.results.verdict_words import measurement_words
 
-    numbers = followed(done.rows)
+    numbers = done.tally.followed
     table = Table(
         "plane", *(one.short for one in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
-    for name, entry in statistics(done.rows).items():
+    for name, entry in done.tally.statistics().items():
         medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in numbers]
         verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)
@@ -298,7 +302,7 @@ def _wrong(done: Batch) -> Table:
     photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")
     table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    for row in done.failed[:MOST_NAMED]:
+    for row in islice(done.failed, MOST_NAMED):
         why = "; ".join(words for words in (row.reason, row.against) if words)
         words = printable(" + ".join(row.files)), printable(why)
         verdict = f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]"

@@ -68,7 +68,7 @@ def _table(result: Reproduction) -> Table:
     from station.demo.reproduce.row import shown
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("row", "published in", "numbers", "result"):
+    for heading in ("row", "published in", "numbers", "state"):
         table.add_column(heading)
     for one in result.rows:
         lines, deviating = len(one.lines), one.deviating

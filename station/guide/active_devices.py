@@ -337,7 +337,13 @@ class ActiveDevices:
 
 def _homed_position(stage: Any) -> dict[str, float]:
     """Position of a homed stage; a stage that was reset reports numbers without a reference. Raises DeviceError."""
+    _check_homed(stage)
+    position = dict(stage.position())
+    _check_homed(stage)  # it may have been reset while it was asked
+    return position
+
+
+def _check_homed(stage: Any) -> None:
     condition = stage.condition()
     if not condition.usable:
         raise NotHomed(condition.word, condition.remedy)
-    return dict(stage.position())

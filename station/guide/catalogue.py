@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +19,7 @@ from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
+    from station.results.measurement import Measurement
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
     from station.results.terms import Terms
@@ -77,16 +78,36 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
     return lambda *given: getattr(import_module(module), name)(*given)
 
 
-def _guided(title: str, name: str, *, in_session: bool = False) -> GuidedProcedure:
-    """A procedure with `plan`, `results` and `write` in a module of station.guide.plans."""
-    plan, results, write = (_imported(f"station.guide.plans.{name}", one) for one in ("plan", "results", "write"))
+def _guided(title: str, name: str, procedure: str = "", *, in_session: bool = False) -> GuidedProcedure:
+    """A procedure with `plan` and `results` in a module of station.guide.plans.
+
+    The module has `measurement` if its files are those of the command of `procedure`, else `write`.
+    """
+    plan, results, measurement, write = (
+        _imported(f"station.guide.plans.{name}", one) for one in ("plan", "results", "measurement", "write")
+    )
+    write = partial(_write_measured, procedure, measurement) if procedure else write
     return GuidedProcedure(title, plan, results, write, in_session)
 
 
 def _general(title: str, name: str) -> GuidedProcedure:
     """A procedure with the general plan."""
-    plan, results, write = (_imported("station.guide.plans.general", one) for one in ("plan", "results", "write"))
-    return GuidedProcedure(title, partial(plan, name), results, write, in_session=True, general=True)
+    entry = _guided(title, "general", name, in_session=True)
+    return replace(entry, plan=partial(entry.plan, name), general=True)
+
+
+def _write_measured(
+    procedure: str, measurement: Callable[..., Measurement], folder: ResultFolder, planes: Sequence[PlaneResult],
+    frames: Sequence[RawFrame], head: RecordHead,
+) -> str:  # fmt: skip
+    """Write the files of a procedure's command for a session; the record alone for a refused result."""
+    from station.procedure.registry import procedure_named
+    from station.results.measurement import write_measurement
+
+    known, measured = procedure_named(procedure), measurement(planes, frames, head)
+    if known.draws(measured):
+        folder.write("report.html", known.page(measured))
+    return write_measurement(folder, measured)
 
 
 PLANS = {
@@ -95,11 +116,13 @@ PLANS = {
         "the PSF from two photographs of a textured wall", _imported("procedures.two_photo.plan", "plan")
     ),
     "field": _guided("the PSF over the whole frame", "field"),
-    "geometry": _guided("intrinsics and distortion, from many chart poses", "geometry"),
+    "geometry": _guided("intrinsics and distortion, from many chart poses", "geometry", "geometry"),
     "camera": _guided("the whole camera: PSF, geometry, vignetting, sensor", "camera"),
-    "tilt": _guided("the sensor's tilt, corrected by its screws", "tilt"),
-    "sensor": _guided("gain, noise and non-uniformity of a sensor", "sensor"),
-    "restoration": _guided("sharp image and depth map from blurred photographs", "restoration", in_session=True),
+    "tilt": _guided("the sensor's tilt, corrected by its screws", "tilt", "tilt"),
+    "sensor": _guided("gain, noise and non-uniformity of a sensor", "sensor", "sensor"),
+    "restoration": _guided(
+        "sharp image and depth map from blurred photographs", "restoration", "restore", in_session=True
+    ),
     "edge": _general("MTF across slanted edges", "edge"),
     "witnessed": _general("the PSF with witnesses: two exposures, two distances, a defocus", "witnessed"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Cause, Outcome, Verdict, worst_of
+from procedures.outcome import BadInput, Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
-from procedures.raw import ImuRecord, RawFrame, ShakerPath, ShakerResponse, read_frame
+from procedures.raw import ImuRecord, RawFrame, ShakerPath, ShakerResponse, measured_path, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
 from station.results.environment import environment_of
@@ -99,7 +100,10 @@ COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
 
 
 def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
-    """The shaker's path during a photograph; None without one, or if it also turned the camera."""
+    """The shaker's path during a photograph; None without one, or if it also turned the camera.
+
+    It is measured where an inertial unit is on the shaker's box, otherwise what the response makes of the command.
+    """
     shake, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not shake or not set(shake["offsets"]) <= set(COLUMNS):
         return None
@@ -115,7 +119,11 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
         else ShakerResponse() for i in range(3)
     )  # fmt: skip
     within_s = max((float(one["within_s"]) for one in given.values()), default=0.0)
-    return ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
+    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
+    if ((shot.snapshot.get("motion") or {}).get("clock") or {}).get("by") == "box":  # on the clock of the shaker
+        with suppress(BadInput):
+            return measured_path(path, imu) if (imu := imu_during(shot)) is not None else path
+    return path
 
 
 def derive(

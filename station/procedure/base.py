@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
-from procedures.outcome import BadParameter, Miss, Outcome, Quantity
+from procedures.outcome import BadParameter, Miss, Outcome
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -157,7 +158,8 @@ class Procedure(ABC, Generic[S]):
     endings : how the names of a batch's pairs end, by key of the procedure file
     shots : what the operator does before each photograph of the guided form; empty where any number is measured
     results_key : the entry of the record that holds the results by plane, or the only one of them
-    has_page : whether a page is drawn; `page_name` is its file; `usual_page` whether it is where nothing is said of it
+    has_page : whether a page is drawn; `page_name` is its file, `drawn_by` the function in `station.reports`;
+        `usual_page` whether it is where nothing is said of it
     has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
     method : the publication or standard that certificates cite
     subject : what the general guided plan photographs on a simulated bench, see `procedures.plan.Plan`
@@ -174,6 +176,7 @@ class Procedure(ABC, Generic[S]):
     results_key: ClassVar[str] = BY_PLANE
     has_page: ClassVar[bool] = True
     page_name: ClassVar[str] = "report.html"
+    drawn_by: ClassVar[str] = "report_page:measurement_page"
     usual_page: ClassVar[bool] = True
     has_mtf: ClassVar[bool] = False
     argument: ClassVar[str] = ""
@@ -242,18 +245,9 @@ class Procedure(ABC, Generic[S]):
 
     def page(self, measurement: Measurement) -> bytes:
         """The HTML page: by default verdict, numbers, limits, curves and provenance."""
-        from station.reports.report_page import measurement_page  # here: it draws, which is slow to load
-
-        return measurement_page(self.report(measurement)).encode()
-
-
-class Numbered(Protocol):
-    """Result with named numbers."""
-
-    @property
-    def numbers(self) -> Mapping[str, Quantity]:
-        """Every number with unit and standard uncertainty, by a name of `procedures.numbers`."""
-        ...
+        module, _, draw = self.drawn_by.partition(":")  # imported now: drawing is slow to load
+        page: str = getattr(import_module(f"station.reports.{module}"), draw)(self.report(measurement))
+        return page.encode()
 
 
 class PhotographProcedure(Procedure[S]):

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from procedures.pattern_print.source import Source
-from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame
 from station.procedure.base import ChartBits, ChartSeed, Procedure, chart_source
 from station.procedure.optics import OpticsReading
 from station.procedure.settings import setting
-from station.results.measurement import Measurement
+from station.results.measurement import PSF, Measurement
 from station.results.plane_result import PlaneResult
-from station.results.psf_files import SCHEMA, psf_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import Terms
 
@@ -49,6 +47,8 @@ class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
 
     def check(self) -> None:
         """Raise ProcedureError if the sampling is impossible, or the chart is unreadable."""
+        from procedures.pattern_psf.estimate import PatternParameters
+
         super().check()
         PatternParameters(**self.sampling())
         _ = self.source
@@ -73,15 +73,18 @@ class PsfProcedure(Procedure[P]):
     """Base of procedures with one PSF per plane."""
 
     Settings: ClassVar[type[Any]] = PsfSettings
-    schema = SCHEMA
+    schema = PSF
     has_mtf = True
     usual_page = False
+    drawn_by = "psf_page:psf_page"
 
     def measurement(
         self, frames: Sequence[RawFrame], results: Iterable[PlaneResult], asked: Mapping[str, Any], settings: P,
         terms: Terms,
     ) -> Measurement:  # fmt: skip
         """The results in the requested terms; `asked` are the parameters of the estimate."""
+        from station.results.psf_files import psf_measurement
+
         pixels = settings.pixels(frames[0])
         planes = [terms.apply(one, pixels[one.name]) for one in results]
         given = {**asked, **settings.given()}
@@ -100,9 +103,3 @@ class PsfProcedure(Procedure[P]):
 
         whole: PsfPhotographs = measurement.result
         return measurement_report(measurement, self.name, title=self.title, frames=whole.frames)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The HTML page with PSF, MTF, uncertainties and diagnostics."""
-        from station.reports.psf_page import psf_page  # here: it draws, which is slow to load
-
-        return psf_page(self.report(measurement)).encode()

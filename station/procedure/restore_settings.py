@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.raw import RawFrame
-from procedures.restoration.joint.estimate import RestorationParameters
-from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import named
-from procedures.restoration.masks.checks import check_max_w
-from station.calibration.restoration.inputs import files_in, with_files, with_record
 from station.procedure.base import PlaneSettings
 from station.procedure.settings import setting
+
+if TYPE_CHECKING:
+    from procedures.restoration.joint.estimate import RestorationParameters
 
 NAME = "{name}"
 """Placeholder for the photograph's name without suffix; such files are in its folder."""
@@ -182,6 +179,8 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
     @property
     def files(self) -> list[Path]:
         """The files that the settings name, with the records of measured PSFs."""
+        from station.calibration.restoration.inputs import with_record
+
         names = [part for key in OF_FILES for name in getattr(self, key) for part in _parts(name)]
         inputs = [file for name in names for file in with_record(Path(name))]
         return list(dict.fromkeys([*inputs, *([self.reference] if self.reference else [])]))
@@ -189,6 +188,8 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
     def read(self, path: Path) -> RawFrame:
         """The plane, or all. Raises ProcedureError."""
         if self.encoding:
+            from procedures.colour_frame import read_colour_frame
+
             return read_colour_frame(path, self.encoding)
         try:
             return super().read(path)
@@ -206,6 +207,9 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
     @property
     def parameters(self) -> RestorationParameters:
         """Parameters of the estimate. Raises BadParameter."""
+        from procedures.restoration.joint.estimate import RestorationParameters
+        from procedures.restoration.joint.schedule import Scheme
+
         return RestorationParameters(**{**self.descent, "scheme": Scheme.parse(self.scheme)})
 
     def check(self) -> None:
@@ -224,6 +228,8 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
         _ = self.parameters
         self._check_metres(images)
         if self.max_w is not None:
+            from procedures.restoration.masks.checks import check_max_w
+
             check_max_w(self.max_w)
         if self.recorded_path and (self.prototype_region is None or len(self.recorded_path) != 2):
             raise _unfit("--recorded-path needs --prototype-region, and one path for each of two photographs")
@@ -325,10 +331,15 @@ def _unfit(reason: str) -> BadParameter:
 
 def _parts(name: str) -> list[str]:
     """The files in a text; none if it names a model of blur."""
+    from procedures.restoration.masks.blur_models import named
+    from station.calibration.restoration.inputs import files_in
+
     return [] if named(name) is not None else files_in(name)
 
 
 def _placed(name: str, folder: Path) -> str:
+    from station.calibration.restoration.inputs import with_files
+
     parts = [] if NAME in name else _parts(name)
     return with_files(name, [str(folder / part) for part in parts]) if parts else name
 

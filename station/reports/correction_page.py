@@ -35,8 +35,9 @@ MAX_SIDE_PX, PART_PX = 720, 180
 PLACES = ((0.5, 0.5, "In the middle"), (0.06, 0.06, "Near the upper left corner"), (0.94, 0.94, "Near the lower right"))
 
 
-def correction_page(report: Report, corrected: Corrected) -> bytes:
-    """The page, UTF-8, with embedded pictures. Raises ValueError without a value."""
+def correction_page(report: Report) -> str:
+    """The page with embedded pictures. Raises ValueError without a value."""
+    corrected: Corrected = report.result
     value = corrected.outcome.value
     if value is None:
         raise ValueError("a correction without a value has no page")
@@ -61,7 +62,7 @@ def correction_page(report: Report, corrected: Corrected) -> bytes:
         Section("Before and after", compared),
         Section("Gain and cost", [_maps(value), Note("The same numbers are in `gain.csv`.")]),
     ]
-    return report_page(report, summary=_summary(corrected, value), closing=sections).encode()
+    return report_page(report, summary=_summary(corrected, value), closing=sections)
 
 
 def _summary(corrected: Corrected, value: Correction) -> list[Block]:

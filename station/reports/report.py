@@ -92,6 +92,7 @@ class Report:
     method : publication or standard
     duration_s : processing time
     drift : drift over the session
+    result : the complete result, if the planes are parts of one
     record : digest of the record, see `certificate.record_digest`
     details : what a certificate states besides the measurement
     """
@@ -115,6 +116,7 @@ class Report:
     duration_s: float | None = None
     drift: Sequence[DriftLine] = ()
     record: str = ""
+    result: Any = None
     details: CertificateDetails = field(default_factory=CertificateDetails)
 
     @property
@@ -185,6 +187,7 @@ def measurement_report(
         title=title,
         method=METHODS.get(procedure, method),
         duration_s=measurement.head.duration_s,
+        result=measurement.result,
     )
 
 

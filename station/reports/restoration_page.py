@@ -33,8 +33,9 @@ FOCUS_AT = (("Sharp where w is large.", 90), ("Sharp where w is in its middle.",
 """Captions of the refocused pictures, and percentiles of w in focus."""
 
 
-def restoration_page(report: Report, restored: Restored) -> str:
+def restoration_page(report: Report) -> str:
     """The page. Raises ValueError without a value."""
+    restored: Restored = report.result
     restoration, photographs = restored.outcome.value, restored.photographs
     if restoration is None:
         raise ValueError("a restoration without a value has no page")

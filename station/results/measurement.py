@@ -19,6 +19,7 @@ from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 NUMBERS = "numbers.csv"
+PSF = "station/psf/1"
 RESTORATION = "station/restore/1"
 """Schema of restorations."""
 BY_PLANE = "planes"

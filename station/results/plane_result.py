@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
 from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
-from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
 from station.results.exports import gaussian_radius
 from station.results.units import Pixels, Unit, convert_name, convert_numbers, convert_quantity
 
 if TYPE_CHECKING:
     from procedures.choice import Trial
+    from procedures.cross_check.estimate import EdgeCheck
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
+    from procedures.quality import Diffraction, Quality
     from procedures.sensor.information import Information
     from station.results.comparison import Comparison
 

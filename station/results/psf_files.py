@@ -15,7 +15,7 @@ from station.common.sanitise import cell
 from station.common.versions import software
 from station.drawing.psf_picture import psf_picture
 from station.results.exports import csv_bytes, profile_table, psf_fits, psf_tiff
-from station.results.measurement import Measurement, write_measurement
+from station.results.measurement import PSF, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, npy
@@ -23,7 +23,6 @@ from station.results.result_files import ResultFolder, npy
 if TYPE_CHECKING:
     from procedures.sensor.information import Information
 
-SCHEMA = "station/psf/1"
 BUDGET = "budget.csv"
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +33,7 @@ def psf_measurement(planes: Sequence[PlaneResult], head: RecordHead) -> Measurem
     """The planes with their files; s and k as they were used are among the parameters of the record."""
     choice = {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice}
     whole = replace(head, parameters={**head.parameters, **_sampling(planes)})
-    return Measurement(SCHEMA, whole, tuple(planes), entries={"choice": choice}, files=_files(planes))
+    return Measurement(PSF, whole, tuple(planes), entries={"choice": choice}, files=_files(planes))
 
 
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:

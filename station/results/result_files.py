@@ -18,10 +18,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
@@ -29,6 +27,7 @@ from station.results.plane_result import PlaneResult
 from station.results.record_head import verdict_entry
 
 if TYPE_CHECKING:
+    from procedures.cross_check.estimate import EdgeCheck
     from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
@@ -228,6 +227,8 @@ def plane_record(plane: PlaneResult) -> dict[str, Any]:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)
     if plane.psf is not None:
+        from procedures.quality import energy_outside_support  # here: mathematics, slow to load
+
         n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
         outside = asdict(energy_outside_support(plane.psf, n))
         entry |= {SAMPLES_PER_PIXEL: plane.psf.s, SUPPORT: plane.psf.k, ENERGY_OUTSIDE_SUPPORT: outside}

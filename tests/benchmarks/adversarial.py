@@ -8,8 +8,8 @@ Each corruption prints its mean shift of MTF50, the verdicts, and P(pass and |z|
 Clopper-Pearson interval (95 %, one-sided); z is the error over the stated standard uncertainty. Clean photographs print
 P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 and of the curve.
 
-`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart] [--count 100] [--seed 1]`: only corruptions
-whose names hold one of the words.
+`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
+corruptions whose names hold one of the words.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
+from procedures.two_photo.estimate import estimate_psf_of_pair  # noqa: E402
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -215,7 +216,9 @@ class Corruption:
 
     def shows(self, scene: str) -> bool:
         """Whether a scene can have it."""
-        return self.distort is None if scene != "edge" else not (self.print_cells or self.zoom)
+        if scene != "edge" and self.distort is not None:
+            return False
+        return scene == "chart" or not (self.print_cells or self.zoom)
 
 
 @dataclass(frozen=True)
@@ -267,6 +270,59 @@ def chart_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng:
 
 
 SCENES = {"edge": edge_light, "chart": chart_light}
+WALL_PX, WALL_FINE = 130, 2
+"""Side of a wall's far photograph in pixels; fine pixels along a near pixel's side."""
+
+
+def wall_lights(lens: Lens, pose: Pose, rng: Rng) -> tuple[Array, Array]:
+    """Light of a wall with 1/f detail on the pixels of a near and a far photograph."""
+    zoom = 3.4 + 0.01 * pose.rows
+    near_px = int(WALL_PX * zoom * 1.1)
+    size = WALL_FINE * (near_px + 80)
+    fx, fy = np.meshgrid(np.fft.rfftfreq(size, 1 / WALL_FINE), np.fft.fftfreq(size, 1 / WALL_FINE))
+    spectrum = np.fft.rfft2(rng.standard_normal((size, size))) / np.maximum(np.hypot(fx, fy), 4 / near_px)
+    wall = np.fft.irfft2(spectrum, (size, size))
+    spectrum *= 0.12 / wall.std()
+    near, far = (0.4 + np.fft.irfft2(spectrum * lens.otf(fx * a, fy * a), (size, size)) for a in (1.0, zoom))
+    first = WALL_FINE * 40
+    roll, apart = np.radians(pose.angle_deg / 3), WALL_FINE * zoom
+    y, x = (np.indices((WALL_PX, WALL_PX)) - (WALL_PX - 1) / 2) * apart
+    middle = (size - 1) / 2 + pose.shift_px
+    at = middle + np.cos(roll) * y + np.sin(roll) * x, middle + np.cos(roll) * x - np.sin(roll) * y
+    end = first + WALL_FINE * near_px
+    return near[first:end:WALL_FINE, first:end:WALL_FINE], map_coordinates(far, at, order=5, mode="wrap")
+
+
+def pair(seed: int, corruption: Corruption, *, source: str) -> tuple[Photograph, Photograph]:
+    """Near and far photograph of a wall, both corrupted; monochrome."""
+    rng = np.random.default_rng(seed)
+    pose, noise = draw_pose(rng), draw_noise(rng)
+    while (lens := draw_lens(rng)).mtf50(0.0) > SHARPEST:
+        pass
+    lens, truth = replace(lens, **corruption.lens), np.abs(lens.along(0.0, CURVE))
+    shots = []
+    for light in wall_lights(lens, pose, rng):
+        light = light if corruption.light is None else corruption.light(light)
+        plane = exposed(light, noise, corruption, source, rng)
+        shots.append(Photograph(plane, lens.mtf50(0.0), truth))
+    return shots[0], shots[1]
+
+
+def exposed(light: Array, noise: Noise, corruption: Corruption, source: str, rng: Rng) -> Plane:
+    """The plane of a photograph: noise, rounding, processing."""
+    prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
+    signal = rng.poisson(np.maximum(light, 0) * noise.white_e * np.maximum(prnu, 0))
+    picture = (signal + noise.read_e * rng.standard_normal(light.shape)) / noise.white_e
+    steps = 2 ** (noise.bits if source == "grey" else 14) - 1
+    picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    pitch = 2 if source == "bayer" else 1
+    if source == "bayer":
+        picture = picture[::2, 1::2]
+    if corruption.process is not None:
+        picture = corruption.process(picture, float(noise.white_e**-0.5), rng)
+        picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    samples = np.ascontiguousarray(picture, dtype=np.float32)
+    return Plane("Y", samples, 1 / steps, pitch=pitch, raw=source != "grey")
 
 
 def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "edge") -> Photograph:
@@ -280,21 +336,9 @@ def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "
     light, direction_deg = SCENES[scene](lens, pose, corruption, pitch, rng)
     if corruption.light is not None:
         light = corruption.light(light)
-    electrons = np.maximum(light, 0) * noise.white_e
-    prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
-    signal = rng.poisson(electrons * np.maximum(prnu, 0)) + noise.read_e * rng.standard_normal(light.shape)
-    picture = signal / noise.white_e
-    bits = noise.bits if source == "grey" else 14
-    steps = 2**bits - 1
-    picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
-    if source == "bayer":
-        picture = picture[::2, 1::2]
-    if corruption.process is not None:
-        picture = corruption.process(picture, float(noise.white_e**-0.5), rng)
-        picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
+    plane = exposed(light, noise, corruption, source, rng)
     scale = corruption.scale / pitch
     truth = np.abs(lens.along(direction_deg, CURVE * scale))
-    plane = Plane("Y", np.ascontiguousarray(picture, dtype=np.float32), 1 / steps, pitch=pitch, raw=source != "grey")
     return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
 
 
@@ -534,6 +578,19 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
 
 
+def by_wall(near: Plane, far: Plane) -> Answer:
+    """Two photographs of a wall, along rows."""
+    outcome = estimate_psf_of_pair(near, far)
+    if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
+        return Answer(str(outcome.verdict), outcome.reason)
+    quality = outcome.value.quality
+    number, f = quality.numbers["mtf50_horizontal"], quality.frequencies
+    values, spreads = (
+        np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
+    )
+    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+
+
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
 """By the name of their scene."""
 
@@ -584,6 +641,10 @@ def run(name: str, estimator: str, source: str, seeds: Sequence[int]) -> Tally:
     """Every seed's photograph with one corruption, through one estimator."""
     answers = []
     for seed in seeds:
+        if estimator == "wall":
+            near, far = pair(seed, CORRUPTIONS[name], source=source)
+            answers.append((far, by_wall(near.plane, far.plane)))
+            continue
         shot = photograph(seed, CORRUPTIONS[name], source=source, scene=estimator)
         answers.append((shot, ESTIMATORS[estimator](shot.plane, seed)))
     return Tally(f"{name} ({source})", answers)
@@ -593,7 +654,7 @@ def main() -> None:
     """Print a line for each corruption and source."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words", nargs="*")
-    parser.add_argument("--estimator", choices=ESTIMATORS, default="edge")
+    parser.add_argument("--estimator", choices=[*ESTIMATORS, "wall"], default="edge")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reasons", action="store_true")
@@ -609,6 +670,8 @@ def main() -> None:
             continue
         for source in given.sources:
             if source == "grey" or (corruption.raw and (source == "raw" or name == "clean")):
+                if (given.estimator, source) == ("wall", "bayer"):
+                    continue
                 print(run(name, given.estimator, source, seeds).line(given.reasons), flush=True)
     print(f"{time.process_time() - start:.0f} s of processor time")
 

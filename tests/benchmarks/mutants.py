@@ -1,6 +1,6 @@
 """Mutation testing: random small changes of the sources, and whether the tests notice them.
 
-    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER]
+    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
 into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
@@ -10,6 +10,8 @@ share killed with its 95 % interval (Clopper-Pearson), the survivors as a differ
 
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
+
+With --quick, tests marked slow are left out, which leaves more mutants alive.
 
 Needs coverage (`pip install coverage`).
 """
@@ -94,9 +96,9 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 USES_LOOPS = b"numerics.compiled import"
 SLOWER = 10.0
 GRACE_S = 20.0
-MOST_TESTS_S = 25.0
+MOST_TESTS_S = 10.0
 """Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
-AGAIN = 2
+AGAIN = 6
 """As many times longer for a mutant that is tried again, then also tests that do not execute its line themselves."""
 
 
@@ -231,8 +233,8 @@ class Announcer:
 class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
-    def __init__(self, name: str, folder: Path) -> None:
-        self.name, self.folder, self.again = name, folder, False
+    def __init__(self, name: str, folder: Path, quick: bool = False) -> None:
+        self.name, self.folder, self.again, self.quick = name, folder, False, quick
         self.too_slow: list[Mutant] = []
         self.sources, self.tests = AREAS[name]
         self.files = _files_of(folder, self.sources, "*.py")
@@ -263,7 +265,7 @@ class Area:
 
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
-        _wait(self._fork(lambda: _record(self.sources, changed, out), self.folder / "recording.log"))
+        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), self.folder / "recording.log"))
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -398,10 +400,10 @@ def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> in
     return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
 
 
-def _record(sources: Sequence[str], tests: Sequence[str], out: Path) -> int:
+def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool) -> int:
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
-    code = _pytest(tests, recorder)
+    code = _pytest([*tests, *(("-m", "not slow") if quick else ())], recorder)
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
@@ -427,10 +429,10 @@ def described(mutant: Mutant, folder: Path) -> str:
     return f"{mutant.file}:{mutant.line}\n    - {before.strip()}\n    + {after.strip()}"
 
 
-def tried(name: str, count: int, seed: int, folder: Path) -> None:
+def tried(name: str, count: int, seed: int, folder: Path, quick: bool = False) -> None:
     """Try random mutants of an area, or those that survived in a kept folder, and print what survives."""
     begin = time.monotonic()
-    area = Area(name, folder)
+    area = Area(name, folder, quick)
     kept = folder / f"{name}-mutants.json"
     if kept.exists():
         state = json.loads(kept.read_text())
@@ -466,6 +468,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=25)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copies, records and survivors; by default none")
+    parser.add_argument("--quick", action="store_true", help="without the tests marked slow")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # no mutant stays in a kept copy
@@ -475,7 +478,7 @@ def main() -> int:
         folder = (options.keep or Path(passing)).resolve()
         copy_checkout(folder)
         for name in options.areas or AREAS:
-            tried(name, options.count, options.seed, folder)
+            tried(name, options.count, options.seed, folder, options.quick)
     return 0
 
 

@@ -69,7 +69,7 @@ class FirmwareInSimavr:
         """Nobody knows: look every few milliseconds."""
         return self._ran_s + self.STEP_S
 
-    def restart(self, now_s: float, off_s: float) -> None:
+    def restart(self, now_s: float, off_s: float = 0.5) -> None:
         """Switch it off, and on again so much later; its settings and its axes stay as they are."""
         self._catch_up(now_s)
         self._said.clear()

@@ -269,10 +269,10 @@ import json, sys
 from pathlib import Path
 import drivers.gphoto as gphoto
 from drivers.errors import DeviceError
-from drivers.frames import Facts
+from drivers.frames import ExposureMetadata
 from drivers.interfaces import CameraSettings
 saved = Path(sys.argv[1])
-camera = gphoto.GphotoCamera(saved, lambda path: Facts(exposure_s=0.02), patience_s=5.0)
+camera = gphoto.GphotoCamera(saved, lambda path: ExposureMetadata(exposure_s=0.02), patience_s=5.0)
 reported = {"model": camera.connect().model}
 camera.configure(CameraSettings(exposure_s=0.02, f_number=5.6))
 config = camera._do(camera._camera.get_config)

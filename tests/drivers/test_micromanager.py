@@ -290,6 +290,14 @@ def test_a_mosaic_is_read_as_one(core, camera, tmp_path):
     bayer.close()
 
 
+def test_the_gain_is_set_and_read_back(core, camera, truth, tmp_path):
+    frames = DngFolder(tmp_path / "in", inspect_raw)
+    MicroManagerCamera(core, "Cam", frames, gain=3).connect()
+    assert float(truth.getProperty("Cam", "Gain")) == 3
+    with pytest.raises(Rejected, match="write a gain that its property Gain takes"):
+        MicroManagerCamera(core, "Cam", frames, gain=30).connect()
+
+
 def test_eight_bits_are_scaled_to_eight_bits(camera, truth):
     truth.setProperty("Cam", "PixelType", "8bit")
     assert read_frame(camera.expose().path).planes["Y"].white == 255

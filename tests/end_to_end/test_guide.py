@@ -23,6 +23,7 @@ from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
 from station.guide.session_result import compute
+from station.results.reader import read_record
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
@@ -166,3 +167,16 @@ def test_every_photograph_is_in_the_session_with_the_state_of_the_devices(done):
         assert {"z_mm", "pan_deg"} <= set(shot.snapshot["axes"])
         assert "acceleration_m_s2" in shot.snapshot
     assert all(shot.counts is not None for shot in done.state.shots)
+
+
+def test_the_rooms_temperature_is_in_every_photographs_state_and_in_the_record(done):
+    readings = [shot.snapshot["environment"]["room"]["temperature"]["value"] for shot in done.state.counting()]
+    kept = read_record(done.folder / done.state.results[-1].folder)["environment"]["room"]
+    assert kept["temperature"]["min"] == min(readings)
+    assert kept["temperature"]["n"] == len(readings)
+    # the room warms up from 21 by 3 kelvin, and swings by 0.3; the probe states 0.1
+    assert 20.7 <= min(readings) <= max(readings) <= 24.3
+    assert (kept["temperature"]["uncertainty"], kept["humidity"]["unit"]) == (0.1, "%")
+    page = done.ends[1].report.read_text()
+    assert "temperature (room)" in page
+    assert "humidity (room)" in page

@@ -145,7 +145,7 @@ def poses_on(shaker_path: ShakerPath, exposure_s: float, late_s: float = 0.0) ->
 
 
 def _followed(command: Array, shaker_path: ShakerPath, phase: Array) -> Array:
-    """What the axes make of a round of commands (n, 3), at phases in rounds."""
+    """Positions of the axes for a round of commands (n, 3), at phases in rounds."""
     spectrum = np.fft.rfft(command, axis=0)
     round_s = shaker_path.interval_s * len(shaker_path.position_m)
     harmonic = np.arange(len(spectrum))

@@ -40,11 +40,12 @@ FAILED = 3
     "--commission", is_flag=True,
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
+@click.option("--tap", is_flag=True, help="Measure the delay of the IMU's cable by taps that the box's unit feels too.")
 @click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
 @log_json_option
 def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
-    commission: bool, output: Path | None,
+    commission: bool, tap: bool, output: Path | None,
 ) -> None:  # fmt: skip
     """Show each device: driver, address, identity, state, and the remedy for problems."""
     from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
@@ -67,6 +68,8 @@ def devices(
                 rows = bench.rows()
                 if commission:
                     _commission(bench, rows, tables, output)
+                if tap:
+                    _tap(bench)
         finally:
             bench.close()
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
@@ -117,6 +120,23 @@ def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], 
     if output is not None and written:
         output.write_text("\n".join(written), encoding="utf-8")
         log("written", f"the tables of {', '.join(stages)} are in {output}")
+
+
+def _tap(bench: Bench) -> None:
+    """Measure the delays of the units' cables, and write what belongs into their tables."""
+    from drivers.errors import DeviceError
+    from station.bench.common_event import TAPS, latencies
+
+    def ask(name: str, n: int) -> None:
+        click.echo(f"{name}: tap the rig once, now ({n + 1} of {TAPS})", err=True)
+
+    try:
+        measured = latencies(bench, ask)
+    except DeviceError as error:
+        log("tap", error.reason, level="error", remedy=error.remedy)
+        raise click.exceptions.Exit(FAILED) from error
+    for name, one in measured.items():
+        click.echo(f"[devices.{name}]\nlatency_s = {one.latency_s:.4f}\nlatency_within_s = {one.within_s:.4f}")
 
 
 def interrupt() -> None:

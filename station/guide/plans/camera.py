@@ -242,7 +242,9 @@ def _write_geometry(
     sources = {view.view.source for view in camera.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
     result = PlaneResult.of_outcome(plane, one, estimate=camera, numbers=camera.numbers())
-    geometry.write(folder, [result], views, _of_inputs(head, {frame.sha256 for frame in views}))
+    measured = geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
+    folder.write("report.html", procedure_named("geometry").page(measured))
+    write_measurement(folder, measured)
     return "report.html"
 
 

@@ -31,10 +31,9 @@ from station.common.models import ModelField, TableSource, fields_of, read_model
 from station.guide.dialogue import FILE_SEPARATOR
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named
-from station.results.measurement import Measurement, write_measurement
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 from station.sessions.session_terms import terms_of_session
 
@@ -207,13 +206,8 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     return [replace(one.result().by_name[name], estimate=one.value) for name, one in outcomes.items()]
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of the procedure's command for a session."""
-    procedure = procedure_named(head.procedure)
+def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    """That of the procedure's command."""
     measured: Measurement = planes[0].estimate
-    measured = replace(
-        measured, head=replace(measured.head, input=head.input, environment=head.environment, duration_s=None)
-    )
-    if procedure.has_page and procedure.draws(measured):
-        folder.write("report.html", procedure.page(measured))
-    return write_measurement(folder, measured)
+    own = replace(measured.head, input=head.input, environment=head.environment, duration_s=None)
+    return replace(measured, head=own)

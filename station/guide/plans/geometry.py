@@ -8,11 +8,9 @@ from procedures.geometry.plan import plan as plan
 from procedures.plan import Facts, Outcomes
 from procedures.raw import RawFrame
 from station.calibration.geometry_files import geometry_measurement, session_plane
-from station.procedure.registry import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 
 
@@ -24,10 +22,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     ]
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station geometry` for a session; the record alone for a refused result."""
+def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    """That of `station geometry`."""
     (plane,) = planes
-    measurement = geometry_measurement([session_plane(plane, frames)], head)
-    if not measurement.refused:
-        folder.write("report.html", procedure_named("geometry").page(measurement))
-    return write_measurement(folder, measurement)
+    return geometry_measurement([session_plane(plane, frames)], head)

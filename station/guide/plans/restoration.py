@@ -15,11 +15,9 @@ from procedures.restoration.known_blur import planes_of, rig_poses, split_ground
 from procedures.restoration.photograph_blur import Shape
 from procedures.restoration.plan import plan as restoration_plan
 from station.calibration.restoration.inputs import files_in, imu_table, poses_table, read_blur_shape, with_files
-from station.procedure.registry import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 from station.sessions.given_files import is_given
 
@@ -43,26 +41,26 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     return [PlaneResult.of_outcome(name, one, estimate=one.value) for name, one in outcomes.items()]
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station restore` for a session; the record alone for a refused result."""
+def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    """That of `station restore`, with the records of motion."""
     from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
     (picture,) = planes
     restoration: Restoration | None = picture.estimate
     outcome = picture.outcome(restoration)
     if restoration is None:
-        return write_measurement(folder, restoration_measurement(picture.name, Restored(outcome, ()), head))
+        return restoration_measurement(picture.name, Restored(outcome, ()), head)
     facts = facts_as(RestorationFacts, head.parameters)
     blurred, _ = split_ground_truth(frames, facts)
+    records: dict[str, bytes] = {}
     for n, frame in enumerate(blurred, start=1):
         if frame.imu is not None:
-            folder.write(f"imu_{n}.csv", imu_table(frame.imu))
+            records[f"imu_{n}.csv"] = imu_table(frame.imu)
         poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
         if frame.shaker_path is not None and poses is not None and exposure_s is not None:
-            folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
+            records[f"poses_{n}.csv"] = poses_table(poses, exposure_s)
     timeless = replace(restoration, history=tuple(replace(r, seconds=0.0) for r in restoration.history))
     photographs = [stacked(planes_of(frame, facts)) for frame in blurred]
     whole = Restored(replace(outcome, value=timeless), photographs)  # makes the files reproducible
-    measurement = restoration_measurement(picture.name, whole, head)
-    folder.write("report.html", procedure_named("restore").page(measurement))
-    return write_measurement(folder, measurement)
+    measured = restoration_measurement(picture.name, whole, head)
+    return replace(measured, files={**records, **measured.files})

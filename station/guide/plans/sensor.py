@@ -13,11 +13,9 @@ from procedures.sensor.facts import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
-from station.procedure.registry import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 
 
@@ -63,12 +61,8 @@ def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
     return PlaneResult.of_outcome(name, one, estimate=whole, numbers=numbers)
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station sensor` for a session."""
-    whole = next((one.estimate for one in planes if one.estimate is not None), None)
-    if whole is None:
-        refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
-        return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))
-    measured = sensor_measurement(whole, head)
-    folder.write("report.html", procedure_named("sensor").page(measured))
-    return write_measurement(folder, measured)
+def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    """That of `station sensor`."""
+    whole: SensorFiles | None = next((one.estimate for one in planes if one.estimate is not None), None)
+    refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
+    return sensor_measurement(whole or SensorFiles((), None, None, refused), head)

@@ -18,11 +18,9 @@ from procedures.tilt.plan import MARK
 from procedures.tilt.positions import Positions
 from station.calibration.tilt import measure_tilt, tilt_measurement
 from station.guide.plans.geometry import results as results
-from station.procedure.registry import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
 
 RAIL_MM = 0.1
 """Standard uncertainty of the rail's positions."""
@@ -57,11 +55,8 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     return {name: measure_tilt(measured, name, depths, parameters)}
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station tilt` for a session."""
+def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    """That of `station tilt`."""
     (plane,) = planes
-    outcome = plane.outcome(plane.estimate)
     parameters = {name: value for name, value in head.parameters.items() if not name.startswith(DEPTH)}
-    measured = tilt_measurement(replace(head, parameters=parameters), plane.name, outcome)
-    folder.write("report.html", procedure_named("tilt").page(measured))
-    return write_measurement(folder, measured)
+    return tilt_measurement(replace(head, parameters=parameters), plane.name, plane.outcome(plane.estimate))

@@ -5,18 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from procedures.correction.estimate import CorrectionParameters
-from procedures.correction.priors import Prior
-from station.calibration.correction import (
-    Corrected,
-    correct_photographs,
-    correction_entries,
-    correction_files,
-    correction_numbers,
-)
-from station.calibration.exports.psf import field_path
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, RawLayout
 from station.procedure.settings import setting, to_record
@@ -24,6 +14,10 @@ from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from procedures.correction.estimate import CorrectionParameters
+    from station.calibration.correction import Corrected
 
 
 class CorrectSettings(RawLayout, frozen=True, kw_only=True):
@@ -48,6 +42,9 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     @property
     def parameters(self) -> CorrectionParameters:
         """Those of the estimate."""
+        from procedures.correction.estimate import CorrectionParameters
+        from procedures.correction.priors import Prior
+
         usual = CorrectionParameters()
         return replace(
             usual, prior=Prior(self.prior, strength=self.strength), side=self.tile_px, scale=self.scale,
@@ -68,6 +65,7 @@ class Correct(Procedure[CorrectSettings]):
     inputs = Inputs.SEVERAL
     Settings = CorrectSettings
     results_key = "result"
+    drawn_by = "correction_page:correction_page"
     method = "joint demosaicking and deconvolution through the measured PSF field, regularized"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -76,12 +74,22 @@ class Correct(Procedure[CorrectSettings]):
 
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
         """The field."""
+        from station.calibration.exports.psf import field_path
+
         return [field_path(settings.field)]
 
     def measure(
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The corrected picture."""
+        from station.calibration.correction import (
+            correct_photographs,
+            correction_entries,
+            correction_files,
+            correction_numbers,
+        )
+        from station.calibration.exports.psf import field_path
+
         results = correct_photographs(
             paths, field_path(settings.field), settings.parameters, settings.layout, _by_hundredths(progress),
             insisted=settings.insist,
@@ -98,12 +106,6 @@ class Correct(Procedure[CorrectSettings]):
             files={} if value is None else correction_files(value, results.metadata), exposure=results.frame.exposure,
             result=results,
         ).compared(terms)  # fmt: skip
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Before and after."""
-        from station.reports.correction_page import correction_page  # here: it draws, which is slow to load
-
-        return correction_page(self.report(measurement), measurement.result)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """The photographs that were not used."""

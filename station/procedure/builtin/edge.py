@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
 from procedures.outcome import BadParameter
-from procedures.slanted_edge.estimate import EdgeOutcome, orientation
-from procedures.slanted_edge.strip import Roi
-from station.calibration.edges import EdgeRecord, PhotographEdges, edge_measurement, measure_edges
 from station.common.progress import Progress, silent
 from station.common.uncertainty_text import stated
 from station.procedure.base import Inputs, Procedure
@@ -24,6 +21,8 @@ from station.results.units import convert_quantity
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
+    from procedures.slanted_edge.estimate import EdgeOutcome
+    from station.calibration.edges import EdgeRecord, PhotographEdges
     from station.reports.report import Report
 
 
@@ -71,12 +70,16 @@ class SlantedEdge(Procedure[EdgeSettings]):
     schema = "station/mtf/1"
     has_mtf = True
     usual_page = False
+    drawn_by = "edges.edge_page:edge_page"
     subject = "edge"
 
     def measure(
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The edge of a region, or all edges that are found."""
+        from procedures.slanted_edge.strip import Roi  # here: mathematics, slow to load
+        from station.calibration.edges import PhotographEdges, edge_measurement, measure_edges
+
         region = settings.region
         frame = settings.read(paths[0])
         roi = None if region is None else Roi(*region)
@@ -99,12 +102,6 @@ class SlantedEdge(Procedure[EdgeSettings]):
         )  # in a session, relative to it
         return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
 
-    def page(self, measurement: Measurement) -> bytes:
-        """Every edge with its place, its spread and its MTF."""
-        from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
-
-        return edge_page(self.report(measurement), measurement.result).encode()
-
     def lines(self, measurement: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""
         whole: PhotographEdges = measurement.result
@@ -114,6 +111,8 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     """Place, verdict, direction and MTF50 of an edge."""
+    from procedures.slanted_edge.estimate import orientation
+
     roi, edge, result = outcome.roi, outcome.value, record.result
     place = "" if roi is None else f" at {roi.x},{roi.y},{roi.width},{roi.height}"
     words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"

@@ -7,19 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from procedures.field.conclusion import conclude
-from procedures.field.measuring import measure
 from procedures.field.photosite import ASSUMED, Photosite
 from procedures.outcome import BadParameter, Miss
 from procedures.pattern import BLOCK, BLOCKS
-from procedures.pattern_psf.estimate import PatternParameters
 from procedures.reading.exposure import Exposure
-from procedures.whole_camera.from_field import whole_camera
-from station.calibration.field import field_pixels, field_results
 from station.calibration.field_photographs import check_noted, focus_positions
-from station.calibration.sensor_models import read_models
-from station.calibration.vignetting import read_vignetting
-from station.calibration.whole_camera import other_parts
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, beside
 from station.procedure.optics import INSIST
@@ -112,11 +104,20 @@ class Field(PsfProcedure[FieldSettings]):
     argument = "FOLDER..."
     Settings = FieldSettings
     usual_page = True
+    drawn_by = "field.field_page:field_page"
 
     def measure(
         self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The field of every plane."""
+        from procedures.field.conclusion import conclude
+        from procedures.field.measuring import measure
+        from procedures.pattern_psf.estimate import PatternParameters
+        from procedures.whole_camera.from_field import whole_camera
+        from station.calibration.field import field_pixels, field_results
+        from station.calibration.sensor_models import read_models
+        from station.calibration.vignetting import read_vignetting
+        from station.calibration.whole_camera import other_parts
         from station.reports.field.field_files import FieldParts, field_measurement  # here: it draws, slow to load
 
         parameters, source, photosite = PatternParameters(**settings.sampling()), settings.source, settings.photosite
@@ -162,12 +163,6 @@ class Field(PsfProcedure[FieldSettings]):
         result = measurement.result.result
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
         return replace(report, planes=[with_medians(one, result) for one in measurement.planes])
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Maps, PSFs and curves over the frame."""
-        from station.reports.field.field_page import field_page  # here: it draws, which is slow to load
-
-        return field_page(self.report(measurement), measurement).encode()
 
 
 PROCEDURE = Field()

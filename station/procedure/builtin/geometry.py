@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from procedures.geometry.cameras import parameter_names
-from procedures.geometry.estimate import GeometryParameters
 from procedures.pattern import BLOCK, BLOCKS
-from station.calibration.geometry import conclude, measure_views
-from station.calibration.geometry_files import geometry_measurement
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartSettings, Inputs, Procedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from procedures.geometry.estimate import GeometryParameters
 
 
 class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
@@ -38,6 +37,9 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     @property
     def parameters(self) -> GeometryParameters:
         """Those of the estimate. Raises BadParameter where there is no such model."""
+        from procedures.geometry.cameras import parameter_names
+        from procedures.geometry.estimate import GeometryParameters
+
         if self.model is not None:
             parameter_names(self.model)
         known = self.width_uncertainty_mm
@@ -62,12 +64,16 @@ class CameraGeometry(Procedure[GeometrySettings]):
     at one focus are a good number."""
     inputs = Inputs.PHOTOGRAPHS
     Settings = GeometrySettings
+    drawn_by = "geometry_page:geometry_page"
     method = "bundle adjustment of camera, poses and chart, each point weighted by its covariance"
 
     def measure(
         self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The camera in every plane."""
+        from station.calibration.geometry import conclude, measure_views
+        from station.calibration.geometry_files import geometry_measurement
+
         parameters, source, layout = settings.parameters, settings.source, settings.layout
         shoots = measure_views(paths, settings.plane_name, source.chart, layout, progress)
         given = {
@@ -77,12 +83,6 @@ class CameraGeometry(Procedure[GeometrySettings]):
         read = [one for one in shoots[0].records if one.sha256]
         head = RecordHead(self.name, files_read(read), given)
         return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The page: accuracy over the frame, lens, chart and views."""
-        from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
-
-        return geometry_page(self.report(measurement)).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, and from how many views."""

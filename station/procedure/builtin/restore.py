@@ -2,62 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import msgspec
-import numpy as np
-
-from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
-from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.raw import RawFrame, read_photograph
-from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.first_depth.registration import register
-from procedures.restoration.flat_part import region_of
-from procedures.restoration.ground_truth import check_ground_truth, compare_to_ground_truth
-from procedures.restoration.joint.joint_descent import JointRound
-from procedures.restoration.joint.result import Restoration
-from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.checks import check_photographs, trust_of
-from procedures.restoration.masks.mask_fields import MaskField, Masks
-from procedures.restoration.masks.psf_shapes import MeasuredShape
-from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import Distances, ambiguity, distances_of, unexplained
-from procedures.restoration.photograph_blur import (
-    AdditionalDefocus,
-    BlurSpec,
-    Finding,
-    KnownShapes,
-    RecordedMotion,
-    SceneBlur,
-    Shape,
-    UnknownMotion,
-    blur_of,
-)
-from procedures.restoration.unknown_motion.blind import Prototypes
-from procedures.restoration.unknown_motion.flat_scene import FreeKernels
-from procedures.restoration.unknown_motion.recorded_paths import read_path
-from station.calibration.restoration.inputs import (
-    doubt_of,
-    poses_of_records,
-    read_blur_shape,
-    read_kernels,
-    read_poses,
-)
 from station.common.progress import Progress, silent
-from station.common.sanitise import encodable
 from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
 from station.results.measurement import RESTORATION, Measurement
-from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
-MIN_DETERMINED = 0.3
-"""Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
+if TYPE_CHECKING:
+    from procedures.restoration.joint.result import Restoration
 
 
 class Restore(Procedure[RestoreSettings]):
@@ -72,6 +28,7 @@ class Restore(Procedure[RestoreSettings]):
     Settings = RestoreSettings
     schema = RESTORATION
     results_key = "result"
+    drawn_by = "restoration_page:restoration_page"
     method = "joint estimation of picture and depth by regularized least squares over the blur's masks"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -86,46 +43,9 @@ class Restore(Procedure[RestoreSettings]):
         self, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """Picture and depth of the photographs."""
-        # imported here: it draws, which is slow to load
-        from station.reports.restoration_files import Restored, restoration_measurement
+        from station.procedure.restoring import restored  # here: mathematics, slow to load
 
-        settings = settings.of(paths)
-        settings.check_for(len(paths))
-        frames = [settings.read(path) for path in paths]
-        photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
-        check_photographs(photographs)
-        truth = None if settings.reference is None else _ground_truth(settings, settings.reference, frames)
-        lenses = _lenses(settings, frames) if settings.metres else []
-        blurred = _with_lenses(settings, lenses) if lenses else settings
-        spec = _spec(blurred, frames, photographs)
-        for sentence in _measured_words(spec):
-            progress(sentence, 0)
-        blur = blur_of(spec, photographs, lambda motion: progress(_finding(motion), 0))
-        outcome = blur.restored(photographs, settings.parameters, _by_rounds(settings, progress))
-        if is_mosaic(frames[0].planes) and outcome.value is not None:
-            outcome = blur.coloured(outcome, [frame.planes for frame in frames])
-        distances = None
-        if lenses and outcome.value is not None:
-            distances = _distances(outcome.value, photographs, blur.masks, lenses[0], str(settings.metres))
-            outcome = _judged(outcome, distances)
-        if truth is not None:
-            outcome = compare_to_ground_truth(outcome, [one.planes for one in frames], truth.planes)
-        given = {
-            **_blur_record(settings, frames, spec, blur), **(_lens_record(settings, lenses) if lenses else {}),
-            "planes": list(frames[0].planes), **({"encoding": settings.encoding} if settings.encoding else {}),
-            **({"reference": str(settings.reference), "reference_sha256": truth.sha256} if truth else {}),
-            **settings.descent, **({"raw": str(settings.layout)} if settings.raw else {}), **_file_record(settings),
-        }  # fmt: skip
-        head = RecordHead(self.name, files_read(frames), given)
-        whole = Restored(outcome, photographs, distances)
-        measurement = restoration_measurement("+".join(frames[0].planes), whole, head)
-        return replace(measurement, exposure=frames[0].exposure).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """Before, after, depth, residual, and the picture refocused."""
-        from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
-
-        return restoration_page(self.report(measurement), measurement.result).encode()
+        return restored(self.name, paths, settings, terms, progress)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """The comparison with the ground truth."""
@@ -138,231 +58,6 @@ class Restore(Procedure[RestoreSettings]):
             f"compared with the ground truth {truth.psnr_db:.1f} dB, the photographs {before} dB; "
             f"error {truth.error:.2%} of white, estimated {truth.stated_error:.2%}"
         ]
-
-
-def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFrame]) -> RawFrame:
-    """A photograph of the same planes. Raises BadInput where it cannot be compared with them."""
-    names = list(frames[0].planes)
-    plane = names[0] if len(names) == 1 else "all"
-    truth = msgspec.structs.replace(settings, plane=plane).read(path)
-    check_ground_truth([frame.planes for frame in frames], truth.planes)
-    return truth
-
-
-def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
-    """Report every round of the descent as its share of the work."""
-    share = 100 // (settings.parameters.scheme.rounds + 1)
-
-    def report(done: JointRound) -> None:
-        progress(f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255", share)
-
-    return report
-
-
-# --- blur --------------------------------------------------------------------------------------------------------
-
-
-def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
-    """The specification of the blur, with its files read."""
-    count, source = len(frames), _source(settings, frames, photographs)
-    if settings.blur != "both":
-        return BlurSpec(source, settings.max_w)
-    ratios, offsets = (_repeated(one, count) for one in (settings.defocus_ratio, settings.defocus_offset or (0.0,)))
-    shapes = _shapes(settings.defocus_shape, frames, photographs, None)
-    return BlurSpec(source, settings.max_w, AdditionalDefocus(shapes, (*ratios,), (*offsets,)))
-
-
-def _source(
-    settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]
-) -> KnownShapes | RecordedMotion | UnknownMotion:
-    if settings.poses:
-        poses = tuple(read_poses(Path(one)) for one in settings.poses)
-        return RecordedMotion(poses, settings.focal_px, settings.max_inverse_depth)
-    if settings.imu:
-        late = partial(poses_of_records, [Path(one) for one in settings.imu], _exposures(settings, frames))
-        return RecordedMotion(
-            late(), settings.focal_px, settings.max_inverse_depth, settings.imu_within_s, lambda late_s: late(late_s)
-        )
-    ratios = _later(settings.ratio, 1.0, len(frames))
-    if settings.prototype_region is not None:
-        paths = tuple(read_path(Path(one)) for one in settings.recorded_path)
-        kernels, doubt = read_kernels([Path(one) for one in settings.shape])
-        return UnknownMotion(region_of(settings.prototype_region), paths, ratios, kernels, doubt)
-    samples = settings.samples_per_pixel
-    shapes = _shapes(settings.shape, frames, photographs, samples if isinstance(samples, int) else None)
-    return KnownShapes(shapes, ratios, _later(settings.offset, 0.0, len(frames)), doubt_of(settings.shape))
-
-
-def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
-    """Exposure times in seconds, as given, or as recorded in the files."""
-    return _repeated(settings.exposure_s, len(frames)) or [one.exposure.exposure_s for one in frames]
-
-
-def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
-    """One value per photograph, from those after the first, the last of which is repeated; none if none is given."""
-    return (first, *given, *(given[-1:] * count))[:count] if given else ()
-
-
-def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
-    """One value per photograph, from one for each or one for all."""
-    return [*given] * (1 if len(given) == count else count)
-
-
-def _shapes(
-    names: tuple[str, ...], frames: list[RawFrame], photographs: list[Array], samples_per_px: int | None
-) -> tuple[Shape, ...]:
-    plane, size = next(iter(frames[0].planes)), (photographs[0].shape[1], photographs[0].shape[2])
-    return tuple(read_blur_shape(name, plane, size, samples_per_px) for name in _repeated(names, len(frames)))
-
-
-def _measured(spec: BlurSpec) -> list[MeasuredShape]:
-    shapes = spec.source.shapes if isinstance(spec.source, KnownShapes) else ()
-    return [one for one in shapes if isinstance(one, MeasuredShape)]
-
-
-def _measured_words(spec: BlurSpec) -> list[str]:
-    return [
-        f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded"
-        for one in _measured(spec)
-    ]
-
-
-def _finding(motion: Finding) -> str:
-    """An estimate of unknown motion in words."""
-    if isinstance(motion, FreeKernels):
-        return motion.doubt or f"motions of any form within {motion.half_width:.0f} pixels each way"
-    if isinstance(motion, Prototypes):
-        return (
-            f"motion of half-width {motion.half_width:.1f} pixels in the flat part; the search for the paths that "
-            "agree with the whole frame takes about a minute"
-        )
-    return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
-
-
-# --- metres ------------------------------------------------------------------------------------------------------
-
-
-def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
-    """Lens and focus of each photograph, in pixels of the plane. Raises BadParameter where something is missing."""
-    lenses = []
-    for n, frame in enumerate(frames):
-        recorded = frame.exposure
-        focus_m, f_number = (_one(each, n) for each in (settings.focus_m, settings.f_number))
-        known = {
-            "--focal-length-mm": settings.focal_length_mm or recorded.focal_length_mm,
-            "--f-number": f_number or recorded.f_number,
-            "--focus-m": 1000 * focus_m if focus_m else recorded.subject_distance_mm,
-            "--pixel-pitch-um": settings.pixel_pitch_um,
-        }
-        lacking = ", ".join(option for option, value in known.items() if not value)
-        if lacking:
-            raise BadParameter(f"photograph {n + 1} does not record all data for metres", f"give {lacking}")
-        focal, number, focus_mm, pitch = (float(value or 0) for value in known.values())
-        lenses.append(CameraSetting(focal, number, focus_mm, pitch * next(iter(frame.planes.values())).pitch))
-    return lenses
-
-
-def _one(given: Sequence[float], n: int) -> float | None:
-    return (given[0] if len(given) == 1 else given[n]) if given else None
-
-
-def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> RestoreSettings:
-    """The settings with ratios and offsets from the camera's data (4.8 to 4.10)."""
-    # radii are positive in front of the plane of focus; behind it w is their negative
-    side = 1 if settings.metres == "front" else -1
-    related = [relation(lenses[0], other) for other in lenses[1:]]
-    offsets = tuple(side * beta for _, beta in related)
-    ratios = tuple(alpha for alpha, _ in related)
-    return msgspec.structs.replace(
-        settings, shape=("pillbox",), ratio=ratios, offset=offsets if any(abs(one) > 1e-9 for one in offsets) else ()
-    )
-
-
-def _distances(
-    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting, side: str
-) -> Distances:
-    """Depth in metres."""
-    z = np.stack(photographs)
-    aligned = register(z, trust_of(z), masks).z
-    w, noise = restoration.w.astype(np.float64), restoration.diagnostics.noise
-    spread = np.hypot(restoration.w_std, ambiguity(list(aligned), masks, w, noise))
-    spread[unexplained(restoration.residual.astype(np.float64), noise)] = np.inf
-    return distances_of(w, spread, lens, side)
-
-
-def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
-    """The outcome, doubtful where the distance of most of the frame is undetermined."""
-    if distances.determined >= MIN_DETERMINED or outcome.reason:
-        return outcome
-    reason = f"only {distances.determined:.0%} of the frame have a distance, as texture or blur are insufficient"
-    remedy = "put structure into the scene, or open the lens"
-    return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
-
-
-# --- record ------------------------------------------------------------------------------------------------------
-
-
-def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:
-    return {
-        "metres": settings.metres,
-        "f_number": [one.f_number for one in lenses],
-        "focus_m": [one.focus_mm / 1000 for one in lenses],
-        "focal_length_mm": lenses[0].focal_length_mm,
-        "pixel_pitch_um": settings.pixel_pitch_um,
-    }
-
-
-def _file_record(settings: RestoreSettings) -> dict[str, Any]:
-    """The files that the settings name, with their hashes."""
-    files = [
-        {"path": encodable(str(path)), "sha256": hashlib.sha256(read_photograph(path)).hexdigest()}
-        for path in settings.files
-    ]
-    return {"files": files} if files else {}
-
-
-def _blur_record(settings: RestoreSettings, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
-    """The settings of the blur, and what was estimated of it."""
-    entries: dict[str, Any] = {
-        "blur": settings.blur,
-        "prototype_region": settings.prototype_region,
-        "shape": list(settings.shape),
-        "recorded_path": list(settings.recorded_path),
-    }
-    if settings.imu:
-        entries |= {"imu": list(settings.imu), "exposure_s": _exposures(settings, frames)}
-    elif settings.poses:
-        entries |= {"poses": list(settings.poses)}
-    entries |= _source_record(spec, blur)
-    if spec.defocus is not None:
-        entries["defocus_shape"] = _repeated(settings.defocus_shape, len(spec.defocus.shapes))
-        entries["defocus_ratio"] = list(spec.defocus.ratios)
-        entries["defocus_offset"] = list(spec.defocus.offsets)
-    if (motion := blur.motion) is not None:
-        paths = None if motion.path is None else motion.path[:, ::8].round(3).tolist()
-        entries["motion"] = {"half_width_px": motion.half_width, "paths_px": paths, "doubt": motion.doubt}
-    return entries
-
-
-def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
-    source = spec.source
-    if isinstance(source, RecordedMotion):
-        masks = MaskField.of(blur.masks[0])
-        given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
-        fitted = {} if blur.time_shift is None else {"time_shift": asdict(blur.time_shift)}
-        return {**given, **fitted, "nodes": list(masks.grid), "half_size": masks.R}
-    entries: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
-    if isinstance(source, KnownShapes) and any(source.offsets):
-        entries["offset"] = list(source.offsets[1:])
-    measured = [
-        {
-            "half_width_px": one.half_width_px,
-            "negative_light": one.cut,
-            ENERGY_OUTSIDE_SUPPORT: one.energy_outside_support,
-        }
-        for one in _measured(spec)
-    ]
-    return {**entries, "measured": measured} if measured else entries
 
 
 PROCEDURE = Restore()

@@ -53,6 +53,7 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     sorted by the exposure time that the camera noted."""
     inputs = Inputs.FOLDER
     Settings = SensorSettings
+    drawn_by = "sensor_page:sensor_page"
     suffixes = PHOTOGRAPHS | {"sensor.csv", "sensor.toml", ".txt"}  # the manifests are parts of an item
     method = "EMVA Standard 1288, release 4.0"
 
@@ -75,12 +76,6 @@ class SensorCharacterisation(Procedure[SensorSettings]):
         result = measure_sensor(shots, plane, reported, missed=missed)
         head = RecordHead(self.name, tuple(result.files), {"folder": str(paths[0]), "plane": plane or "all"})
         return sensor_measurement(result, head).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """With the plots that the standard asks for."""
-        from station.reports.sensor_page import sensor_page  # here: it draws, which is slow to load
-
-        return sensor_page(self.report(measurement)).encode()
 
 
 PROCEDURE = SensorCharacterisation()

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from procedures.field.estimate import BRACKET
-from procedures.field.measuring import measure
 from procedures.raw import default_plane
-from procedures.tilt.estimate import TiltParameters
-from procedures.tilt.positions import Positions
-from procedures.tilt.screws import Screws
 from station.calibration.field_photographs import focus_positions, photographs
-from station.calibration.tilt import check_known, known_optics, measure_tilt, tilt_measurement
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartSettings, Inputs, Procedure, beside
 from station.procedure.settings import setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from procedures.tilt.estimate import TiltParameters
 
 
 class TiltSettings(ChartSettings, frozen=True, kw_only=True):
@@ -54,6 +51,11 @@ class TiltSettings(ChartSettings, frozen=True, kw_only=True):
 
     def parameters(self, first: Path) -> TiltParameters:
         """The settings, completed from the first photograph's metadata. Raises BadParameter."""
+        from procedures.tilt.estimate import TiltParameters
+        from procedures.tilt.positions import Positions
+        from procedures.tilt.screws import Screws
+        from station.calibration.tilt import known_optics
+
         pitch_um, focal_length_mm = known_optics(first, self.pixel_pitch_um, self.focal_length_mm)
         return TiltParameters(
             pitch_um,
@@ -83,6 +85,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
     take the bracket again, and run it again."""
     inputs = Inputs.FOLDER
     Settings = TiltSettings
+    drawn_by = "tilt_page:tilt_page"
     method = "plane through the heights of best focus at the charts' places, by generalised least squares"
 
     def steps(self, paths: Sequence[Path]) -> int:
@@ -93,6 +96,10 @@ class TiltOfSensor(Procedure[TiltSettings]):
         self, paths: Sequence[Path], settings: TiltSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The plane of a bracket."""
+        from procedures.field.estimate import BRACKET
+        from procedures.field.measuring import measure
+        from station.calibration.tilt import check_known, measure_tilt, tilt_measurement
+
         (folder,) = paths
         frames = photographs(folder)
         positions = focus_positions(beside(settings.focus, folder), frames)
@@ -108,12 +115,6 @@ class TiltOfSensor(Procedure[TiltSettings]):
         }  # fmt: skip
         head = RecordHead(self.name, tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames), given)
         return tilt_measurement(head, name, result, measured.misses).compared(terms)
-
-    def page(self, measurement: Measurement) -> bytes:
-        """The surface of best focus, the screws and their turns."""
-        from station.reports.tilt_page import tilt_page  # here: it draws, which is slow to load
-
-        return tilt_page(self.report(measurement)).encode()
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Each screw, the shim, and whether to turn at all."""

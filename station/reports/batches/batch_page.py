@@ -18,6 +18,8 @@ from station.results.verdict_words import measurement_words
 
 MAX_LINES = 500
 """Photographs in the page's table; summary.csv has all."""
+MAX_STROKES = 1000
+"""Strokes of a group in a figure."""
 MAX_NAME = 18
 """Characters of a camera's name beside a figure."""
 
@@ -35,14 +37,14 @@ class BatchLine:
 
 
 @dataclass(frozen=True)
-class ItemNumber:
-    """One number of one item, with its camera."""
+class NumberGroup:
+    """One number of all items by a camera in a plane, in the order of the items."""
 
     camera: str
     plane: str
     number: str
-    value: float
     unit: str
+    values: Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class BatchReport:
     Attributes
     ----------
     measurements, specifications : mapping of verdict to count
+    lines : the first items, at most `MAX_LINES`; count : of all
     bounds : bounds of the limits by number
     """
 
@@ -59,7 +62,8 @@ class BatchReport:
     measurements: Mapping[str, int]
     specifications: Mapping[str, int]
     lines: Sequence[BatchLine]
-    samples: Sequence[ItemNumber] = ()
+    count: int
+    groups: Sequence[NumberGroup] = ()
     bounds: Mapping[str, Sequence[float]] = field(default_factory=dict)
     undone: int = 0
 
@@ -73,7 +77,7 @@ FILES = (
 def batch_page(report: BatchReport) -> str:
     """The page as HTML with embedded figures, and links to the results."""
     shown = report.lines[:MAX_LINES]
-    rest = len(report.lines) - len(shown)
+    rest = report.count - len(shown)
     measurements = [(one, f"{count} {measurement_words(one)}") for one, count in report.measurements.items()]
     specifications = [(one, f"{count} {one}") for one, count in report.specifications.items()]
     missing = "None was given: what the lenses should be is not judged."
@@ -88,7 +92,7 @@ def batch_page(report: BatchReport) -> str:
     ]  # fmt: skip
     sections = [
         Section(report.title, summary, verdict="pass", kicker="batch"),
-        *([Section("Distribution by camera", _distributions(report))] if report.samples else []),
+        *([Section("Distribution by camera", _distributions(report))] if report.groups else []),
         Section(
             "All items",
             [
@@ -97,7 +101,7 @@ def batch_page(report: BatchReport) -> str:
             ],
         ),
     ]
-    return page(f"Batch: {len(report.lines)} items", sections)
+    return page(f"Batch: {report.count} items", sections)
 
 
 def _large(counts: Sequence[tuple[str, str]]) -> Markup:
@@ -110,44 +114,44 @@ def _link(one: BatchLine) -> str:
     return html('<a href="{}">{}</a>', target, one.files) if one.folder else one.files
 
 
-def _groups(samples: Sequence[ItemNumber]) -> dict[tuple[str, str, str], list[ItemNumber]]:
-    """Samples by camera, plane and number."""
-    groups: dict[tuple[str, str, str], list[ItemNumber]] = {}
-    for one in samples:
-        groups.setdefault((one.camera, one.plane, one.number), []).append(one)
-    return groups
-
-
 def _distributions(report: BatchReport) -> list[Block]:
-    names = dict.fromkeys(one.number for one in report.samples)
-    figures = [_distribution([one for one in report.samples if one.number == name], name, report) for name in names]
+    by_number: dict[str, list[NumberGroup]] = {}
+    for group in report.groups:
+        by_number.setdefault(group.number, []).append(group)
+    figures = [_distribution(groups, name, report) for name, groups in by_number.items()]
     rows = []
-    for (camera, plane, number), group in sorted(_groups(report.samples).items()):
-        values, unit = np.array([one.value for one in group]), group[0].unit
-        shown = [f"{one:.4g}" for one in (np.median(values), values.min(), values.max())]
-        rows.append(
-            [camera or "—", plane_name(plane), label(number), str(len(group)), *shown, "" if unit == "1" else unit]
-        )
+    for one in sorted(report.groups, key=lambda group: (group.camera, group.plane, group.number)):
+        values, unit = np.asarray(one.values), "" if one.unit == "1" else one.unit
+        shown = [f"{value:.4g}" for value in (np.median(values), values.min(), values.max())]
+        rows.append([one.camera or "—", plane_name(one.plane), label(one.number), str(len(values)), *shown, unit])
     head = ["camera", "plane", "number", "photographs", "median", "least", "greatest", "unit"]
     return [Figures(figures), Table(rows, head, "rwwnnnnw")]
 
 
-def _distribution(samples: Sequence[ItemNumber], name: str, report: BatchReport) -> Figure:
+def _strokes(values: np.ndarray) -> np.ndarray:
+    """All values, or as many of their quantiles as the figure can resolve."""
+    return values if len(values) <= MAX_STROKES else np.quantile(values, np.linspace(0, 1, MAX_STROKES))
+
+
+def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
     """Every item's number as a point, a row for each camera and plane, with the medians and the limits."""
-    groups, unit = _groups(samples), samples[0].unit
-    several = len({camera for camera, *_ in groups}) > 1
+    unit = groups[0].unit
+    several = len({one.camera for one in groups}) > 1
     axes = plot_axes(4.6, 0.9 + 0.28 * len(groups), (1.6 if several else 0.4, 0.25, 0.42, 0.08))
-    for row, ((_, plane, _), group) in enumerate(groups.items()):
-        values = np.array([one.value for one in group])
-        axes.plot(values, np.full(len(values), row), "|", ms=9, mew=1, color=PLANE_COLOURS.get(plane, INK), alpha=0.7)
+    for row, one in enumerate(groups):
+        values = np.asarray(one.values)
+        color = PLANE_COLOURS.get(one.plane, INK)
+        strokes = _strokes(values)
+        axes.plot(strokes, np.full(len(strokes), row), "|", ms=9, mew=1, color=color, alpha=0.7)
         axes.plot(np.median(values), row, "o", ms=4, color=INK)
     for bound in report.bounds.get(name, ()):
         axes.axvline(bound, color=FAINT, lw=1, ls=DASHED)
-    labels = [f"{textwrap.shorten(camera, MAX_NAME, placeholder='…')} {plane}".strip() if several else plane
-              for camera, plane, _ in groups]  # fmt: skip
+    labels = [f"{textwrap.shorten(one.camera, MAX_NAME, placeholder='…')} {one.plane}".strip() if several else one.plane
+              for one in groups]  # fmt: skip
     axes.set_yticks(range(len(groups)), labels)
     axes.xaxis.set_major_locator(MaxNLocator(4))
-    caption = f"{label(name)}: a stroke for each photograph, a point for their median"
+    each = "each photograph" if max(len(one.values) for one in groups) <= MAX_STROKES else f"{MAX_STROKES} quantiles"
+    caption = f"{label(name)}: a stroke for {each}, a point for their median"
     caption += "; dashed, the limits." if report.bounds else "."
     settings = {"ylim": (len(groups) - 0.5, -0.5), "xlabel": unit if unit != "1" else ""}
     return finished(axes, f"batch-{name.replace('.', '-')}", caption, **settings)

@@ -18,8 +18,9 @@ MAX_DRAWN = 6
 """Edges of a plane that are drawn; its table has all."""
 
 
-def edge_page(report: Report, photograph: PhotographEdges) -> str:
+def edge_page(report: Report) -> str:
     """The page as HTML with embedded figures."""
+    photograph: PhotographEdges = report.result
     records = {one.name: (one, f"p{i}") for i, one in enumerate(photograph.records, 1)}
     counts = [f"{one.name}: {one.count}" for one in photograph.records if one.count]
     best = "A plane’s numbers are those of its best edge. " + "; ".join(counts)

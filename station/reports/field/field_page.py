@@ -36,7 +36,6 @@ from station.reports.page import (
 )
 from station.reports.report import Report
 from station.reports.report_page import report_page
-from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.units import Unit
 
@@ -57,9 +56,9 @@ SUMMARY = (
 )
 
 
-def field_page(report: Report, measurement: Measurement) -> str:
+def field_page(report: Report) -> str:
     """The page; curves of other fields are drawn over these if they are in the same units."""
-    whole: FieldParts = measurement.result
+    whole: FieldParts = report.result
     result, lights, camera = whole.result, whole.lights, whole.camera
     closing = [
         *_colour_sections(result.colours),
@@ -69,7 +68,7 @@ def field_page(report: Report, measurement: Measurement) -> str:
         *_misses(result),
         *_file_section(whole.fitted),
     ]
-    blocks = partial(_plane_blocks, whole, measurement)
+    blocks = partial(_plane_blocks, whole, report)
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
 
 
@@ -96,20 +95,20 @@ def _summary(whole: FieldParts) -> list[Block]:
 # --- one plane ---------------------------------------------------------------------------------------------------
 
 
-def _plane_blocks(whole: FieldParts, measurement: Measurement, plane: PlaneResult) -> list[Block]:
+def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list[Block]:
     """Figures and tables of a plane."""
     one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
     if one is None:
         return []
     curves = {stem: by_plane[name] for stem, by_plane in whole.heights.items() if name in by_plane}
-    mm = mm_per_pixel(whole.result, name, measurement.head.parameters)
+    mm = mm_per_pixel(whole.result, name, report.parameters)
     field = one.interpolation.field
     frame = field.positions, field.shape
     figures = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
                field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
     axis = FrequencyAxis(str(plane.unit), plane.factor)
     if heights := curves.get(HEIGHTS):
-        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in measurement.overlays}
+        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in report.overlays}
         figures.append(heights_figure(heights, f"{name}-heights", axis, mm, columns))
     if photosite is not None and (before := curves.get(WITHOUT_PHOTOSITE)):
         caption = f"The same without the photosite: {_division(photosite)} The bands include the fill factor’s error."

@@ -77,11 +77,13 @@ class AlpacaDevice:
 
     Parameters
     ----------
-    kind, number : "camera", "focuser", "switch"; counted from 0 in its kind
+    kind, number : "camera", "focuser", "switch", "observingconditions"; counted from 0 in its kind
     devices : devices of the bench that must be connected, by name
     """
 
     interface_version = 4
+    type_name = ""
+    """The standard's name of its kind, where it is not the kind itself with a capital."""
     actions: Mapping[str, Callable[[str], str]] = {}
 
     def __init__(self, served: ServedBench, kind: str, number: int, name: str, devices: Mapping[str, Device]) -> None:

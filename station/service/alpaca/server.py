@@ -18,6 +18,7 @@ from drivers.interfaces import Stage
 from station.service.access import RIGHTS, STOP_ONLY, refused, token_required
 from station.service.alpaca.camera import BenchCamera
 from station.service.alpaca.clients import ClientList
+from station.service.alpaca.conditions import ProbeConditions
 from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.errors import BadRequest, as_alpaca
 from station.service.alpaca.focuser import AxisFocuser
@@ -31,7 +32,7 @@ JSON = "application/json"
 
 
 def devices_of(served: ServedBench) -> list[AlpacaDevice]:
-    """The bench's camera, a focuser for each axis in millimetres, and a switch over lamp, shutter and laser."""
+    """The bench's camera, a focuser for each axis in millimetres, a switch over lamp, shutter and laser, its probes."""
     bench = served.bench
     if bench is None:
         return []
@@ -44,7 +45,9 @@ def devices_of(served: ServedBench) -> list[AlpacaDevice]:
         if axis.endswith("_mm")
     ]
     devices += [AxisFocuser(served, number, stage, axis) for number, (stage, axis) in enumerate(axes)]
-    return [*devices, *([BenchSwitch(served, 0)] if lines_of(bench) else [])]
+    devices += [BenchSwitch(served, 0)] if lines_of(bench) else []
+    probes = [name for name, device in bench.devices.items() if hasattr(device, "read")]
+    return [*devices, *(ProbeConditions(served, number, name) for number, name in enumerate(probes))]
 
 
 class AlpacaServer:
@@ -143,7 +146,7 @@ DESCRIPTION = {
 
 def listed(device: AlpacaDevice) -> dict[str, Any]:
     """A device's entry in the list of devices."""
-    names = {"DeviceName": device.name, "DeviceType": device.kind.capitalize()}
+    names = {"DeviceName": device.name, "DeviceType": device.type_name or device.kind.capitalize()}
     return {**names, "DeviceNumber": device.number, "UniqueID": device.unique_id}
 
 

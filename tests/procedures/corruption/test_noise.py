@@ -6,7 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
+from procedures.corruption.family import threshold
+from procedures.corruption.noise import (
+    MaskScore,
+    Sharpening,
+    Variogram,
+    find_sharpening,
+    mask_scores,
+    texture_correlation,
+)
 
 
 def masked(noise: np.ndarray, amount: float, radius: float) -> np.ndarray:
@@ -74,6 +82,58 @@ def test_finest_noise_is_that_of_white(rng: np.random.Generator) -> None:
 def test_too_few_pixels_tell_nothing(rng: np.random.Generator) -> None:
     look = found(rng.standard_normal((15, 15)))
     assert look == Sharpening(0.0, 0.0, 0.0, np.inf)
+
+
+def scores(pictures: list[np.ndarray], *nuisances: np.ndarray) -> list[MaskScore]:
+    return mask_scores([Variogram.of(one, np.ones(one.shape, dtype=bool)) for one in pictures], (0.6, 1.0), nuisances)
+
+
+def test_scores_of_white_noise_have_a_standard_deviation_of_one(rng: np.random.Generator) -> None:
+    found = np.array([[one.score for one in scores([rng.standard_normal((60, 60))])] for _ in range(200)])
+    # a standard deviation from 200 is known to 5 %, its mean to 0.07
+    np.testing.assert_allclose(found.std(axis=0), 1, atol=0.2)
+    np.testing.assert_allclose(found.mean(axis=0), 0, atol=0.25)
+
+
+def test_amount_of_a_weak_mask_is_estimated_and_smoothing_is_negative(rng: np.random.Generator) -> None:
+    noise = [rng.standard_normal((400, 400)) for _ in range(2)]
+    (_, found) = scores([masked(one, 0.05, 1.0) for one in noise])
+    # linear in the amount: a twentieth is too large by some per cent
+    assert found.amount == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
+    assert found.score > 5
+    alone = scores([masked(noise[0], 0.05, 1.0)])[1]
+    assert found.uncertainty == pytest.approx(alone.uncertainty / 2**0.5, rel=0.01)
+    assert scores([cv2.GaussianBlur(one, (0, 0), 0.4) for one in noise])[1].score < -5
+
+
+@pytest.mark.parametrize("radius", [0.6, 1.5])
+def test_a_mask_is_estimated_by_its_own_radius(radius: float, rng: np.random.Generator) -> None:
+    picture = masked(rng.standard_normal((600, 600)), 0.05, radius)
+    (found,) = mask_scores([Variogram.of(picture, np.ones(picture.shape, dtype=bool))], [radius])
+    # its Gaussian is sampled, its correlations are linear in the amount: to a tenth
+    assert found.amount == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
+    assert found.score > 4
+
+
+def test_what_is_fitted_as_well_is_no_mask(rng: np.random.Generator) -> None:
+    noise = rng.standard_normal((400, 400)) + 0.5 * cv2.GaussianBlur(rng.standard_normal((400, 400)), (0, 0), 1.2) * 4
+    f = np.linspace(0.01, 0.5, 50)
+    texture = texture_correlation(f, np.exp(-2 * np.pi**2 * 1.2**2 * f**2))
+    (_, plain), (_, fitted) = scores([noise]), scores([noise], texture)
+    assert plain.score < -20
+    assert abs(fitted.score) < 4
+    assert fitted.uncertainty > plain.uncertainty
+
+
+def test_without_pairs_there_is_no_score(rng: np.random.Generator) -> None:
+    (one, _) = scores([rng.standard_normal((15, 15))])
+    assert (one.amount, one.uncertainty, one.unseen) == (0.0, np.inf, 0.0)
+    assert scores([]) == scores([np.zeros((80, 80))])
+
+
+def test_what_a_test_lets_pass_is_at_most_its_threshold() -> None:
+    assert MaskScore(1.0, 0.5, 0.1).unseen == pytest.approx(threshold() * 0.1)
+    assert MaskScore(1.0, 0.1, 0.1).unseen == 0.1
 
 
 def _lags() -> tuple[list[int], list[int]]:

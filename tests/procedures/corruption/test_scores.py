@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from procedures.corruption.directions import GHOST_PX, filters, mask, mirrored
-from procedures.corruption.scores import Part, Strength, strengths
+from procedures.corruption.scores import SampleGroup, Strength, strengths
 
 Array = np.ndarray
 
 
-def parts(rng: np.random.Generator, truth: Array, counts: tuple[int, ...]) -> tuple[list[Part], list[Array]]:
+def parts(rng: np.random.Generator, truth: Array, counts: tuple[int, ...]) -> tuple[list[SampleGroup], list[Array]]:
     """Parts that share five columns, with two of their own, and directions of these strengths in unit noise."""
     made, directions = [], []
     for count in counts:
         shared, own = rng.standard_normal((count, 5)), rng.standard_normal((count, 2))
         along = rng.standard_normal((count, len(truth))) + shared[:, :1] + own[:, :1]
         y = shared @ [3.0, -2, 1, 0.5, 4] + own @ [7.0, -1] + along @ truth + rng.standard_normal(count)
-        made.append(Part(shared.astype(np.float32), own, y, np.arange(count) * 10 // count))
+        made.append(SampleGroup(shared.astype(np.float32), own, y, np.arange(count) * 10 // count))
         directions.append(along)
     gram = sum(one.projected_gram() for one in made)
     return made, [directions, gram]
@@ -38,7 +38,7 @@ def test_strength_and_uncertainty_are_those_of_least_squares(rng: np.random.Gene
 
 def test_one_part_without_samples_changes_nothing(rng: np.random.Generator) -> None:
     made, (directions, gram) = parts(rng, np.array([0.5]), (300,))
-    empty = Part(np.zeros((0, 5), np.float32), np.zeros((0, 2)), np.zeros(0), np.zeros(0, int))
+    empty = SampleGroup(np.zeros((0, 5), np.float32), np.zeros((0, 2)), np.zeros(0), np.zeros(0, int))
     (alone,) = strengths(made, directions, gram, 1.0)
     (both,) = strengths([*made, empty], [*directions, np.zeros((0, 1))], gram, 1.0)
     assert both.value == pytest.approx(alone.value, rel=1e-9)

@@ -5,8 +5,36 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_factor, cho_solve
 
-from procedures.numerics.damped import DenseLinearisation, minimise
+from procedures.numerics.damped import minimise
+
+
+@dataclass(frozen=True, eq=False)
+class DenseLinearisation:
+    """The model of few unknowns, its Jacobian (m, n) written out."""
+
+    unknowns: np.ndarray
+    residual: np.ndarray
+    J: np.ndarray
+
+    @property
+    def gradient(self) -> np.ndarray:
+        return self.transposed(self.residual)
+
+    @property
+    def scale(self) -> np.ndarray:
+        return np.sum(self.J**2, axis=0)
+
+    def transposed(self, residual: np.ndarray) -> np.ndarray:
+        return np.asarray(self.J.T @ residual)
+
+    def solve(self, right: np.ndarray, damping: float) -> np.ndarray:
+        root = np.sqrt(self.scale)
+        root[root == 0] = 1.0
+        scaled = self.J / root
+        system = scaled.T @ scaled + damping * np.eye(len(root))
+        return np.asarray(cho_solve(cho_factor(system), right / root) / root)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from procedures.outcome import BadInput
-from procedures.raw import Exposure, ImuRecord, Plane, RawFrame, ShakerPath, ShakerResponse
+from procedures.raw import Exposure, ImuRecord, Plane, RawFrame, ShakerPath, ShakerResponse, measured_path
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.known_blur import recorded_motion
@@ -139,3 +139,29 @@ def test_poses_of_a_shaker_may_be_late_too():
     path = ShakerPath(1e-3 * np.stack([np.cos(2 * np.pi * t)] * 3, axis=1), 0.1 / 64, 0.02)
     late, moved = poses_on(path, 0.05, 0.003), partial(poses_on, ShakerPath(path.position_m, path.interval_s, 0.023))
     np.testing.assert_allclose(late.position_m, moved(0.05).position_m, atol=1e-12)
+
+
+def test_the_path_that_a_shaker_really_played_is_measured_by_a_unit_on_its_box():
+    rng, t = np.random.default_rng(8), np.arange(64) / 64
+    command = 1e-3 * np.stack(
+        [np.cos(2 * np.pi * t) + 0.3 * np.cos(6 * np.pi * t), np.sin(4 * np.pi * t), 0 * t], axis=1
+    )
+    responses = (ShakerResponse(0.8, 25.0, 0.4), ShakerResponse(1.1, 60.0, 0.7), ShakerResponse())
+    commanded = ShakerPath(command, 0.1 / 64, 0.02)
+    played = ShakerPath(command, 0.1 / 64, 0.02, responses)
+    times = np.arange(-0.2, 0.5, 0.005)
+    w = 2 * np.pi * np.arange(1, 4) / 0.1
+    position = poses_on(played, times[-1] - times[0], times[0])
+    grid = times[0] + np.linspace(0, times[-1] - times[0], len(position.position_m))
+    fine = np.stack([np.interp(times, grid, p) for p in (position.position_m * [1, -1, -1]).T], axis=1)
+    # three harmonics have accelerations known exactly
+    waves = np.hstack([np.cos(times[:, None] * w), np.sin(times[:, None] * w)])
+    parts = np.linalg.lstsq(waves, fine, rcond=None)[0]
+    acceleration = -waves @ (parts * np.tile(w, 2)[:, None] ** 2) + [0.3, 9.8, -0.2]
+    record = ImuRecord(times, acceleration + rng.normal(0, 0.02, acceleration.shape), np.zeros((len(times), 3)), 0.002)
+    found = poses_on(measured_path(commanded, record), 0.1)
+    # 0.02 m/s^2 over 140 samples at 10 Hz: 0.6 um of each amplitude; the interpolated truth adds some
+    np.testing.assert_allclose(found.position_m, poses_on(played, 0.1).position_m, atol=1e-5)
+    assert np.abs(poses_on(commanded, 0.1).position_m - found.position_m).max() > 1e-4
+    with pytest.raises(BadInput, match="two rounds or more"):
+        measured_path(commanded, ImuRecord(times[:30], acceleration[:30], acceleration[:30]))

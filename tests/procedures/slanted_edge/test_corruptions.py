@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,10 +12,15 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from procedures.corruption.family import FALSE_ALARM, nuisance, threshold
+from procedures.corruption.noise import MaskScore
 from procedures.outcome import Verdict
 from procedures.raw import Plane
+from procedures.slanted_edge import corruptions
+from procedures.slanted_edge.corruptions import corruption_checks
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
+from procedures.slanted_edge.evidence import HALO_PX, Evidence, _fall, _Samples
 from procedures.slanted_edge.strip import Roi
+from procedures.slanted_edge.transfer import FREQUENCIES
 
 from .analytic import Array, Camera, edge
 
@@ -130,10 +137,10 @@ def test_clean_photographs_pass(pitch: int, rng: np.random.Generator) -> None:
     assert verdicts.count(Verdict.PASS) >= 56
 
 
-@pytest.mark.parametrize("bits", [8, 16])
-def test_a_picture_without_noise_passes_with_the_uncertainty_of_its_processing(bits: int) -> None:
+@pytest.mark.parametrize(("bits", "contrast"), [(8, 1.0), (16, 1.0), (8, 0.2)])
+def test_a_picture_without_noise_passes_with_the_uncertainty_of_its_processing(bits: int, contrast: float) -> None:
     most = 2**bits - 1
-    light = edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE)
+    light = 0.1 + contrast * (edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE) - 0.1)
     outcome = estimate_edge(
         Plane("Y", (np.rint(light * most) / most).astype(np.float32), 1 / most), Roi(0, 0, *light.shape[::-1])
     )
@@ -170,3 +177,53 @@ def test_thresholds_share_the_rate_of_false_alarms(rng: np.random.Generator) -> 
     false = np.mean(largest > threshold(10))
     # 120 are expected of 40000: three times their square root
     assert abs(false - FALSE_ALARM) < 3 * np.sqrt(FALSE_ALARM / 40000)
+
+
+@pytest.mark.parametrize("dip", [0.0, 0.05])
+def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.random.Generator) -> None:
+    d, sigma = rng.uniform(-20, 20, 8000), 0.02
+    value = (d > 0) - dip * np.exp(-(((d + 6) / 2) ** 2)) + sigma * rng.standard_normal(len(d))
+    inside = np.ones(len(d), dtype=bool)
+    fall, windows = _fall(_Samples(d, value, inside, (sigma**2, sigma**2)))
+    mirrored, same = _fall(_Samples(-d, 1 - value, inside, (sigma**2, sigma**2)))
+    assert (mirrored, same) == (pytest.approx(fall), windows)
+    # from two pixels of the dip's flank to the next two the mean falls by 0.03 or more, known to 0.02 (2 / 400)^(1/2)
+    assert fall > 5 * threshold(windows) if dip else fall < threshold(windows)
+
+
+def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_is_sharpened() -> None:
+    none = MaskScore(1.0, 0.0, 0.1)
+    clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
+        one = replace(none, amount=amount)
+        checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
+        assert [check.name for check in checks if check.fails] == [name]
+        opposite = replace(none, amount=-amount)
+        checks = corruption_checks(replace(clean, **{scores: [none, opposite, none]}), raw=False)
+        assert not any(check.fails for check in checks)
+
+
+def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(corruptions, "_by_tone", lambda profile: np.zeros_like(FREQUENCIES))
+    none = MaskScore(1.0, 0.0, 0.1)
+    evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    mtf = 1 - FREQUENCIES / 2
+    modes = corruptions.modes_of(evidence, None, mtf, raw=False)  # type: ignore[arg-type]
+    point, n = np.zeros(81), np.arange(-40, 41)
+    point[40] = 1
+    seen = (FREQUENCIES > 0.05) & (FREQUENCIES <= 0.4)
+    for name, radius in (("sharpening", 1.0), ("overshoot", HALO_PX)):
+        mask = point - gaussian_filter(point, radius)
+        gain = np.cos(2 * np.pi * FREQUENCIES[seen, None] * n) @ mask
+        amount = modes[name][seen] / (mtf[seen] * gain)
+        # the sampled Gaussian is cut off at four standard deviations
+        np.testing.assert_allclose(amount, amount.mean(), rtol=2e-3)
+
+
+def test_light_that_a_wide_mask_takes_from_beside_the_edge_is_measured(rng: np.random.Generator) -> None:
+    # 5 % hide in the fall of the edge spread function, but not in its shape
+    outcome = measured(unsharp(0.05, 3.0)(picture(rng)))
+    causes = " ".join([outcome.reason, *(one.reason for one in outcome.other_causes)])
+    found = re.search(r"([\d.]+)% of the light is missing beside the edge", causes)
+    assert found, causes
+    assert 0.03 < float(found[1]) / 100 < 0.07

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from dataclasses import dataclass
+from multiprocessing import parent_process
 from pathlib import Path
 
 
@@ -30,6 +32,10 @@ def square(item: int, errand: Errand) -> int:
             file.write("x")
         os.kill(os.getpid(), signal.SIGKILL)
     if item in errand.quits:
+        parent = parent_process().sentinel
+        os.closerange(3, parent)  # its pipe ends before it does
+        os.closerange(parent + 1, 64)
+        time.sleep(0.1)
         os._exit(7 * (item > 0))
     if item in errand.stops_once and not mark.exists():
         mark.touch()

@@ -14,14 +14,15 @@ import jsonschema
 import numpy as np
 import pytest
 
+from procedures.field import measuring
 from procedures.outcome import Outcome
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import fit_plane
 from procedures.tilt.screws import Screws, turns_for
 from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
+from station.calibration import tilt as tilt_module
 from station.calibration.folder_photographs import Item, find_frames
-from station.procedure.builtin import tilt as tilt_module
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 from tests.golden import cases
@@ -107,7 +108,7 @@ def test_tilt_of_each_bracket(tmp_path, monkeypatch):
     plane = fit_plane(places, 2 + 1.5 * places[:, 0], 0.01 * np.eye(9), (36.0, 24.0))
     known = Tilt(plane, np.zeros(9), Screws(), turns_for(plane, Screws(), with_focus=False), False)
     monkeypatch.setattr(
-        tilt_module, "measure", lambda frames, *rest: SimpleNamespace(frames=[(one, "0" * 64) for one in ()], misses=[])
+        measuring, "measure", lambda frames, *rest: SimpleNamespace(frames=[(one, "0" * 64) for one in ()], misses=[])
     )
     monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(known))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
@@ -187,7 +188,7 @@ def test_rigs_are_pairs_of_folders(batch, tmp_path):
     for side in ("left", "right"):
         (tmp_path / "in" / f"c_{side}").mkdir()
         (tmp_path / "in" / f"c_{side}" / "result.json").write_text(f'{{"procedure": "tilt", "side": "{side}"}}')
-    rows, out = batch("rig", "[limits]\nbaseline = { min = 119, max = 121 }\n", tmp_path / "in")
+    rows, out = batch("rig", "[limits]\nbaseline = { min = 50, max = 52 }\n", tmp_path / "in")
     assert "has no partner" in rows["b_left/result.json"]["reason"]
     assert "is of tilt" in rows["c_left/result.json"]["reason"]
     good = rows["a_left/result.json"]

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from procedures.field import measuring
 from procedures.outcome import Outcome
 from station.__main__ import main
-from station.procedure.builtin import geometry as geometry_module
-from station.procedure.builtin import tilt as tilt_module
+from station.calibration import geometry as geometry_module
+from station.calibration import tilt as tilt_module
 from station.procedure.registry import BUILTIN, procedure_named
 from station.procedure.schema import schema_of
 from station.procedure.settings import Settings
@@ -63,7 +64,7 @@ def geometry(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def tilt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     photographs(folder)
     (folder / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
-    monkeypatch.setattr(tilt_module, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
+    monkeypatch.setattr(measuring, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
     monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(cases.known_tilt()))
     monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)

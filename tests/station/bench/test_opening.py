@@ -6,13 +6,11 @@ import os
 import signal
 import sys
 import threading
-from types import SimpleNamespace
 
 import pytest
 
-from drivers.clock import SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
-from station.bench.opening import Bench, inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
+from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
 from station.common.stop_signals import ENDING, TURN_S, guarded
 from station.guide.active_devices import ActiveDevices
 
@@ -33,11 +31,6 @@ def written(tmp_path, text):
 def test_all_devices_of_the_simulated_bench_answer(bench):
     bench.connect()
     assert set(bench.identities) == set(bench.devices)
-
-
-def test_probes_are_the_devices_that_read():
-    devices = {"weather": SimpleNamespace(read=dict), "stage": SimpleNamespace(move_to=None)}
-    assert list(Bench(devices, {}, SystemClock()).probes) == ["weather"]
 
 
 @pytest.mark.slow

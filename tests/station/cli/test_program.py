@@ -13,6 +13,17 @@ from click.testing import CliRunner
 from station.__main__ import main
 
 HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
+OF_SETTINGS = ("numpy", "cv2", "procedures.raw")
+"""What the options of a procedure need, which are those of its settings."""
+PROCEDURES = (
+    ("psf", "pattern"),
+    ("psf", "field"),
+    ("mtf", "edge"),
+    ("geometry",),
+    ("tilt",),
+    ("correct",),
+    ("restore",),
+)
 
 
 def station(*words):
@@ -27,7 +38,7 @@ def station(*words):
         (("--help",), ()),
         (("psf", "--help"), ()),
         (("session", "--help"), ()),
-        (("psf", "pattern", "--help"), ("numpy", "cv2", "procedures.raw")),  # its options are those of its settings
+        *(((*words, "--help"), OF_SETTINGS) for words in PROCEDURES),
     ],
 )
 def test_help_loads_nothing_heavy(words, needed):

@@ -20,7 +20,7 @@ from tests.procedures.geometry.test_rig import HERE, LENSES, THIRD, TRUE, rig
 
 
 def write(folder: Path, count: int = 2) -> list[Path]:
-    """Results of geometry of the cameras of a rig, in folders with their number."""
+    """Results of geometry of the cameras of a rig: the folders left, right, third."""
     folders = []
     for i, one in enumerate(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)[:count])):
         parameters = GeometryParameters(CELL_MM, 0.001, "OPENCV")
@@ -28,7 +28,7 @@ def write(folder: Path, count: int = 2) -> list[Path]:
         records = tuple(ViewRecord(Path(view.source), "0" * 64, view, Verdict.PASS) for view in one.views)
         shoot = GeometryPhotographs("G1", LENSES[i].size, records)
         head = RecordHead("geometry", (), {"scale_uncertainty": 0.001})
-        folders.append(folder / f"camera{i + 1}")
+        folders.append(folder / ("left", "right", "third")[i])
         with ResultFolder(folders[-1]) as results:
             plane = PlaneGeometry(shoot, Outcome(outcome.value, Verdict.PASS))
             write_measurement(results, geometry_measurement([plane], head))
@@ -71,7 +71,7 @@ def copies(results, tmp_path):
         (tmp_path / folder.name).mkdir()
         for file in folder.iterdir():
             (tmp_path / folder.name / file.name).write_bytes(file.read_bytes())
-    return tmp_path / "camera1", tmp_path / "camera2"
+    return tmp_path / "left", tmp_path / "right"
 
 
 def test_what_is_no_geometry_is_refused(run, copies, tmp_path):

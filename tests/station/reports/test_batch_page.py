@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html5lib
 
-from station.reports.batches.batch_page import BatchLine, BatchReport, ItemNumber, batch_page
+from station.reports.batches.batch_page import MAX_STROKES, BatchLine, BatchReport, NumberGroup, batch_page
 
 HOSTILE = "<script>alert(1)</script>.dng"
 REPORT = BatchReport(
@@ -16,8 +16,9 @@ REPORT = BatchReport(
         BatchLine("b.dng", "pass", "does not meet", "the limit MTF50 is missed", "results/b-2"),
         BatchLine(HOSTILE, "unreadable", "", "it is empty", ""),
     ],
-    [ItemNumber(camera, "G1", "mtf50_horizontal", value, "cycles/pixel") for camera, value in
-     (("Nikon D750", 0.31), ("Nikon D750", 0.33), ("Canon", 0.28))],
+    3,
+    [NumberGroup(camera, "G1", "mtf50_horizontal", "cycles/pixel", values) for camera, values in
+     (("Nikon D750", [0.31, 0.33]), ("Canon", [0.28]))],
     {"mtf50_horizontal": [0.3]},
 )  # fmt: skip
 
@@ -43,5 +44,16 @@ def test_items_lead_to_their_results_and_hold_no_markup():
 
 
 def test_batch_of_nothing_but_refusals_has_a_page_without_pictures():
-    empty = BatchReport("1 item", {"refused": 1}, {}, [BatchLine("a", "refused", "", "dark", "")])
+    empty = BatchReport("1 item", {"refused": 1}, {}, [BatchLine("a", "refused", "", "dark", "")], 1)
     assert not list(read(empty).iter("{http://www.w3.org/2000/svg}svg"))
+
+
+def test_a_page_of_many_photographs_is_as_long_as_one_of_some():
+    def page_of(count):
+        values = [0.3 + 0.001 * (i % 7) for i in range(count)]
+        group = NumberGroup("Canon", "G1", "mtf50_horizontal", "cycles/pixel", values)
+        return batch_page(BatchReport(f"{count} items", {"pass": count}, {}, REPORT.lines, count, [group]))
+
+    some, many = page_of(MAX_STROKES), page_of(100 * MAX_STROKES)
+    assert len(many) < 1.02 * len(some)
+    assert f"{MAX_STROKES} quantiles" in many

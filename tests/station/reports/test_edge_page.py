@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import html5lib
@@ -43,7 +44,8 @@ def told(frame):
     curves = {"frequency": np.array([0.0, 0.5]), "mtf": np.array([1.0, 0.1])}
     overlay = Overlay("before", Unit.CYCLES, {"Y": curves})
     report = report_of("edge", frame, [one.result for one in records], {"roi": None}, terms, [overlay])
-    return report, PhotographEdges(frame, tuple(records))
+    edges = PhotographEdges(frame, tuple(records))
+    return replace(report, result=edges), edges
 
 
 def strictly(page):
@@ -52,7 +54,7 @@ def strictly(page):
 
 @pytest.mark.slow
 def test_page_tells_verdicts_numbers_and_places(frame, told):
-    page = edge_page(*told)
+    page = edge_page(told[0])
     tree = strictly(page)
     text = " ".join(" ".join(tree.itertext()).split())
     (edge,) = told[1].records[0].edges
@@ -71,7 +73,7 @@ def test_page_tells_verdicts_numbers_and_places(frame, told):
 @pytest.mark.slow
 def test_figure_tells_the_mtf_where_the_pointer_rests(frame, told):
     (edge,) = told[1].records[0].edges
-    titles = [one.text for one in strictly(edge_page(*told)).iter("{http://www.w3.org/2000/svg}title")]
+    titles = [one.text for one in strictly(edge_page(told[0])).iter("{http://www.w3.org/2000/svg}title")]
     assert f"edge 1 {edge.mtf[-1]:.3f} ± {edge.uncertainty[-1]:.3f}" in titles[-1]
 
 

@@ -10,7 +10,7 @@ from contextlib import closing
 import pytest
 import requests
 from alpaca import camera as alpaca_camera
-from alpaca import exceptions, focuser, management, switch
+from alpaca import exceptions, focuser, management, observingconditions, switch
 
 from drivers.errors import NoAnswer
 from drivers.interfaces import Condition
@@ -48,9 +48,9 @@ def test_the_server_reports_its_devices(client):
     reply = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
     assert reply == [
         ("Camera", 0, "camera"), ("Focuser", 0, "stage z_mm"), ("Focuser", 1, "stage x_mm"),
-        ("Focuser", 2, "stage y_mm"), ("Switch", 0, "lamp, shutter and laser"),
+        ("Focuser", 2, "stage y_mm"), ("Switch", 0, "lamp, shutter and laser"), ("ObservingConditions", 0, "room"),
     ]  # fmt: skip
-    assert len({one["UniqueID"] for one in devices}) == 5
+    assert len({one["UniqueID"] for one in devices}) == 6
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,7 @@ def test_the_server_reports_its_devices(client):
         ("camera", alpaca_camera.Camera, {"ImageArrayRaw", "ImageArrayInfo"}),  # the client's own views of ImageArray
         ("focuser", focuser.Focuser, set()),
         ("switch", switch.Switch, set()),
+        ("observingconditions", observingconditions.ObservingConditions, set()),
     ],
 )
 def test_no_member_of_the_client_is_missing(server, kind, device_class, besides):
@@ -325,6 +326,34 @@ def test_every_member_of_the_switch(box, served):
         with pytest.raises(NOT_IMPLEMENTED):
             refused()
     assert not box.CanAsync(0)
+
+
+# --- conditions ----------------------------------------------------------------------------------------------------
+
+
+def test_every_member_of_the_rooms_conditions(client, served):
+    room = observingconditions.ObservingConditions(client.address, 0)
+    room.Connected = True
+    assert room.Temperature == pytest.approx(served.bench.simulated.world.temperature_c(0.0), abs=0.5)
+    assert room.Humidity == 45.2
+    # of 21 degrees at 45.2 %: 8.6 in tables of dew points
+    assert room.DewPoint == pytest.approx(8.6, abs=0.5)
+    assert room.AveragePeriod == 0
+    assert room.TimeSinceLastUpdate("") == room.TimeSinceLastUpdate("Temperature") == 0
+    assert "room" in room.SensorDescription("DewPoint")
+    assert {one["Name"] for one in room.DeviceState} == {"Temperature", "Humidity"}
+    room.Refresh()
+    for hours, error in ((0, 0), (1, 0x401)):
+        form, headers = f"AveragePeriod={hours}".encode(), {"Content-Type": "application/x-www-form-urlencoded"}
+        _, _, body = client.request("PUT", "/api/v1/observingconditions/0/averageperiod", form, **headers)
+        assert json.loads(body)["ErrorNumber"] == error
+    with pytest.raises(exceptions.InvalidValueException, match="the name of a sensor; got 'nose'"):
+        room.SensorDescription("nose")
+    for name in ("Pressure", "CloudCover", "WindSpeed"):
+        with pytest.raises(NOT_IMPLEMENTED):
+            getattr(room, name)
+    with pytest.raises(NOT_IMPLEMENTED):
+        room.SensorDescription("Pressure")
 
 
 # --- the protocol --------------------------------------------------------------------------------------------------

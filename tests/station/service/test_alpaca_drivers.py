@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink
+from drivers.alpaca.probe import AlpacaProbe
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.errors import (
@@ -19,10 +20,12 @@ from drivers.errors import (
     LineLost,
     MoveFailed,
     NoAnswer,
+    NoReading,
     NotHomed,
     OutsideTravel,
     Rejected,
 )
+from drivers.interfaces import ProbeReading
 from station.bench.opening import make_bench
 
 from .alpaca_clients import beside
@@ -119,10 +122,18 @@ def test_stop_ends_a_move(homed, held_up):
     assert "stopped" in outcome[0].reason
 
 
-def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up):
-    # the server moves one at a time: the second axis waits for the first one
+def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up, monkeypatch):
+    # the server moves one at a time: the second axis, which it has refused, waits for the first one
+    refused, finish = threading.Event(), homed._finish
+
+    def wait(parts, epoch):
+        refused.set()
+        finish(parts, epoch)
+
+    monkeypatch.setattr(homed, "_finish", wait)
     thread, outcome = beside(lambda: homed.move_to(z_mm=400.0, x_mm=-5.0))
     held_up.moving.wait()
+    refused.wait()
     homed.stop()
     thread.join()
     assert isinstance(outcome[0], DeviceError)
@@ -292,3 +303,20 @@ def test_a_bench_of_another_bench(client, served, tmp_path, at):
         assert TOKEN not in str(tables)
     finally:
         bench.close()
+
+
+# --- probe -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_probe_reads_what_its_server_measures(at, served):
+    probe = AlpacaProbe(at, 0, {"temperature": 0.3})
+    assert probe.connect().model == "Alpaca room"
+    readings = probe.read()
+    assert readings["temperature"] == ProbeReading(served.bench.devices["room"].read()["temperature"].value, "°C", 0.3)
+    assert readings["humidity"] == ProbeReading(45.2, "%")
+    served.bench.simulated.devices["room"].unplugged = True
+    with pytest.raises(NoReading, match="check sensor and range"):
+        probe.read()
+    probe.close()
+    with pytest.raises(LineLost, match="connect first"):
+        probe.read()

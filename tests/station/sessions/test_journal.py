@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from station.common.durable_files import Disk, WriteFailed
 from station.sessions.journal import Contents, Damaged, Journal, parse, read_journal
+from station.sessions.journal_head import Gap, gap
 
 FIRST = "0" * 64
 
@@ -176,3 +177,11 @@ def test_journal_behind_a_link_is_not_read(tmp_path):
         read_journal(tmp_path / "journal.jsonl", FIRST)
     with pytest.raises(WriteFailed):
         Journal(tmp_path / "journal.jsonl", Contents((), FIRST, 0), Disk())
+
+
+def test_a_head_that_cannot_be_read_counts_no_line_as_missing(tmp_path):
+    found = gap(tmp_path, ["0" * 64], expected=True)  # a folder in its place
+    assert found.lines == 0
+    assert "cannot be read" in found.words
+    assert gap(tmp_path / "journal.head", [], expected=False) == Gap()
+    assert gap(tmp_path / "journal.head", [], expected=True).words.startswith("journal.head is missing")

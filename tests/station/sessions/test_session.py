@@ -250,6 +250,14 @@ def test_second_program_is_refused_by_the_name_of_the_first(session):
     assert refusal.value.exit_code == 75
 
 
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no list of open files here")
+def test_a_refused_program_leaves_no_file_open(session):
+    before = os.listdir("/proc/self/fd")
+    with pytest.raises(Busy):
+        Session.open(session.folder, FixedClock())
+    assert os.listdir("/proc/self/fd") == before
+
+
 def test_lock_of_a_program_that_died_is_taken_over(session):
     session.close()
     program = "import os, sys, pathlib, station.sessions.layout as s; s.Lock(pathlib.Path(sys.argv[1])); os._exit(0)"

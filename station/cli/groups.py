@@ -1,4 +1,4 @@
-"""`station psf ...`: the ways to estimate a point spread function, one file each."""
+"""`station psf ...` and `station mtf ...`: procedures in groups."""
 
 from __future__ import annotations
 
@@ -14,8 +14,14 @@ PSF_COMMANDS = {
     "series": ("procedure_command", "series", "Over aperture, focus and ISO, from one mounting."),
     "field": ("procedure_command", "field", "Over the whole frame, from charts at many places."),
 }
+MTF_COMMANDS = {"edge": ("procedure_command", "edge", "Across slanted edges, ISO 12233 e-SFR.")}
 
 
 @click.group(cls=LazyGroup, table=PSF_COMMANDS)
 def psf() -> None:
     """Estimate a point spread function."""
+
+
+@click.group(cls=LazyGroup, table=MTF_COMMANDS)
+def mtf() -> None:
+    """Measure a modulation transfer function."""

@@ -1,0 +1,174 @@
+"""The rows of a batch on the disk, and what all of them say in one pass: memory does not grow with a photograph's rows.
+
+A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised.
+"""
+
+from __future__ import annotations
+
+import json
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any, overload
+
+from procedures.numbers import Group, Number, in_group
+from station.batch.item import VERDICTS, ItemRow, row_of_record
+from station.results.result_files import plain
+
+GROUP = tuple[str, str, str]
+"""Camera, plane and number."""
+
+
+def line_of(row: ItemRow) -> bytes:
+    """A row as a line of JSON."""
+    return (json.dumps(plain(asdict(row)), ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+class StoredRows(Sequence[ItemRow]):
+    """Rows in the order of their items, read from a file of lines when they are used; written as they come."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._out = path.open("wb")
+        self._at: dict[int, int] = {}
+        self._end = 0
+        self._sorted: list[int] | None = None
+
+    def add(self, number: int, row: ItemRow) -> None:
+        """Write the row of an item."""
+        data = line_of(row)
+        self._out.write(data)
+        self._out.flush()
+        self._at[number], self._end, self._sorted = self._end, self._end + len(data), None
+
+    def close(self) -> None:
+        """No more rows are added."""
+        self._out.close()
+
+    def _lines(self, numbers: Sequence[int]) -> Iterator[bytes]:
+        with self._path.open("rb") as file:
+            for number in numbers:
+                file.seek(self._at[number])
+                yield file.readline()
+
+    def write_sorted(self, path: Path) -> None:
+        """Write the lines in the order of the items."""
+        with path.open("wb") as file:
+            file.writelines(self._lines(self._numbers))
+
+    def replaced(self) -> None:
+        """Its file is now the sorted one, and no rows are added any more."""
+        self.close()
+        with self._path.open("rb") as file:
+            begin = 0
+            for number, line in zip(self._numbers, file, strict=True):
+                self._at[number], begin = begin, begin + len(line)
+
+    def __len__(self) -> int:
+        return len(self._at)
+
+    @overload
+    def __getitem__(self, index: int) -> ItemRow: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ItemRow, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> ItemRow | tuple[ItemRow, ...]:
+        if isinstance(index, slice):
+            return tuple(self._rows(self._numbers[index]))
+        return next(self._rows([self._numbers[index]]))
+
+    def __iter__(self) -> Iterator[ItemRow]:
+        return self._rows(self._numbers)
+
+    def _rows(self, numbers: Sequence[int]) -> Iterator[ItemRow]:
+        return (row_of_record(json.loads(line)) for line in self._lines(numbers))
+
+    @property
+    def _numbers(self) -> list[int]:
+        """The numbers of the items in their order, sorted when one has been added."""
+        if self._sorted is None:
+            self._sorted = sorted(self._at)
+        return self._sorted
+
+
+@dataclass
+class NumberSeries:
+    """One number of all photographs by a camera in a plane: its unit, and its values."""
+
+    unit: str
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+
+@dataclass
+class Tally:
+    """Counts and values over the rows of a batch.
+
+    Attributes
+    ----------
+    verdicts, specifications : number of items by verdict
+    planes : number of planes by name and verdict
+    failed : places of the rows that are not usable
+    units : of every number that a plane has
+    series : values of the numbers in the summary
+    """
+
+    verdicts: Counter[str] = field(default_factory=Counter)
+    specifications: Counter[str] = field(default_factory=Counter)
+    planes: dict[str, Counter[str]] = field(default_factory=dict)
+    failed: list[int] = field(default_factory=list)
+    all_sure: bool = True
+    reused: int = 0
+    units: dict[str, str] = field(default_factory=dict)
+    series: dict[GROUP, NumberSeries] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, rows: Iterable[ItemRow]) -> Tally:
+        """The tally of rows, in one pass."""
+        tally = cls()
+        for place, row in enumerate(rows):
+            tally._count(place, row)
+        return tally
+
+    def _count(self, place: int, row: ItemRow) -> None:
+        self.verdicts[row.verdict] += 1
+        self.specifications[row.specification] += 1
+        self.all_sure = self.all_sure and row.sure
+        self.reused += row.reused
+        if not row.usable:
+            self.failed.append(place)
+        camera = str(row.noted.get("camera", ""))
+        for name, plane in row.planes.items():
+            self.planes.setdefault(name, Counter())[plane.verdict] += 1
+            self.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
+            for number in in_group(Group.SUMMARY, plane.numbers.keys()):
+                entry = plane.numbers[number]
+                if entry["value"] is not None:
+                    group = (camera, name, str(number))
+                    self.series.setdefault(group, NumberSeries(str(entry.get("unit", "1")))).values.append(
+                        entry["value"]
+                    )
+
+    @property
+    def followed(self) -> list[Number]:
+        """The numbers in the summary over all photographs."""
+        return in_group(Group.SUMMARY, {number for _, _, number in self.series})
+
+    def statistics(self) -> dict[str, dict[str, Any]]:
+        """Verdict counts of every plane, and median, minimum and maximum of the numbers in the summary."""
+        summary: dict[str, dict[str, Any]] = {}
+        for name, counted in sorted(self.planes.items()):
+            verdicts = {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}
+            summary[name] = {"verdicts": verdicts}
+            for number in self.followed:
+                parts = [
+                    one.values for (_, plane, other), one in self.series.items() if (plane, other) == (name, number)
+                ]
+                values = [value for part in parts for value in part]
+                if values:
+                    entry = {"n": len(values), "median": median(values), "min": min(values), "max": max(values)}
+                    summary[name][number] = entry
+        return summary

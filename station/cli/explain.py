@@ -1,0 +1,75 @@
+"""`station explain`: why a result is as it is, and what would improve it most."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.common.log import log_json_option
+
+if TYPE_CHECKING:
+    from station.results.explanation import CauseCount, PlaneExplanation
+
+MOST_TERMS = 3
+
+
+@click.command("explain")
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
+@click.option("--json", "as_json", is_flag=True, help="Write the explanation to stdout as JSON.")
+@log_json_option
+def explain(result: Path, twin: bool, as_json: bool) -> None:
+    """Explain RESULT, a result, a session or a batch: its most likely cause, the largest uncertainty, the best remedy.
+
+    Example: station explain result --twin
+    """
+    from station.results.explanation import explain_batch, explain_result, is_batch, read_explained, result_folder
+
+    if is_batch(folder := result_folder(result)):
+        causes = explain_batch(folder)
+        _write({"result": str(folder), "causes": [asdict(one) for one in causes]}, _batch_lines(causes), as_json)
+        return
+    folder, measurement = read_explained(result)
+    planes = explain_result(measurement)
+    entry: dict[str, Any] = {"result": str(folder), "planes": [asdict(one) for one in planes]}
+    lines = [line for one in planes for line in _plane_lines(one)]
+    if twin:
+        from station.demo.digital_twin import predictions
+
+        first = planes[0]
+        effects = predictions(measurement.by_name[first.plane].details)
+        entry["twin"] = [asdict(one) for one in effects]
+        lines += ["", f"By the digital twin, for {first.plane}:"]
+        lines += [
+            f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.factor * first.uncertainty:.2g}"
+            for one in effects
+        ]
+    _write(entry, lines, as_json)
+
+
+def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
+    click.echo(json.dumps(entry, indent=1) if as_json else "\n".join(lines))
+
+
+def _plane_lines(one: PlaneExplanation) -> list[str]:
+    from procedures.budget import TERMS
+    from procedures.numbers import label
+
+    lines = [f"{one.plane}: {one.verdict}" + (f", because {one.reason}" if one.reason else "")]
+    lines += [f"  what helps: {one.remedy}"] if one.remedy else []
+    if one.terms:
+        lines.append(f"  {label(one.number)} {one.value}; the parts of its variance:")
+    for part in one.terms[:MOST_TERMS]:
+        lines.append(f"    {part.share:4.0%} {TERMS[part.term]}; to ± {part.uncertainty_then:.2g}: {part.remedy}")
+    return lines
+
+
+def _batch_lines(causes: Sequence[CauseCount]) -> list[str]:
+    if not causes:
+        return ["every photograph passed"]
+    return [line for one in causes for line in (f"{one.count:6d}  {one.reason}", f"        what helps: {one.remedy}")]

@@ -1,0 +1,69 @@
+"""`station session delete`, `report` and `index`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from station.cli.psf.terms import certificate_options, details_of, overlay_option
+from station.cli.session.group import find_session, session_argument, sessions_option
+from station.common.log import log, log_json_option
+
+
+@click.command("delete")
+@session_argument
+@click.option("--yes", is_flag=True, help="Skip the confirmation.")
+@log_json_option
+def session_delete(name: str, root: Path, yes: bool) -> None:
+    """Delete SESSION with its photographs and results permanently, after confirmation."""
+    from procedures.outcome import BadParameter
+    from station.sessions.deletion import delete_session
+    from station.sessions.layout import check_layout
+
+    folder = find_session(name, root)
+    check_layout(folder)
+    photographs = sum(1 for path in (folder / "originals").iterdir() if path.is_file())
+    if not (yes or click.confirm(f"Delete {folder} with {photographs} photographs permanently?", err=True)):
+        raise BadParameter(f"{folder.name} was not deleted", "answer y, or give --yes")
+    delete_session(folder)
+    log("deleted", f"deleted {folder}", folder=str(folder))
+
+
+@click.command("report")
+@session_argument
+@click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
+@certificate_options
+@overlay_option
+@log_json_option
+def session_report(name: str, root: Path, out: Path | None, overlays: tuple[Path, ...], **given: Any) -> None:
+    """Write the report of SESSION's last result."""
+    from station.common.atomic_files import write_whole
+    from station.guide.session_report import certificate_files, overlaid_page, session_page
+    from station.reports.report import PAGE
+    from station.results.overlay import read_overlay
+
+    folder, others, details = find_session(name, root), [read_overlay(path) for path in overlays], details_of(given)
+    path = out or folder / PAGE
+    page = overlaid_page(folder, others) if others else session_page(folder)
+    write_whole(path, page.encode())
+    log("written", f"wrote {path}", path=str(path))
+    for name, data in certificate_files(folder, details=details).items() if details else ():
+        write_whole(path.parent / name, data)
+        log("written", f"wrote {path.parent / name}", path=str(path.parent / name))
+
+
+@click.command("index")
+@sessions_option
+@click.option("--rebuild", is_flag=True, help="Discard it and read every session.")
+@log_json_option
+def session_index(root: Path, rebuild: bool) -> None:
+    """Update the index of the sessions. It is derived from their folders and may be rebuilt."""
+    from station.sessions.index import Index
+
+    with Index(root, rebuild=rebuild) as index:
+        entries, cameras, lenses = index.sessions(), index.names("cameras"), index.names("lenses")
+    damaged = sum(bool(one.damage) for one in entries)
+    sentence = f"{len(entries)} sessions, {len(cameras)} cameras, {len(lenses)} lenses; {damaged} sessions are damaged"
+    log("index", sentence, sessions=len(entries), cameras=len(cameras), lenses=len(lenses), damaged=damaged)

@@ -1,0 +1,155 @@
+"""Why a result has its verdict and its uncertainty: most likely cause, largest terms of the budget, remedies."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from procedures.budget import TERMS
+from procedures.numbers import Group, in_group
+from procedures.outcome import BadInput, Verdict
+from station.common.sanitise import printable
+from station.common.uncertainty_text import stated
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.reader import read_record, read_result
+from station.results.result_files import RECORD
+
+DERIVED = "derived"
+REMEDIES = {
+    "noise": "take four photographs of the same place, or give four times the light",
+    "light": "light the chart evenly, within 10 % from corner to corner",
+    "sensor": "measure the sensor again with more frames per level",
+    "geometry": "mount the chart flat, and photograph it from the front",
+    "print": "print the chart larger, or with a finer printer",
+    "print blur": "print the chart larger, or photograph it from farther away",
+    "tail": "give --f-number and --pixel-pitch-um, which fix the far tail",
+    "mismatch": "check focus and flatness: the model does not explain the photograph down to its noise",
+    "processing": "switch off sharpening and denoising, or photograph RAW",
+    "variation": "use a smaller chart, or one nearer to the frame's centre",
+    "focus": "focus again at either distance, or leave the focus",
+    "choice": "photograph the chart larger, so that s and k matter less",
+}
+"""What lowers each term of a budget."""
+PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
+"""Beginning of a batch's reason."""
+HALVED = ("noise",)
+"""Terms that the remedy halves; the others are removed at best."""
+
+
+@dataclass(frozen=True)
+class BudgetShare:
+    """A term of a number's budget: its share of the variance, the remedy, and the uncertainty with that."""
+
+    term: str
+    share: float
+    remedy: str
+    uncertainty_then: float
+
+
+@dataclass(frozen=True)
+class PlaneExplanation:
+    """A plane: its cause, its headline number in words, and the budget of it, the largest term first.
+
+    `number` is the name of the headline number; "" if the plane has none with a budget.
+    """
+
+    plane: str
+    verdict: str
+    reason: str
+    remedy: str
+    number: str = ""
+    value: str = ""
+    uncertainty: float = 0.0
+    terms: Sequence[BudgetShare] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class CauseCount:
+    """Of a batch: a cause with its remedy, and how many photographs have it."""
+
+    count: int
+    reason: str
+    remedy: str
+
+
+def result_folder(path: Path) -> Path:
+    """The folder of a result: the path, that of its record, or the last result of a session. Raises BadInput."""
+    folder = path.parent if path.name == RECORD else path
+    results = sorted(folder.glob(f"{DERIVED}/*/{RECORD}"), key=lambda one: (len(one.parent.name), one.parent.name))
+    if results:
+        return results[-1].parent
+    if not (folder / RECORD).is_file():
+        raise BadInput(f"{printable(path)} holds no result", "name the folder of a result, a session or a batch")
+    return folder
+
+
+def is_batch(folder: Path) -> bool:
+    """Whether the result is that of a batch."""
+    return str(read_record(folder).get("schema", "")).startswith("station/batch/")
+
+
+def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
+    """The explanation of every plane, that of the worst verdict first."""
+    planes = sorted(measurement.planes, key=lambda one: -one.verdict.rank)
+    return [_explain_plane(one) for one in planes]
+
+
+def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
+    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
+    name = next((one for one in in_group(Group.LINE) if _budget(plane, one)), "")
+    if plane.verdict is Verdict.REFUSED or not name:
+        return plain
+    number, budget = plane.numbers[name], _budget(plane, name)
+    total = sum(one**2 for one in budget.values())
+    shares = [
+        BudgetShare(term, one**2 / total, REMEDIES.get(term, ""), math.sqrt(total - _saved(term) * one**2))
+        for term, one in sorted(budget.items(), key=lambda item: -item[1])
+        if one > 0
+    ]
+    value = f"{stated(number.value, number.uncertainty)} {number.unit}"
+    return PlaneExplanation(
+        plane.name, plain.verdict, plain.reason, plain.remedy, name, value, number.uncertainty, tuple(shares)
+    )
+
+
+def _saved(term: str) -> float:
+    """Part of a term's variance that its remedy saves at best."""
+    return 0.75 if term in HALVED else 1.0
+
+
+def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
+    """The budget of a number in the record of a plane; empty if it has none."""
+    entry: Any = plane.details.get(name)
+    budget = entry.get("budget") if isinstance(entry, dict) else None
+    known = {} if not isinstance(budget, dict) else budget
+    return {term: float(one) for term, one in known.items() if term in TERMS and isinstance(one, int | float)}
+
+
+def explain_batch(folder: Path) -> list[CauseCount]:
+    """The causes of what did not pass, the most frequent first. Raises BadInput if the rows are damaged."""
+    causes: Counter[tuple[str, str]] = Counter()
+    path = folder / "results.jsonl"
+    try:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            if row.get("reason"):
+                reason = PLANE.sub("", row["reason"])
+                for one in row["files"]:
+                    reason = reason.replace(one, "the photograph").replace(Path(one).name, "the photograph")
+                causes[(reason, row["remedy"])] += 1
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+        raise BadInput(f"{printable(path)} cannot be read: {error}", "run the batch again") from error
+    return [CauseCount(count, *cause) for cause, count in causes.most_common()]
+
+
+def read_explained(path: Path) -> tuple[Path, Measurement]:
+    """Folder and measurement of a result or of the last result of a session. Raises BadInput."""
+    folder = result_folder(path)
+    return folder, read_result(folder)

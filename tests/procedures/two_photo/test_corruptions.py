@@ -1,0 +1,47 @@
+"""Walls that a program or a lens changed: flagged by name; clean ones by none of the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.corruption.directions import mask
+from procedures.outcome import Verdict, causes_of
+from procedures.raw import Plane
+from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+
+from .endless import CAMERAS, photographs
+
+Array = np.ndarray
+
+
+def thresholded(x: Array) -> Array:
+    detail = mask(x, 1.0)
+    return x + 0.4 * np.where(np.abs(detail) > 0.03, detail, 0)
+
+
+CHANGED: dict[str, tuple[Callable[[Array], Array], str]] = {
+    "clean": (lambda x: x, ""),
+    "median": (lambda x: 0.7 * x + 0.3 * cv2.medianBlur(x.astype(np.float32), 3), "unlike any image by a lens"),
+    "mask above a threshold": (thresholded, "strong detail is sharpened more"),
+    "ghost": (lambda x: 0.92 * x + 0.08 * cv2.GaussianBlur(x[::-1, ::-1], (0, 0), 3.0), "the lens reflects light"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHANGED)
+def test_what_a_program_or_a_lens_does_is_flagged_by_name(name: str) -> None:
+    change, words = CHANGED[name]
+    pair = photographs(CAMERAS["f/5.6"], noise=0.006, seed=3)
+    near, far = (change(one.astype(float)) for one in (pair.near, pair.far))
+    pictures = (pair.near if name == "ghost" else near, far)  # another ghost lies in another place of the wall
+    planes = [Plane("Y", one.astype(np.float32), 1e-5, raw=True) for one in pictures]
+    outcome = estimate_psf_of_pair(*planes, TwoPhotoParameters(3, 13))
+    if words:
+        assert outcome.verdict is not Verdict.PASS
+        assert any(words in cause.reason for cause in causes_of(outcome)), causes_of(outcome)
+    else:
+        assert outcome.verdict is Verdict.PASS

@@ -1,0 +1,92 @@
+"""`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from procedures.budget import TERMS
+from station.__main__ import main
+from station.demo import digital_twin
+from station.results.explanation import REMEDIES
+
+from ...golden.cases import chart_photograph
+
+SLOW_FIXTURES = {"batch"}
+
+
+def run(*words):
+    return CliRunner().invoke(main, [str(one) for one in words])
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explain")
+    done = run("psf", "pattern", chart_photograph(folder / "photo.dng", 1), "--out", folder / "out")
+    assert done.exit_code == 0, done.output
+    return folder / "out"
+
+
+def test_every_term_of_a_budget_has_a_remedy():
+    assert REMEDIES.keys() >= TERMS.keys()
+
+
+def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
+    done = run("explain", result, "--json")
+    assert done.exit_code == 0, done.output
+    (plane,) = json.loads(done.stdout)["planes"]
+    record = json.loads((result / "result.json").read_text())["planes"]["G1"][plane["number"]]
+    shares = [one["share"] for one in plane["terms"]]
+    assert sum(shares) == pytest.approx(1)
+    assert shares == sorted(shares, reverse=True)
+    first = plane["terms"][0]
+    assert first["share"] == pytest.approx((record["budget"][first["term"]] / record["uncertainty"]) ** 2)
+    without = record["uncertainty"] ** 2 - first["uncertainty_then"] ** 2
+    removed = 0.75 if first["term"] == "noise" else 1.0  # four times the light halves the noise
+    assert without == pytest.approx(removed * record["budget"][first["term"]] ** 2)
+
+
+def test_words_name_cause_number_and_remedy(result):
+    text = run("explain", result / "result.json").stdout
+    assert text.startswith("G1: pass")
+    assert "MTF50" in text
+    assert any(one in text for one in REMEDIES.values())
+
+
+def test_a_folder_without_a_result_is_refused(tmp_path):
+    done = run("explain", tmp_path)
+    assert done.exit_code == 4
+    assert "holds no result" in done.output
+
+
+@pytest.fixture(scope="module")
+def batch(result, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("batch")
+    photographs = folder / "in"
+    photographs.mkdir()
+    for name in "ab":
+        (photographs / f"{name}.png").write_bytes(b"no picture")
+    (folder / "p.toml").write_text('procedure = "pattern"\n')
+    run("batch", photographs, "--procedure", folder / "p.toml", "--jobs", 1, "--out", folder / "out")
+    return folder / "out"
+
+
+@pytest.mark.slow
+def test_causes_of_a_batch_are_counted(batch):
+    done = run("explain", batch, "--json")
+    assert done.exit_code == 0, done.output
+    (cause,) = json.loads(done.stdout)["causes"]
+    assert cause["count"] == 2
+    assert cause["remedy"]
+
+
+@pytest.mark.slow
+def test_twin_predicts_the_gain_of_light_and_of_distance(result):
+    """By the estimator's own bound: noise falls by half; a chart twice too small is worse than one at s/t = 1."""
+    record = json.loads((result / "result.json").read_text())["planes"]["G1"]
+    light, *_ = digital_twin.predictions(record)
+    assert 0.4 < light.factor < 0.8
+    _, wider = digital_twin.predictions({**record, "pixels_per_pattern": 40.0})
+    assert wider.factor < 0.9
