@@ -1,10 +1,11 @@
 """How right a sensor's numbers are: every truth against its 95 % interval, coverage over many sets, the peer, speed.
 
-python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [speed] [published FOLDER]
+python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [low] [speed] [published FOLDER]
 
 truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-, DSNU 1.5 DN, PRNU 0.5 %, two sinusoids,
           200 outliers, a response that bends by 1 %
 coverage  small sets of the same kind, 64 x 64 pixels: how often intervals hold the truth
+low       8 bits, dark noise of 0.1 to 0.6 DN: the same
 speed     levels and stacks of 24 megapixels, per picture
 published a clone of the public repository EMVA1288/datasets: every number against the published program, both with
           the program's own level of saturation and with ours
@@ -101,6 +102,27 @@ def coverage(sets: int) -> None:
               f"deviation {np.std(z[name]):.2f}")  # fmt: skip
 
 
+def low_noise(sets: int) -> None:
+    """How often the intervals hold the truth where the dark noise is 0.1 to 0.6 DN and the numbers have 8 bits."""
+    hits: dict[str, list[bool]] = {}
+    for sigma in (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6):
+        for i in range(sets):
+            rng = np.random.default_rng([0, i, int(sigma * 100)])
+            gain = float(np.exp(rng.uniform(np.log(0.012), np.log(0.05))))
+            sensor = KnownSensor(
+                rows=128, columns=128, gain=gain, dark_noise_e=sigma / gain, offset=float(rng.uniform(6, 10)), top=255,
+                dsnu_dn=float(rng.uniform(0.05, 0.5)), prnu=0.008, seed=int(rng.integers(1e6)),
+            )  # fmt: skip
+            found = characterise(sensor.record(i, np.linspace(0.04, 1.2, 24), 16), rng).value
+            assert found is not None
+            wanted = truths(sensor)
+            for name in ("system_gain", "quantum_efficiency", "temporal_dark_noise", "dsnu_dn", "prnu"):
+                one = found.numbers[name]
+                hits.setdefault(name, []).append(one.low <= wanted[name] <= one.high)
+    for name, inside in hits.items():
+        print(f"{name:32s} {np.mean(inside):5.1%} of {len(inside)}")
+
+
 def speed() -> None:
     """Of 24 megapixels, best of three."""
     pictures = np.random.default_rng(0).integers(500, 600, (2, 4000, 6000)).astype(np.uint16)
@@ -139,6 +161,8 @@ if __name__ == "__main__":
     if "coverage" in words:
         at = words.index("coverage") + 1
         coverage(int(words[at]) if at < len(words) and words[at].isdigit() else 500)
+    if "low" in words:
+        low_noise(25)
     if "speed" in words:
         speed()
     if "published" in words:

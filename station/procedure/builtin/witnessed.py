@@ -72,11 +72,12 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
         )
         limit, chart = settings.limit(long.exposure), settings.source.chart
         results = []
-        for name, plane in long.planes.items():
+        for name in long.planes:
             if any(name not in one.planes for one in frames):
                 raise BadInput(f"every photograph needs the plane {name}", "give four photographs of one camera")
-            four = Photographs(*(one.planes[name] for one in frames), ratio)
-            outcome = witnessed_psf(four, chart, parameters, limit(plane))
+            short, main, near, defocused = (one.planes[name] for one in frames)
+            four = Photographs(short, main, near, defocused, ratio)
+            outcome = witnessed_psf(four, chart, parameters, limit(main))
             results.append(_result(four, outcome, long))
         asked = {**parameters.to_record(), "chart": settings.source.origin, "origin": settings.origin,
                  "exposure_ratio": ratio, GRADE: "witnessed"}  # fmt: skip
