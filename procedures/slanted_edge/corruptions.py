@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.corruption.family import (
+    GHOSTED,
     OVERSHOOT,
     SCATTER,
     SHARPENED,
@@ -29,6 +30,10 @@ MASK_PRIOR, HALO_PRIOR = 0.08, 0.05
 HALO_MODEL = 0.02
 """Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
 tests/benchmarks/adversarial.py."""
+GHOST_PRESENT = 0.3
+"""Prior probability of a ghost behind an edge in a RAW file, which takes light from beside it as a mask does."""
+MISSING_MODEL = 0.005
+"""Part of that uncertainty that may also be negative: light that a lens lacks beside the edge."""
 TONE_PRIOR = 0.3
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 TONE_MODEL = 0.3
@@ -53,7 +58,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
-        OVERSHOOT.check(evidence.halo.score, halo, raw=raw),
+        OVERSHOOT.check(evidence.halo.amount / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
         VEILED.check(evidence.tail, raw=raw),
     ]
 
@@ -68,10 +73,11 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
         "bins": np.gradient(mtf, STEP) * f * REPEATED * (f / REPEATED_AT) ** 4,
         SCATTER.name: mtf * (1 - np.exp(-2 * (np.pi * f * evidence.scatter_px) ** 2)),
     }
+    missing = evidence.halo.unseen, math.hypot(evidence.halo.uncertainty, HALO_MODEL), HALO_PRIOR
     if raw:
-        return modes
+        return modes | {GHOSTED.name: mtf * nuisance(*missing, GHOST_PRESENT) * _mask(HALO_PX)}
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
-    wide = nuisance(evidence.halo.unseen, math.hypot(evidence.halo.uncertainty, HALO_MODEL), HALO_PRIOR)
+    wide = nuisance(*missing)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
     return modes | {
         SHARPENED.name: mtf * amount * _mask(1.0),
