@@ -20,7 +20,7 @@ from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
 from drivers.wire.outgoing import URGENT_S
 
 TRIES = 3
@@ -58,7 +58,7 @@ class GcsStage(PolledStage[str]):
     ) -> None:
         super().__init__(transport, axes, **more)
         self._reference = reference
-        self._question = Question[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
+        self._question = StepQuestion[str](b"\n*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
     def _ask(self, data: bytes, pattern: str, allowed: Callable[[], None] = anything, tries: int = TRIES) -> str:
         """The group of the pattern in the reply."""

@@ -21,7 +21,7 @@ from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
 POWER = 1 << 4
@@ -58,8 +58,8 @@ class Esp301Stage(PolledStage[NewportReply]):
     end = "\r"
     search = 4
 
-    def _question(self, axis: PolledAxis) -> Question[NewportReply]:
-        return Question(b"\rVE?\r", lambda reply: "ESP" in reply.value or None)
+    def _question(self, axis: PolledAxis) -> StepQuestion[NewportReply]:
+        return StepQuestion(b"\rVE?\r", lambda reply: "ESP" in reply.value or None)
 
     def _echo(self, axis: PolledAxis, command: str) -> str:
         return ""
@@ -129,9 +129,9 @@ class Smc100Stage(Esp301Stage):
     stop_bytes = b"\r\nST\r\n"
     end = "\r\n"
 
-    def _question(self, axis: PolledAxis) -> Question[NewportReply]:
+    def _question(self, axis: PolledAxis) -> StepQuestion[NewportReply]:
         echo = f"{axis.number}VE"
-        return Question(f"\r\n{echo}\r\n".encode(), lambda reply: reply.echo == echo or None)
+        return StepQuestion(f"\r\n{echo}\r\n".encode(), lambda reply: reply.echo == echo or None)
 
     def _echo(self, axis: PolledAxis, command: str) -> str:
         return command[: len(str(axis.number)) + 2]

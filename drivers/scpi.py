@@ -20,7 +20,7 @@ from drivers.making import LineOptions, MakerContext
 from drivers.options import Baud, Uncertainty, option, positive, text
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import line_condition, opened
-from drivers.wire.in_step import InStepLine, Question
+from drivers.wire.in_step import InStepLine, StepQuestion
 from drivers.wire.visa import VISA, VisaTransport
 
 REPLY_S = 2.0
@@ -48,7 +48,7 @@ class ScpiInstrument:
     def __init__(self, transport: Transport[str]) -> None:
         self._transport = transport
         self._line = InStepLine(transport, REPLY_S, QUESTIONS)
-        self._question = Question[str](b"*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
+        self._question = StepQuestion[str](b"*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
 
     @property
     def address(self) -> str:

@@ -26,6 +26,7 @@ from drivers.wire.connection import anything, line_condition, opened
 
 REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
+AGAIN_S = 0.05  # before it is asked again: a port that takes no bytes may fail at once
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
 FLASH_S = 1.0
@@ -192,6 +193,7 @@ class StrigShutter:
             except NoAnswer:
                 if self.clock.now_s() >= deadline_s:
                     raise
+                self.clock.sleep(AGAIN_S)
 
     def synchronise(self, times: int = 3) -> None:
         """Clock offset from the fastest of a few round trips: its error is below half of that trip."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from drivers.errors import Alarm, NoAnswer
 from drivers.homing_state import HOME
@@ -21,10 +21,9 @@ from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import Question
+from drivers.wire.in_step import StepQuestion
 
-HOST, CONTROLLER, BAY, LONG = 0x01, 0x50, 0x20, 0x80
-HEADER = 6
+HOST, CONTROLLER, BAY, LONG, HEADER = 0x01, 0x50, 0x20, 0x80, 6
 REQ_INFO, GET_INFO, ENABLE = 0x0005, 0x0006, 0x0210
 SET_VELOCITY, REQ_VELOCITY, GET_VELOCITY = 0x0413, 0x0414, 0x0415
 HOMING, MOVE, STOP = 0x0443, 0x0453, 0x0465
@@ -33,13 +32,10 @@ REQ_STATUS, GET_STATUS = 0x0490, 0x0491
 LENGTHS = {GET_INFO: 84, GET_VELOCITY: 14, GET_TARGET: 6, GET_STATUS: 14, 0x0464: 14, 0x0466: 14, 0x0444: 0}
 """Bytes of data of the messages to the host: answers, and the ends of moves and of homing."""
 MOVING, HOMED, MOTION_ERROR = 0x02F0, 0x0400, 0x4000
-PROFILED = 2
-CHANNEL = 1
-TRIES = 3
+PROFILED, CHANNEL, TRIES = 2, 1, 3
 
 
-@dataclass(frozen=True)
-class AptMessage:
+class AptMessage(NamedTuple):
     """One message: its id, the controller or bay that sent it, its data."""
 
     id: int
@@ -76,15 +72,13 @@ class AptParser:
 
     def feed(self, data: bytes) -> list[AptMessage]:
         """The messages completed by these bytes."""
-        frames = self._frames.feed(data)
-        return [AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]) for one in frames]
+        return [AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]) for one in self._frames.feed(data)]
 
 
 class AptStage(PolledStage[AptMessage]):
     """Axes at one port; an axis' number is its bay, 0 at a controller without bays, and its scale units per count.
 
-    `cycle_s` is the unit of time of the controller's speeds: 2048/6e6 for DC servos, 102.4e-6 for brushless motors,
-    819.2e-6 for steppers.
+    `cycle_s` is the unit of time of its speeds: 2048/6e6 for DC servos, 102.4e-6 for brushless, 819.2e-6 for steppers.
     """
 
     def __init__(
@@ -113,7 +107,7 @@ class AptStage(PolledStage[AptMessage]):
         def heard(message: AptMessage, number: int) -> bytes | None:
             return message.data if (message.id, message.source) == (number, dest) else None
 
-        question = Question[AptMessage](header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
+        question = StepQuestion[AptMessage](header(REQ_INFO, dest), lambda message: heard(message, GET_INFO), b"\0")
         return self._line.request(data, lambda message: heard(message, reply), question, allowed, tries)
 
     def _get(self, axis: PolledAxis, request: int, reply: int) -> bytes:

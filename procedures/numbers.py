@@ -193,6 +193,34 @@ RESIDUAL_STD = _estimate(
     "residual of the fit over the noise measured next to it: 1 is right; of two photographs over the greatest residual "
     "that noise explains: up to 1 is right", _U, short="residual",
 )  # fmt: skip
+PROBABILITY = _estimate(
+    "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
+    "probability, by the statistics of all checks, that MTF50 along rows lies within two stated uncertainties, as "
+    "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
+    _H, _L, _C, _U, short="P(within 2 u)",
+)  # fmt: skip
+WITNESS_RATIO = _estimate(
+    "witness_ratio", "1", "Signals over exposures",
+    "ratio of two exposures' signals over that of their times: 1 of a linear camera", _L, _C,
+)  # fmt: skip
+WITNESS_CURVATURE = _estimate(
+    "witness_curvature", "1", "Curvature of two exposures",
+    "departure of one exposure's signals from a line through the other's, at the middle of the range, over the range",
+    _L, _C,
+)  # fmt: skip
+WITNESS_SHARPENING = _estimate(
+    "witness_sharpening", "1", "Unsharp mask by two exposures",
+    "amount of the unsharp mask that the noise of two exposures' difference shows most clearly; negative: smoothing",
+    _L, _C,
+)  # fmt: skip
+WITNESS_PRINT_BLUR = _estimate(
+    "witness_print_blur", "1", "Blur of the print, squared cells",
+    "variance of the print's blur in squared cells, by the MTF from two distances", _L, _C,
+)  # fmt: skip
+WITNESS_BLACK = _estimate(
+    "witness_black", "1", "Change of black with the distance",
+    "black over white from the distance less that from nearer: 0 without stray light", _L, _C,
+)  # fmt: skip
 PIXELS_PER_PATTERN = _estimate(
     "pixels_per_pattern", "pixel", "Width of the noise region, in pixels",
     "width of the noise region in pixels of the plane",

@@ -19,6 +19,7 @@ from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
 from drivers.protocols.tmcl import COMMAND, DAMAGED, LENGTH, MODULE, OK, STATUS
 from drivers.wire.connection import anything
+from drivers.wire.in_step import OutOfStep
 from drivers.wire.outgoing import URGENT_S
 
 REPLY_S, STEP_S = 0.3, 0.15
@@ -32,10 +33,6 @@ REMEDIES = {
     5: "unlock its memory",
     6: "check the module's firmware",
 }
-
-
-class OutOfStep(Exception):
-    """An answer is still pending: no request is allowed before the line is synchronised."""
 
 
 @dataclass(frozen=True, eq=False)

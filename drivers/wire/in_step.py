@@ -27,7 +27,7 @@ class OutOfStep(Exception):
 
 
 @dataclass(frozen=True)
-class Question(Generic[E]):
+class StepQuestion(Generic[E]):
     """Bytes whose reply `recognise` accepts alone; `pad` precedes all but the first."""
 
     data: bytes
@@ -40,13 +40,13 @@ class InStepLine(Generic[E]):
 
     def __init__(self, transport: Transport[E], reply_s: float, questions: int = QUESTIONS) -> None:
         self._transport, self._reply_s, self._questions = transport, reply_s, questions
-        self.owed: Question[E] | None = None
+        self.owed: StepQuestion[E] | None = None
 
     def request(
         self,
         data: bytes,
         answer: Callable[[E], T | None],
-        question: Question[E],
+        question: StepQuestion[E],
         allowed: Callable[[], None] = anything,
         tries: int = 1,
     ) -> T:
@@ -61,7 +61,7 @@ class InStepLine(Generic[E]):
                     raise
 
     def _ask(
-        self, data: bytes, answer: Callable[[E], T | None], question: Question[E], allowed: Callable[[], None]
+        self, data: bytes, answer: Callable[[E], T | None], question: StepQuestion[E], allowed: Callable[[], None]
     ) -> T:
         def may_go() -> None:
             if self.owed is not None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -24,6 +25,10 @@ OPENCV_COUNTS = (4, 5, 8, 12)
 SAME_FORMULA = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}
 """COLMAP's models with OpenCV's formula, and their numbers of coefficients."""
 GRID = (49, 33)
+EQUIVALENT, EXACT_PX = 1.02, 1e-6
+"""A simpler model is taken where its error is at most this times the least, or negligible."""
+FAR_PX = 1e6
+"""Image, in pixels, of rays that a formula does not project."""
 RADIAL_FORMULAS: dict[str, tuple[tuple[int, ...], int]] = {
     "poly3": ((2,), 1),
     "poly5": ((2, 4), 0),
@@ -148,6 +153,101 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
     scale = np.array([camera.focal_px[0] if unit == "pixel" else 0.1 for unit in start.units])
     fit = start.with_params(_fit(lambda p: start.with_params(p).project(rays), start.params, scale, pixels))
     return fit, _difference(fit.project(rays) - pixels)
+
+
+@dataclass(frozen=True, eq=False)
+class KalibrCamera:
+    """A camera as Kalibr defines it, with pixel centres at integers.
+
+    Attributes
+    ----------
+    model : str
+        One of KALIBR_MODELS: its camera model, and its distortion model.
+    intrinsics : (n,) float64
+        Parameters of the camera model, then fx, fy, cx and cy.
+    coefficients : (m,) float64
+        Of the distortion.
+    difference : Difference
+        From the measured camera.
+    """
+
+    model: tuple[str, str]
+    intrinsics: Array
+    coefficients: Array
+    difference: Difference
+
+    def project(self, rays: Array) -> Array:
+        """Pixels (n, 2) of rays (n, 3)."""
+        return _kalibr_projection(self.model, np.concatenate([self.intrinsics, self.coefficients]), rays)
+
+
+KALIBR_MODELS: dict[tuple[str, str], tuple[tuple[float, ...], tuple[float, ...]]] = {
+    ("pinhole", "radtan"): ((), (0.0, 0.0, 0.0, 0.0)),
+    ("pinhole", "equidistant"): ((), (0.0, 0.0, 0.0, 0.0)),
+    ("pinhole", "fov"): ((), (0.5,)),
+    ("omni", "radtan"): ((1.0,), (0.0, 0.0, 0.0, 0.0)),
+    ("eucm", "none"): ((0.5, 1.0), ()),
+    ("ds", "none"): ((0.0, 0.5), ()),
+}
+"""Kalibr's camera and distortion models: start of the camera model's parameters before fx, and of the distortion's."""
+
+
+def as_kalibr(camera: CameraModel, region: Array) -> KalibrCamera:
+    """The camera by the first of Kalibr's models that loses about the least over the frame within an outline."""
+    pixels, rays = _covered(camera, region)
+    focal = float(np.mean(camera.focal_px))
+    fits = []
+    for model, (shape, coefficients) in KALIBR_MODELS.items():
+        # at the axis all have the pinhole's magnification for this focal length
+        magnification = 1 + shape[0] if model[0] == "omni" else 1.0
+        start = np.array([*shape, focal * magnification, focal * magnification, *camera.centre, *coefficients])
+        pixel = np.arange(len(start)) - len(shape)
+        scale = np.where((pixel >= 0) & (pixel < 4), focal, 0.1)
+        params = _fit(partial(_kalibr_at, model, rays), start, scale, pixels)
+        own = len(shape) + 4
+        lost = _difference(_kalibr_projection(model, params, rays) - pixels)
+        fits.append(KalibrCamera(model, params[:own], params[own:], lost))
+    least = min(one.difference.rms_px for one in fits)
+    return next(one for one in fits if one.difference.rms_px <= max(EQUIVALENT * least, EXACT_PX))
+
+
+def _kalibr_at(model: tuple[str, str], rays: Array, params: Array) -> Array:
+    """The projection, far away where the formula has none."""
+    return np.nan_to_num(_kalibr_projection(model, params, rays), nan=FAR_PX, posinf=FAR_PX, neginf=-FAR_PX)
+
+
+def _kalibr_projection(model: tuple[str, str], params: Array, rays: Array) -> Array:
+    """Pixels (n, 2) of rays (n, 3). Mei's unified, the extended unified, and the double sphere model; OpenCV's rest."""
+    kind, distortion = model
+    shape, rest = np.split(params, [len(KALIBR_MODELS[model][0])])
+    (fx, fy, cx, cy), k = rest[:4], rest[4:]
+    (x, y, z), first = rays.T, np.linalg.norm(rays, axis=1)
+    with np.errstate(all="ignore"):
+        if kind == "omni":
+            depth = z + shape[0] * first
+        elif kind == "eucm":
+            depth = shape[0] * np.sqrt(shape[1] * (x * x + y * y) + z * z) + (1 - shape[0]) * z
+        elif kind == "ds":
+            moved = shape[0] * first + z
+            depth = shape[1] * np.sqrt(x * x + y * y + moved * moved) + (1 - shape[1]) * moved
+        else:
+            depth = z
+        u, v = x / depth, y / depth
+        r2 = u * u + v * v
+        r = np.sqrt(np.maximum(r2, np.finfo(float).tiny))
+        if distortion == "radtan":
+            factor = 1 + k[0] * r2 + k[1] * r2 * r2
+            u, v = (
+                u * factor + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u),
+                v * factor + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v),
+            )
+        elif distortion == "equidistant":
+            angle = np.arctan2(r * depth, depth)
+            powers = angle[:, None] ** np.array([2, 4, 6, 8])
+            u, v = (one * angle * (1 + powers @ k) / r for one in (u, v))
+        elif distortion == "fov":
+            u, v = (one * np.arctan(2 * r * np.tan(k[0] / 2)) / (k[0] * r) for one in (u, v))
+        return np.column_stack([fx * u + cx, fy * v + cy])
 
 
 def as_radial(

@@ -7,8 +7,8 @@ Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,11 +24,12 @@ from procedures.numbers import (
     MTF50_HORIZONTAL,
     MTF50_VERTICAL,
     PIXELS_PER_PATTERN,
+    PROBABILITY,
     RESIDUAL_STD,
     S_OVER_T,
 )
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import Outcome, Refused, Verdict, checked_type, verdict_of
+from procedures.outcome import Check, Outcome, Refused, Verdict, checked_type, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -46,6 +47,7 @@ from procedures.pattern_psf.outliers import (
     without_hidden_places,
     without_outliers,
 )
+from procedures.pattern_psf.probability import calibration, features, probability
 from procedures.pattern_psf.radiometry import LightLevels, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, fit_by_marks, refine
 from procedures.pattern_psf.registration import (
@@ -141,6 +143,8 @@ class PatternPsf:
         Positions of parts of the chart, each measured by its own cells: the input of geometric calibration.
     shared : SharedErrors
         Covariances of PSF, centre and these positions.
+    probability : float
+        Probability that MTF50 along rows lies within two stated uncertainties: see `pattern_psf.probability`.
     """
 
     psf: Psf
@@ -162,6 +166,7 @@ class PatternPsf:
     residual_origin: tuple[int, int]
     correspondences: Correspondences
     shared: SharedErrors
+    probability: float = float("nan")
 
     __repr__ = summary
     _repr_html_ = html
@@ -188,6 +193,7 @@ class PatternPsf:
             RESIDUAL_STD: self.residual_std,
             PIXELS_PER_PATTERN: self.pixels_per_pattern,
             S_OVER_T: self.s_over_t,
+            **({PROBABILITY: self.probability} if np.isfinite(self.probability) else {}),
         }
 
 
@@ -295,9 +301,16 @@ def _estimate(
     quality = with_modes(quality, psf, modes)
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
-    result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
     corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
-    return verdict_of([*checks_of(diagnostics, final.fit, inputs), *corrupted], result)
+    checks = [*checks_of(diagnostics, final.fit, inputs), *corrupted]
+    result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
+    return verdict_of(checks, replace(result, probability=_probability(checks, quality)))
+
+
+def _probability(checks: Sequence[Check], quality: Quality) -> float:
+    """Probability that the headline number lies within two stated uncertainties; NaN where it is not reported."""
+    headline = quality.numbers.get(calibration()["headline"])
+    return float("nan") if headline is None else probability(features(checks, headline.uncertainty / headline.value))
 
 
 @dataclass(frozen=True)

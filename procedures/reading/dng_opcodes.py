@@ -1,7 +1,7 @@
 """Opcodes of a DNG: corrections for the raw converter, written into a copy of the file.
 
-Only one pointer of the file is changed: the directory of the mosaic is written again at the end with its tags and with
-OpcodeList2 (applied to the mosaic) and OpcodeList3 (applied to the demosaicked picture).
+Only the file's versions and one pointer are changed: the directory of the mosaic is written again at the end with its
+tags and with OpcodeList2 (applied to the mosaic) and OpcodeList3 (applied to the demosaicked picture).
 Reference: Adobe DNG 1.6, chapters 4 and 7.
 """
 
@@ -24,7 +24,7 @@ OPTIONAL = 1
 """Flag: a reader may ignore an opcode that it does not support."""
 UNDEFINED, LONG, IFD = 7, 4, 13
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
-SUB_DIRECTORIES, DNG_VERSION = 330, 50706
+SUB_DIRECTORIES, DNG_VERSION, DNG_BACKWARD_VERSION = 330, 50706, 50707
 MOST_TAGS, MOST_DIRECTORIES = 1000, 32
 
 
@@ -96,6 +96,7 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
         If it is not a DNG, or its directories are damaged.
     """
     try:
+        data = _with_version(data)
         order, pointer, entries, following = _mosaic_directory(data, name)
     except struct.error as error:
         raise BadInput(f"{name} is truncated within a directory", "give the camera's original file") from error
@@ -110,6 +111,20 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
     rewritten = sorted([*retained, *new], key=lambda one: int(struct.unpack_from(order + "H", one)[0]))
     struct.pack_into(order + "I", out, pointer, len(out))
     out += struct.pack(order + "H", len(rewritten)) + b"".join(rewritten) + struct.pack(order + "I", following)
+    return bytes(out)
+
+
+def _with_version(data: bytes) -> bytes:
+    """The file with the version of the opcodes, or its later one: its own, and the oldest that reads it."""
+    order = {b"II": "<", b"MM": ">"}.get(data[:2], "")
+    if not order:
+        return data
+    out = bytearray(data)
+    (at,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, at)
+    for place in range(at + 2, at + 2 + 12 * min(count, MOST_TAGS), 12):
+        if struct.unpack_from(order + "H", data, place)[0] in (DNG_VERSION, DNG_BACKWARD_VERSION):
+            out[place + 8 : place + 12] = max(VERSION, data[place + 8 : place + 12])
     return bytes(out)
 
 

@@ -144,7 +144,7 @@ def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int)
 
 
 def _checks(surface: Falloff, count: int) -> list[Check]:
-    doubtful, steepest = Verdict.DOUBTFUL, float(np.linalg.norm(surface.slopes, axis=1).max())
+    doubtful, steepest = Verdict.DOUBTFUL, float(np.linalg.norm(surface.slope_errors, axis=1).max())
     return [
         Check("flats", count, 2, doubtful,
               "one flat does not separate a slope of the light from the lens: the centre and the difference of the "
@@ -216,7 +216,8 @@ def joint_formula(planes: Mapping[str, PlaneVignetting]) -> JointFormula:
 
 def _common(a: PlaneVignetting, b: PlaneVignetting) -> Array:
     """Covariance (2, 2) of the mean slopes of two planes' flats."""
-    count = len(a.surface.slopes)
-    if count < 2 or len(b.surface.slopes) != count:
+    first, second = a.surface, b.surface
+    count, freedom = len(first.slope_errors), np.sqrt(first.slope_freedom * second.slope_freedom)
+    if count < 2 or len(second.slope_errors) != count:
         return np.zeros((2, 2))
-    return np.asarray(a.surface.slopes.T @ b.surface.slopes / ((count - 1) * count))
+    return np.asarray(first.slope_errors.T @ second.slope_errors / (freedom * count))

@@ -2,7 +2,8 @@
 
 The model is linear in logarithms: log level = log light of the flat + slope of its light . u + P(u), u in half
 diagonals from the frame's centre, where P is 0. The mean slope is assigned to the lens; its uncertainty follows from
-the scatter of the slopes, where camera or light was rotated between the flats.
+the scatter of the slopes, where camera or light was rotated between the flats. Where one slope turned by the same angle
+from flat to flat, once around in all, explains them, the mean is free of it, and the scatter about it counts.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
+from scipy.stats import f as f_distribution
 
 from procedures.psf_field import in_half_diagonals
 from procedures.vignetting.cells import LightCells
@@ -22,6 +24,8 @@ Array = npt.NDArray[np.float64]
 
 DEGREES = (2, 4, 6, 8)
 OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded
+FEWEST_TURNED = 3  # flats whose slopes show whether one slope turned with them
+CHANCE = 0.01  # probability that independent slopes look like one that turned
 TERMS = 3  # terms of the radial formula: r^2, r^4, r^6
 
 
@@ -35,6 +39,8 @@ class Falloff:
     covariance : (c, c), covariance of its coefficients by noise
     slope_covariance : (2, 2), covariance of the mean slope of the flats' light; NaN for one flat
     slopes : (F, 2), slopes of each flat's light, relative to their mean
+    slope_errors : (F, 2), the same without a slope that turned with the flats
+    slope_freedom : degrees of freedom of the errors along each axis
     scatter : standard deviation of the cells about the surface, in units of their noise
     structure : root mean square residual without noise, relative to the light
     excluded : share of excluded cells
@@ -44,6 +50,8 @@ class Falloff:
     covariance: Array
     slope_covariance: Array
     slopes: Array
+    slope_errors: Array
+    slope_freedom: int
     scatter: float
     structure: float
     excluded: float
@@ -106,11 +114,35 @@ def _fitted(flats: Sequence[LightCells], shape: tuple[int, int], degree: int) ->
     c, count = terms_of(degree), len(flats)
     free = solution[c + count :].reshape(-1, 2)
     slopes = np.vstack([free, -free.sum(axis=0)])
-    of_slope = np.atleast_2d(np.cov(slopes.T)) / count if count > 1 else np.full((2, 2), np.nan)
+    errors, slope_freedom = _errors_of(slopes)
+    of_slope = errors.T @ errors / (slope_freedom * count) if count > 1 else np.full((2, 2), np.nan)
     structure = max(float(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2)), 0.0) ** 0.5
     schwarz = freedom * float(np.log(chi2)) + design.shape[1] * float(np.log(kept.sum()))
     light, excluded = LightSurface(shape, degree, solution[:c]), 1 - float(kept.mean())
-    return schwarz, Falloff(light, covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure, excluded)
+    return schwarz, Falloff(
+        light, covariance[:c, :c], of_slope, slopes, errors, slope_freedom, float(np.sqrt(chi2)), structure, excluded
+    )
+
+
+def _errors_of(slopes: Array) -> tuple[Array, int]:
+    """Slopes (F, 2) of mean 0 without one that turned with the flats, and the degrees of freedom along each axis.
+
+    A turn by a full circle over the number of flats, in either direction, is assumed where an F test requires it.
+    """
+    count = len(slopes)
+    if count < FEWEST_TURNED:
+        return slopes, count - 1
+    candidates = []
+    for direction in (1, -1):
+        angles = direction * 2 * np.pi * np.arange(count) / count
+        turns = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
+        common = np.mean(np.swapaxes(turns, 1, 2) @ slopes[..., None], axis=0)
+        candidates.append(slopes - (turns @ common)[..., 0])
+    errors = min(candidates, key=lambda one: float(np.sum(one**2)))
+    residual, freedom = float(np.sum(errors**2)), 2 * (count - 2)
+    ratio = (float(np.sum(slopes**2)) - residual) / 2 / max(residual / freedom, np.finfo(float).tiny)
+    turned = f_distribution.sf(ratio, 2, freedom) < CHANCE / len(candidates)
+    return (errors, count - 2) if turned else (slopes, count - 1)
 
 
 def _system(flats: Sequence[LightCells], shape: tuple[int, int], degree: int) -> tuple[Array, Array, Array]:

@@ -48,11 +48,10 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
             raise PortError(str(error)) from error
 
     def write(self, data: bytes) -> int:
-        """All of `data`, at once. Raises PortError, and TimeoutError after `write_timeout` at a clogged port."""
+        """All of `data`, at once. Raises PortError, and TimeoutError where a clogged port takes none."""
         try:
             self._there().write(bytes(data))
         except TimeoutError:
-            self._there().clock.sleep(self.write_timeout or 0.0)
             raise
         except OSError as error:
             raise PortError(str(error)) from error

@@ -9,6 +9,7 @@ from station.cli.terminal.lazy import LazyGroup
 # name -> (module under station.cli, function, help line)
 PSF_COMMANDS = {
     "pattern": ("procedure_command", "pattern", "From one photograph of the noise chart."),
+    "witnessed": ("procedure_command", "witnessed", "From one photograph of the noise chart with three witnesses."),
     "two-photo": ("procedure_command", "two-photo", "From two photographs of a wall at different distances."),
     "series": ("procedure_command", "series", "Over aperture, focus and ISO, from one mounting."),
     "field": ("procedure_command", "field", "Over the whole frame, from charts at many places."),

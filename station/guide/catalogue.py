@@ -124,6 +124,7 @@ PLANS = {
         "sharp image and depth map from blurred photographs", "restoration", "restore", in_session=True
     ),
     "edge": _general("MTF across slanted edges", "edge"),
+    "witnessed": _general("the PSF with witnesses: two exposures, two distances, a defocus", "witnessed"),
 }
 DEFAULT = "pattern"
 

@@ -31,6 +31,7 @@ BUILTIN: Mapping[str, str] = {
     "tilt": "station.procedure.builtin.tilt:PROCEDURE",
     "two-photo": "station.procedure.builtin.two_photo:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
+    "witnessed": "station.procedure.builtin.witnessed:PROCEDURE",
 }
 """Name -> module and object, as an entry point names them."""
 

@@ -10,7 +10,7 @@ from drivers.errors import Alarm, BadConfiguration, EmergencyStopped, NoAnswer, 
 from drivers.newport import NewportParser
 from drivers.polled_stage import PolledAxis
 from drivers.thorlabs import AptMessage, AptParser
-from drivers.wire.in_step import InStepLine, Question
+from drivers.wire.in_step import InStepLine, StepQuestion
 from simulators.devices.cable_faults import Faults
 from station.bench.opening import make_bench
 from station.bench.twins import TWINS, twin_of
@@ -98,7 +98,7 @@ def test_a_line_in_step_asks_its_question_before_the_next_request():
             raise NoAnswer("silence", "wait")
 
     line = InStepLine(Line(), 0.1)
-    question = Question(b"who", lambda reply: reply == "me" or None)
+    question = StepQuestion(b"who", lambda reply: reply == "me" or None)
     with pytest.raises(NoAnswer):
         line.request(b"a", lambda reply: reply, question)
     assert line.request(b"b", lambda reply: reply if reply == "answer" else None, question) == "answer"

@@ -15,6 +15,7 @@ from drivers.errors import EmergencyStopped, LineLost, NoAnswer
 from drivers.protocols.framing import LineSplitter
 from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
+from drivers.wire.outgoing import STOP_TRIES, Outgoing
 from drivers.wire.transcript import Transcript
 
 
@@ -292,3 +293,22 @@ def test_the_system_clock_waits_no_longer_than_its_deadline():
     with condition:
         assert not clock.wait(condition, lambda: False, begin_s + 0.02)
     assert clock.now_s() >= begin_s + 0.02
+
+
+@pytest.mark.parametrize(("refusals", "taken"), [(0, True), (STOP_TRIES - 1, True), (STOP_TRIES, False)])
+def test_a_stop_is_offered_again_to_a_port_that_takes_no_bytes(refusals, taken):
+    class Clogged:
+        """A port without a descriptor, whose writes run into their time limit."""
+
+        def __init__(self):
+            self.left, self.took = refusals, b""
+
+        def write(self, data):
+            if self.left:
+                self.left -= 1
+                raise TimeoutError
+            self.took += data
+
+    port = Clogged()
+    assert Outgoing(port).stop(b"!") is taken
+    assert port.took == (b"!" if taken else b"")

@@ -30,6 +30,8 @@ from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
+from tests.benchmarks.witnessed import CORRUPTIONS
+from tests.benchmarks.witnessed import photographs as witnessed_photographs
 from tests.procedures.correction.small_lens import SmallLens
 from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
@@ -53,6 +55,14 @@ def save(path: Path, samples: np.ndarray) -> Path:
     """Grey levels, 1 is white, as a picture of 16 bits."""
     cv2.imwrite(str(path), np.rint(65535 * np.clip(samples, 0, 1)).astype(np.uint16))
     return path
+
+
+def witnessed(folder: Path) -> Words:
+    """Four photographs of one chart by the independent renderer, with page and certificate."""
+    four, _ = witnessed_photographs(21000, CORRUPTIONS["clean"])
+    roles = {"short": four.short, "long": four.long, "near": four.near, "defocused": four.defocused}
+    paths = [save(folder / f"{name}.png", plane.samples) for name, plane in roles.items()]
+    return "psf", "witnessed", *paths, "--exposure-ratio", "2", "--report", "--certificate"
 
 
 def pattern(folder: Path) -> Words:
@@ -194,6 +204,7 @@ def restoration(folder: Path) -> Words:
 CASES: dict[str, Callable[[Path], Words | None]] = {
     one.__name__: one
     for one in (
-        pattern, series, two_photo, field, edge, geometry, rig, sensor, tilt, vignetting, correct, rays, restoration,
+        pattern, witnessed, series, two_photo, field, edge, geometry, rig, sensor, tilt, vignetting, correct, rays,
+        restoration,
     )
 }  # fmt: skip

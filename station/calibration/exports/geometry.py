@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, CameraModel, split_model
-from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_model, as_opencv
+from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
@@ -130,24 +130,18 @@ def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> li
 
 
 def _kalibr(stored: StoredCamera) -> CameraExport:
-    """Kalibr's camera chain: pinhole with the more accurate of its two distortion models."""
-    plain = as_opencv(stored.camera, stored.region, 4)
-    fisheye, lost = as_model(stored.camera, stored.region, "OPENCV_FISHEYE")
-    if lost.rms_px < plain.difference.rms_px:
-        intrinsics, coefficients, model = fisheye.params[:4], fisheye.params[4:], "equidistant"
-    else:
-        intrinsics = np.array([*plain.focal_px, *plain.centre])
-        coefficients, model, lost = plain.distortion, "radtan", plain.difference
+    """Kalibr's camera chain, by the most accurate of its camera and distortion models."""
+    camera = as_kalibr(stored.camera, stored.region)
     lines = [
         "cam0:",
-        "  camera_model: pinhole",
-        f"  intrinsics: {_list(intrinsics)}",
-        f"  distortion_model: {model}",
-        f"  distortion_coeffs: {_list(coefficients)}",
+        f"  camera_model: {camera.model[0]}",
+        f"  intrinsics: {_list(camera.intrinsics)}",
+        f"  distortion_model: {camera.model[1]}",
+        f"  distortion_coeffs: {_list(camera.coefficients)}",
         f"  resolution: [{stored.camera.columns}, {stored.camera.rows}]",
         "  rostopic: /cam0/image_raw",
     ]
-    return CameraExport("\n".join(lines) + "\n", _lost(lost))
+    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
 
 
 def _colmap(stored: StoredCamera) -> CameraExport:

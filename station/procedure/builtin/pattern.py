@@ -16,6 +16,10 @@ from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 
+GRADE = "grade"
+"""Key of the parameter that says what a PSF rests on."""
+SINGLE = "single photograph: linear response, no sharpening, sharp print and no stray light are assumed"
+
 
 class PatternSettings(ChartPsfSettings, frozen=True, kw_only=True):
     """Physical model of the PSF, and the sensor."""
@@ -56,7 +60,7 @@ class Pattern(PsfProcedure[PatternSettings]):
         limit = settings.limit(frame.exposure, needed=bool(settings.physics))
         results = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
         asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin,
-                 "origin": settings.origin}  # fmt: skip
+                 "origin": settings.origin, GRADE: SINGLE}  # fmt: skip
         return self.measurement([frame], results, asked, settings, terms)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,10 +15,12 @@ from procedures.corruption.family import FALSE_ALARM, nuisance, threshold
 from procedures.corruption.noise import MaskScore
 from procedures.outcome import Verdict
 from procedures.raw import Plane
+from procedures.slanted_edge import corruptions
 from procedures.slanted_edge.corruptions import corruption_checks
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
-from procedures.slanted_edge.evidence import Evidence, _fall, _Samples
+from procedures.slanted_edge.evidence import HALO_PX, Evidence, _fall, _Samples
 from procedures.slanted_edge.strip import Roi
+from procedures.slanted_edge.transfer import FREQUENCIES
 
 from .analytic import Array, Camera, edge
 
@@ -199,3 +202,29 @@ def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_i
         opposite = replace(none, amount=-amount)
         checks = corruption_checks(replace(clean, **{scores: [none, opposite, none]}), raw=False)
         assert not any(check.fails for check in checks)
+
+
+def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(corruptions, "_by_tone", lambda profile: np.zeros_like(FREQUENCIES))
+    none = MaskScore(1.0, 0.0, 0.1)
+    evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    mtf = 1 - FREQUENCIES / 2
+    modes = corruptions.modes_of(evidence, None, mtf, raw=False)  # type: ignore[arg-type]
+    point, n = np.zeros(81), np.arange(-40, 41)
+    point[40] = 1
+    seen = (FREQUENCIES > 0.05) & (FREQUENCIES <= 0.4)
+    for name, radius in (("sharpening", 1.0), ("overshoot", HALO_PX)):
+        mask = point - gaussian_filter(point, radius)
+        gain = np.cos(2 * np.pi * FREQUENCIES[seen, None] * n) @ mask
+        amount = modes[name][seen] / (mtf[seen] * gain)
+        # the sampled Gaussian is cut off at four standard deviations
+        np.testing.assert_allclose(amount, amount.mean(), rtol=2e-3)
+
+
+def test_light_that_a_wide_mask_takes_from_beside_the_edge_is_measured(rng: np.random.Generator) -> None:
+    # 5 % hide in the fall of the edge spread function, but not in its shape
+    outcome = measured(unsharp(0.05, 3.0)(picture(rng)))
+    causes = " ".join([outcome.reason, *(one.reason for one in outcome.other_causes)])
+    found = re.search(r"([\d.]+)% of the light is missing beside the edge", causes)
+    assert found, causes
+    assert 0.03 < float(found[1]) / 100 < 0.07

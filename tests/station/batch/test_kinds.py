@@ -18,6 +18,7 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
+from station.common.atomic_files import WrittenFile
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 
@@ -185,17 +186,18 @@ def test_a_batch_that_was_killed_between_its_files_goes_on(tmp_path, monkeypatch
     monkeypatch.setattr(batch_run, "_answers", here)
     monkeypatch.setattr("station.calibration.edges.edge_picture", lambda *told: b"drawn by the other tests")
     run_batch([], job)
-    whole = batch_run.write_whole
 
-    def killed(path, data):
+    publish = WrittenFile.publish
+
+    def killed(file):
         if len(written) == crash:
             raise KeyboardInterrupt
-        written.append(whole(path, data))
+        written.append(publish(file))
 
     items = singly(find_frames([tmp_path / "in"], tmp_path / "out"))
     for _ in range(2):  # once more on top of what the first left
         with monkeypatch.context() as crashing:
-            crashing.setattr(batch_run, "write_whole", killed)
+            crashing.setattr(WrittenFile, "publish", killed)
             with pytest.raises(KeyboardInterrupt):
                 run_batch(items, job, jobs=1)
         written.clear()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -20,7 +21,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused
 from station.batch import dask_pool, process_pool
-from station.batch.allowance import Allowance
+from station.batch.allowance import Allowance, limited_memory
 from station.batch.dask_pool import run_on_cluster
 from station.batch.process_pool import (
     DEATHS_IN_A_ROW,
@@ -100,7 +101,8 @@ def test_process_that_ends_by_itself_tells_its_exit_code(errands, tmp_path):
 @pytest.mark.slow
 def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp_path):
     with pytest.raises(Refused, match=f"{DEATHS_IN_A_ROW} died one after the other"):
-        run(errands, tmp_path, count=20, jobs=1, quits=tuple(range(20)))
+        run(errands, tmp_path, count=20, jobs=1, deadly=tuple(range(20)))
+    assert sum(len(mark.read_text()) for mark in tmp_path.iterdir()) == DEATHS_IN_A_ROW
 
 
 @pytest.mark.slow
@@ -145,6 +147,26 @@ def test_item_that_takes_too_much_memory_gets_an_error_and_the_next_ones_their_o
     assert found == {0: 0, 1: -1, 2: 4, 3: 9}
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds to a limit of address space")
+@pytest.mark.parametrize("hard", [None, 1 << 40, 1 << 20])
+def test_limit_of_memory_is_beside_what_is_taken_and_within_the_systems(monkeypatch, hard):
+    import resource
+
+    most, limits = resource.RLIM_INFINITY if hard is None else hard, []
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (1 << 50, most))
+    monkeypatch.setattr(resource, "setrlimit", lambda which, limit: limits.append((which, limit)))
+    status = Path("/proc/self/status").read_text()
+    taken = 1024 * int(re.search(r"VmSize:\s*(\d+) kB", status)[1])
+    with limited_memory(1 << 30):
+        ((which, (soft, unchanged)),) = limits
+    assert (which, unchanged) == (resource.RLIMIT_AS, most)
+    # what was allocated since it was read is far below a hundredth of the limit
+    assert soft == pytest.approx(taken + (1 << 30) if most != 1 << 20 else 1 << 20, rel=0.01)
+    assert limits[1] == (resource.RLIMIT_AS, (1 << 50, most))
+    with limited_memory(None):
+        assert len(limits) == 2
+
+
 def test_share_of_memory_is_smaller_for_more_processes_and_never_too_small():
     one, many = Allowance.fair(1), Allowance.fair(10_000)
     assert one.time_s == many.time_s == 3600
@@ -171,6 +193,13 @@ def test_work_of_a_cluster_ends_its_process_only_if_it_exceeds_its_time(monkeypa
         assert timer.return_value.cancel.call_count == 1
         assert timer.return_value.start.call_count == (time_s is not None)
         timer.reset_mock()
+
+
+@pytest.mark.parametrize(("error", "words"), [(OSError("refused"), "refused"), (KeyError("op"), "KeyError: 'op'")])
+def test_what_does_not_answer_as_a_cluster_is_named_with_its_address(error, words):
+    pytest.importorskip("distributed")
+    with pytest.raises(BadParameter, match=f"no cluster answers at tcp://here:1: {words}"):
+        dask_pool._connected(Mock(side_effect=error), "tcp://here:1", None)
 
 
 def test_what_a_cluster_could_not_do_is_lost_with_the_reason():

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from station.__main__ import main
 from station.batch.batch_folder import owned
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
-from station.batch.run import run_batch
+from station.batch.summary_table import _against, run_batch
 from station.calibration.folder_photographs import Item, find_frames, singly
 
 SLOW_FIXTURES = {"done"}
@@ -77,6 +79,13 @@ def test_table_counts_and_names(done):
     assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
     assert "8 of 8, " in done.result.stderr
     assert "left:" in done.result.stderr
+
+
+@pytest.mark.slow
+def test_page_links_to_what_is_there(done):
+    links = {unquote(one) for one in re.findall(r'href="(results/[^"]+)"', (done.out / "report.html").read_text())}
+    assert links == {f"{row['folder']}/result.json" for row in done.rows if row["folder"]}
+    assert all((done.out / link).is_file() for link in links)
 
 
 @pytest.mark.slow
@@ -362,3 +371,10 @@ def test_usage_is_exit_2_and_leaves_nothing(tmp_path, monkeypatch, words, senten
     done = CliRunner().invoke(main, ["batch", *words, "--out", "out"], prog_name="station")
     assert (done.exit_code, Path("out").exists()) == (2, False)
     assert sentence in done.stderr
+
+
+def test_only_limits_that_are_not_met_are_told():
+    limits = [{"verdict": verdict, "words": words} for verdict, words in
+              (("meets", "a"), ("undecided", "b"), ("does not meet", "c"))]  # fmt: skip
+    assert _against(SimpleNamespace(limits=limits)) == "b; c"
+    assert _against(SimpleNamespace(limits=limits[:1])) == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from procedures.geometry.conversion import as_radial
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame
-from procedures.reading.dng_opcodes import OPCODE_LIST_2, with_opcodes
+from procedures.reading.dng_opcodes import OPCODE_LIST_2, fix_vignette_radial, with_opcodes
 from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
@@ -151,6 +152,17 @@ def test_the_copy_is_the_same_photograph_with_opcodes(photo, tmp_path):
     assert one.exposure == two.exposure
     assert [opcode.number for opcode in opcodes_in(made.data)] == [3, 1]
     assert len(made.lost) == 2
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("before", "after"), [((1, 1, 0, 0), (1, 3, 0, 0)), ((1, 4, 0, 0), (1, 4, 0, 0))])
+def test_a_reader_must_know_the_opcodes(order, before, after):
+    tags = [(254, 4, 1, struct.pack(order + "I", 0)), (262, 3, 1, struct.pack(order + "HH", 32803, 0)),
+            (50706, 1, 4, bytes((1, 4, 0, 0))), (50707, 1, 4, bytes(before))]  # fmt: skip
+    head = (b"II" if order == "<" else b"MM") + struct.pack(order + "HIH", 42, 8, len(tags))
+    data = head + b"".join(struct.pack(order + "HHI", *one[:3]) + one[3] for one in tags) + bytes(4)
+    made = with_opcodes(data, [fix_vignette_radial((0.0,) * 5, (0.5, 0.5))], "photo")
+    assert struct.pack(order + "HHI", 50707, 1, 4) + bytes(after) in made
 
 
 def test_the_warp_goes_where_the_camera_sees(photo):

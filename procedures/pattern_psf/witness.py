@@ -1,0 +1,230 @@
+"""A PSF witnessed by three further photographs of the chart: what a single photograph has to assume is measured.
+
+- A shorter exposure, nothing else changed: a linear camera multiplies every signal by the ratio of the exposures. Scene
+  and fixed pattern cancel in the difference, whose noise shows sharpening and smoothing of a per cent.
+- A photograph from nearer: blur of the print grows with the chart, that of the lens does not; black in small blocks
+  becomes darker where light strays farther than a block.
+- A slight defocus: a lens leaves no light missing around its wider spot, a sharpening mask does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter
+
+from procedures.corruption.family import threshold
+from procedures.corruption.noise import MaskScore, Variogram, mask_scores
+from procedures.numbers import (
+    WITNESS_BLACK,
+    WITNESS_CURVATURE,
+    WITNESS_PRINT_BLUR,
+    WITNESS_RATIO,
+    WITNESS_SHARPENING,
+)
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.radiometry import measure_light
+from procedures.quality import Diffraction
+from procedures.raw import Plane
+
+Array = npt.NDArray[np.float64]
+
+TILE = 5
+"""Side of the tiles in which two exposures are compared, pixels."""
+CLIPPED = 0.97
+EXPOSURE_UNCERTAINTY = 0.005
+"""Relative standard uncertainty of the ratio of two exposure times."""
+LEVEL_UNCERTAINTY = 0.004
+"""Standard uncertainty of black over white at two distances, by the far tail's part of it and by uneven light."""
+CURVATURE_UNCERTAINTY = 0.001
+"""Standard uncertainty of a curvature, over the range, by a slight motion between two exposures."""
+MASKS_PX = (0.7, 1.0, 2.0)
+LEAST_RATIO, LEAST_NEARER = 1.3, 1.2
+"""Least ratio of the exposures, and of the chart's widths."""
+LEAST_MTF = 0.2
+"""MTF down to which curves from two distances are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """One plane of the four photographs; `ratio` is the long exposure over the short one."""
+
+    short: Plane
+    long: Plane
+    near: Plane
+    defocused: Plane
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class WitnessedPsf:
+    """The PSF of the long exposure, and what the others witness."""
+
+    psf: PatternPsf
+    numbers: Mapping[str, Quantity]
+
+
+def witnessed_psf(
+    photographs: Photographs,
+    chart: Chart,
+    parameters: PatternParameters | None = None,
+    diffraction: Diffraction | None = None,
+) -> Outcome[WitnessedPsf]:
+    """The PSF of the long exposure; doubtful where a witness contradicts what the estimate assumes."""
+    if not photographs.ratio >= LEAST_RATIO:
+        return _refused(
+            f"the long exposure must be at least {LEAST_RATIO:g} times the short one; it is {photographs.ratio:.3g} "
+            "times",
+            "take the first photograph with half the exposure time, and nothing else changed",
+        )
+    if photographs.short.samples.shape != photographs.long.samples.shape:
+        return _refused("both exposures must have one size", "take both with one camera, and nothing moved")
+    main, near, defocused = (
+        estimate_psf(plane, chart, parameters, diffraction)
+        for plane in (photographs.long, photographs.near, photographs.defocused)
+    )
+    if main.value is None:
+        return Outcome(None, main.verdict, main.reason, main.remedy, main.other_causes)
+    numbers: dict[str, Quantity] = {}
+    try:
+        checks = [*_exposures(photographs, numbers), *_distances(photographs, main.value, near, numbers)]
+    except Refused as refusal:
+        return _refused(refusal.reason, refusal.remedy)
+    checks.append(_defocus(defocused))
+    value = WitnessedPsf(main.value, numbers)
+    return with_causes(Outcome(value, main.verdict, main.reason, main.remedy, main.other_causes), verdict_of(checks))
+
+
+def _refused(reason: str, remedy: str) -> Outcome[WitnessedPsf]:
+    return Outcome(None, Verdict.REFUSED, reason, remedy)
+
+
+def _doubt(name: str, score: float, sentence: str, remedy: str) -> Check:
+    return Check(name, score, threshold(), Verdict.DOUBTFUL, sentence, remedy)
+
+
+def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterator[Check]:
+    """Response and noise by two exposures."""
+    short, long = (one.samples.astype(np.float64) for one in (photographs.short, photographs.long))
+    known = (long < CLIPPED) & (short < CLIPPED)
+    s, y, whole = (
+        uniform_filter(one, TILE)[TILE // 2 :: TILE, TILE // 2 :: TILE] for one in (short, long, 1.0 * known)
+    )
+    s, y = s[whole > 0.999], y[whole > 0.999]
+    if len(s) < 100:
+        raise Refused("the exposures must not be clipped; they are", "reduce the longer exposure")
+    low, high = np.percentile(s, (2, 98))
+    x = (s - (low + high) / 2) / (high - low)  # -1/2 to 1/2
+    A = np.column_stack([np.ones_like(x), x, x * x - 1 / 12])
+    covariance = np.linalg.inv(A.T @ A)
+    c = covariance @ (A.T @ y)
+    rest = y - A @ c
+    u = np.sqrt(np.diag(covariance) * float(rest @ rest) / (len(y) - 3))
+    slope = float(c[1] / (high - low))
+    # noise of the short exposure flattens the line; it has 1 / (slope + slope^2) of the residual's variance
+    slope /= 1 - float(np.var(rest)) / (slope + slope**2) / float(np.var(s))
+    ratio, of_ratio = slope / photographs.ratio, float(np.hypot(u[1] / c[1], EXPOSURE_UNCERTAINTY))
+    curvature, of_curvature = float(c[2] / c[1] / 4), float(np.hypot(u[2] / c[1] / 4, CURVATURE_UNCERTAINTY))
+    numbers[WITNESS_RATIO] = Quantity(ratio, "1", of_ratio, "slope of long over short exposure", len(s))
+    numbers[WITNESS_CURVATURE] = Quantity(curvature, "1", of_curvature, "curvature of long over short exposure", len(s))
+    raw = "use the RAW file, or a linear picture"
+    yield _doubt("response", abs(ratio - 1) / of_ratio,
+                 f"the response is not linear: {photographs.ratio:.3g} times the exposure gives "
+                 f"{slope:.3g} times the signal", raw)  # fmt: skip
+    yield _doubt("response", abs(curvature) / of_curvature,
+                 f"the response is not linear: signals of two exposures lie on a curve, {curvature:+.1%} of the range "
+                 "from a line at its middle", raw)  # fmt: skip
+    bend = c[0] + c[1] * _scaled(short, low, high) + c[2] * (_scaled(short, low, high) ** 2 - 1 / 12)
+    worst = _strongest(long - bend, known)
+    numbers[WITNESS_SHARPENING] = Quantity(
+        worst.amount, "1", worst.uncertainty, f"unsharp mask of {worst.radius_px:g} px, by noise", int(known.sum())
+    )
+    correlated, cause = ("anticorrelated", "an unsharp mask") if worst.amount > 0 else ("correlated", "smoothing")
+    yield _doubt("processing", abs(worst.score),
+                 f"the noise of two exposures' difference is {correlated} by {abs(worst.score):.1f} standard "
+                 f"uncertainties, as by {cause} of {abs(worst.amount):.1%} and {worst.radius_px:g} px",
+                 "use the RAW file, or switch it off")  # fmt: skip
+
+
+def _scaled(samples: Array, low: float, high: float) -> Array:
+    return np.asarray((samples - (low + high) / 2) / (high - low))
+
+
+def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> MaskScore:
+    """The mask with the largest score in noise whose variance is made equal over the picture."""
+    local = uniform_filter(difference**2, 4 * TILE + 1)
+    white = difference / np.sqrt(np.maximum(local, 1e-3 * float(local.mean())))
+    scores = mask_scores([Variogram.of(white - white[known].mean(), known)], MASKS_PX)
+    return max(scores, key=lambda one: abs(one.score))
+
+
+def _distances(
+    photographs: Photographs, main: PatternPsf, near: Outcome[PatternPsf], numbers: dict[str, Quantity]
+) -> Iterator[Check]:
+    """Print and stray light by two distances."""
+    again = "focus on the chart from nearer, and photograph it again"
+    if near.value is None:
+        yield Check("near", True, 0, Verdict.DOUBTFUL, f"the near photograph gives no PSF: {near.reason}", near.remedy)
+        return
+    nearer = near.value.pixels_per_pattern / main.pixels_per_pattern
+    if nearer < LEAST_NEARER:
+        raise Refused(
+            f"the chart must be at least {LEAST_NEARER:g} times as wide in the near photograph; it is {nearer:.2f} "
+            "times",
+            "photograph it from two thirds of the distance",
+        )
+    blur = _print_blur(main, near.value)
+    numbers[WITNESS_PRINT_BLUR] = blur
+    yield _doubt("print", blur.value / blur.uncertainty,
+                 f"the print is blurred by {np.sqrt(max(blur.value, 0)):.2f} cells, or the near photograph is out of "
+                 "focus: its MTF is lower", f"print a larger chart; {again}")  # fmt: skip
+    yield _doubt("focus", -blur.value / blur.uncertainty,
+                 "the PSF is sharper from nearer: the long exposure is out of focus, or light strays",
+                 again)  # fmt: skip
+    far, close = (_black(plane, one) for plane, one in ((photographs.long, main), (photographs.near, near.value)))
+    change = Quantity(far - close, "1", 2**0.5 * LEVEL_UNCERTAINTY, "black over white, far less near", main.n)
+    numbers[WITNESS_BLACK] = change
+    yield _doubt("stray light", abs(change.value) / change.uncertainty,
+                 f"black over white is {far:.3f} from the distance and {close:.3f} from nearer: light strays from the "
+                 "chart's white into its black",
+                 "clean the lens, shade it, and keep reflections off the chart")  # fmt: skip
+
+
+def _print_blur(main: PatternPsf, near: PatternPsf) -> Quantity:
+    """Variance of the print's blur in squared cells, at the frequency where two distances give it best."""
+    f = main.quality.frequencies
+    curves = [
+        (one.quality.mtf_radial, one.quality.uncertainty("radial"), one.quality.frequencies) for one in (main, near)
+    ]
+    (H, u), (Hn, un) = ((np.interp(f, at, mtf), np.interp(f, at, spread)) for mtf, spread, at in curves)
+    cells = [(one.pixels_per_pattern / CELLS) ** 2 for one in (main, near)]
+    used = (f > 0) & (np.minimum(H, Hn) > LEAST_MTF)
+    scale = 1 / (2 * np.pi**2 * f[used] ** 2 * (cells[1] - cells[0]))
+    uncertainty = np.hypot(u[used] / H[used], un[used] / Hn[used]) * scale
+    best = int(np.argmin(uncertainty))
+    value = float(np.log(H[used][best] / Hn[used][best]) * scale[best])
+    method = f"ratio of two distances' MTF at {f[used][best]:.2f} cycles/pixel"
+    return Quantity(value, "1", float(uncertainty[best]), method, near.n)
+
+
+def _black(plane: Plane, one: PatternPsf) -> float:
+    """Black over white at the chart's centre."""
+    light = measure_light(plane.samples, one.registration, plane.quantisation)
+    return float(light.black[0] / light.white[0])
+
+
+def _defocus(defocused: Outcome[PatternPsf]) -> Check:
+    """Missing light about the wider spot."""
+    remedy = "use the RAW file, or switch sharpening off"
+    if defocused.value is None:
+        reason = f"the defocused photograph gives no PSF: {defocused.reason}"
+        return Check("defocus", True, 0, Verdict.DOUBTFUL, reason, "defocus less, and photograph it again")
+    missing = defocused.value.diagnostics["missing_light"]
+    return _doubt("processing", missing,
+                  f"light is missing around the defocused spot, by {missing:.1f} standard uncertainties: the picture "
+                  "was sharpened", remedy)  # fmt: skip

@@ -1,0 +1,115 @@
+"""The PSF of each plane from a photograph of the noise chart with three witnesses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from procedures.outcome import BadInput, BadParameter, Outcome
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_psf
+from procedures.raw import RawFrame
+from station.calibration.planes import plane_result
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs
+from station.procedure.builtin.pattern import GRADE, PatternSettings
+from station.procedure.psf import PsfProcedure
+from station.procedure.settings import setting
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.result_files import number_record
+from station.results.terms import USUAL, Terms
+
+ROLES = ("SHORT", "LONG", "NEAR", "DEFOCUSED")
+
+
+class WitnessedSettings(PatternSettings, frozen=True, kw_only=True):
+    """The settings of one photograph, and the ratio of the exposures."""
+
+    exposure_ratio: Annotated[
+        float | None, setting("Exposure of LONG over that of SHORT.  [default: as the camera recorded]")
+    ] = None
+
+
+class Witnessed(PsfProcedure[WitnessedSettings]):
+    """Two exposures, a second distance, a slight defocus."""
+
+    name = "witnessed"
+    title = "PSF with witnesses"
+    help = """Estimate the PSF from SHORT LONG NEAR DEFOCUSED, four photographs of the noise chart.
+
+    SHORT and LONG differ in the exposure time alone, LONG by twice; NEAR is from two thirds of the distance; DEFOCUSED
+    is LONG with the focus slightly off. The PSF is that of LONG. The others show what a single photograph has to
+    assume: a linear response, no sharpening, a sharp print, no stray light."""
+    inputs = Inputs.PHOTOGRAPHS
+    shots = (
+        "Halve the exposure time of a good exposure of the chart.",
+        "Double the exposure time again. Move nothing else.",
+        "Move to two thirds of the distance, and focus on the chart.",
+        "Move back, focus, then turn the focus slightly off.",
+    )
+    Settings = WitnessedSettings
+    argument = " ".join(ROLES)
+
+    def measure(
+        self, paths: Sequence[Path], settings: WitnessedSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The PSF of every plane of the long exposure."""
+        if len(paths) != len(ROLES):
+            raise BadParameter(
+                f"a witnessed PSF needs {len(ROLES)} photographs; got {len(paths)}", f"give {' '.join(ROLES)}"
+            )
+        frames = []
+        for path in paths:
+            frames.append(settings.read(path))
+            progress(f"read {path}")
+        long = frames[1]
+        ratio = settings.exposure_ratio or _recorded_ratio(frames[0], long)
+        parameters = PatternParameters(
+            **settings.sampling(), at=terms.frequencies(settings.plane_pixels(long)), origin=settings.origin
+        )
+        limit, chart = settings.limit(long.exposure), settings.source.chart
+        results = []
+        for name, plane in long.planes.items():
+            if any(name not in one.planes for one in frames):
+                raise BadInput(f"every photograph needs the plane {name}", "give four photographs of one camera")
+            four = Photographs(*(one.planes[name] for one in frames), ratio)
+            outcome = witnessed_psf(four, chart, parameters, limit(plane))
+            results.append(_result(four, outcome, long))
+        asked = {**parameters.to_record(), "chart": settings.source.origin, "origin": settings.origin,
+                 "exposure_ratio": ratio, GRADE: "witnessed"}  # fmt: skip
+        return self.measurement(frames, results, asked, settings, terms)
+
+
+def _result(four: Photographs, outcome: Outcome[WitnessedPsf], long: RawFrame) -> PlaneResult:
+    """The plane of the long exposure, with the witnesses' numbers."""
+    witnessed = outcome.value
+    result = plane_result(
+        four.long,
+        Outcome(
+            None if witnessed is None else witnessed.psf,
+            outcome.verdict,
+            outcome.reason,
+            outcome.remedy,
+            outcome.other_causes,
+        ),  # fmt: skip, long.exposure
+    )
+    if witnessed is None:
+        return result
+    details = {name: number_record(one) for name, one in witnessed.numbers.items()}
+    return replace(result, numbers={**result.numbers, **witnessed.numbers}, details=details)
+
+
+def _recorded_ratio(short: RawFrame, long: RawFrame) -> float:
+    """Ratio of the exposure times. Raises BadParameter where the camera did not record them."""
+    first, second = (one.exposure.exposure_s if one.exposure else None for one in (short, long))
+    if not first or not second:
+        raise BadParameter(
+            "the ratio of the exposures must be known; the camera recorded no exposure time", "give --exposure-ratio"
+        )
+    return second / first
+
+
+PROCEDURE = Witnessed()
