@@ -85,8 +85,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="The guided procedure.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
-    " correct, rays, serve]",
+    help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, sharpen,"
+    " restore, refocus, correct, rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

@@ -30,7 +30,7 @@ PRIOR = 1.0
 """Prior standard deviation of distortion coefficients. It matters only where views hardly determine them: in a quotient
 of two nearly equal polynomials (FULL_OPENCV) it keeps both from diverging."""
 ASYMMETRIC_PRIOR = 3e-3
-"""The same of decentring and thin prism, which views hardly distinguish from a principal point far from the centre."""
+"""Prior of decentring and thin prism, which views hardly distinguish from a principal point far from the centre."""
 SPLINE = "+SPLINE_"
 NESTED = (
     {"PINHOLE": 0, "SIMPLE_RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 3},

@@ -33,7 +33,7 @@ NOTED = (
 )  # fmt: skip
 """Headings of the settings recorded by the camera, and their names in a row."""
 TEXTS = ("camera", "lens", "captured_at")
-"""Of these, the ones that are text."""
+"""The text columns."""
 GROUP_ROWS = 2000
 """Rows of a Parquet file that are written at once."""
 

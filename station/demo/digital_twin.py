@@ -1,4 +1,4 @@
-"""What a remedy would give: the chart photographed by a simulated camera like the measured one, before and after it."""
+"""The effect of a remedy: the chart photographed by a simulated camera like the measured one, before and after it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.numbers import MTF50_HORIZONTAL
+from procedures.numbers import MTF50_HORIZONTAL, PIXELS_PER_PATTERN
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
@@ -43,7 +43,7 @@ def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
     Raises BadInput if the record is not that of a photograph of the chart.
     """
     try:
-        width, mtf50 = float(plane["pixels_per_pattern"]), float(plane[MTF50_HORIZONTAL]["value"])
+        width, mtf50 = float(plane[PIXELS_PER_PATTERN]), float(plane[MTF50_HORIZONTAL]["value"])
         noise, s, k = float(plane["diagnostics"]["noise"]), int(plane["s"]), int(plane["k"])
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput("the digital twin needs the record of a photograph of the chart", "name one") from error

@@ -36,7 +36,7 @@ REMEDIES = {
     "focus": "focus again at either distance, or leave the focus",
     "choice": "photograph the chart larger, so that s and k matter less",
 }
-"""What lowers each term of a budget."""
+"""Remedy of each term of a budget."""
 PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
 """Beginning of a batch's reason."""
 HALVED = ("noise",)
@@ -72,7 +72,7 @@ class PlaneExplanation:
 
 @dataclass(frozen=True)
 class CauseCount:
-    """Of a batch: a cause with its remedy, and how many photographs have it."""
+    """A cause in a batch, its remedy, and the number of photographs that have it."""
 
     count: int
     reason: str

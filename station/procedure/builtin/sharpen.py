@@ -23,7 +23,7 @@ SCENES = {"flat": "whole", "deep": "auto"}
 
 
 class SharpenSettings(PlaneSettings, frozen=True, kw_only=True):
-    """What is known besides the photographs, and decisions that are not left to the program."""
+    """Knowledge besides the photographs, and decisions that are not left to the program."""
 
     field: (
         Annotated[Path, setting("What `station psf field` wrote of the lens: its folder, or field.h5 in it.")] | None

@@ -55,15 +55,15 @@ def test_an_ideal_chart_and_equal_points_give_pycolmaps_solution(flat):
     # both stop where a step changes little: a thirtieth of a standard uncertainty
     assert np.abs((found.state.camera.params - bundle.camera.params) / sigma).max() < 0.05
     theirs = pycolmap_covariance(bundle, problem.nodes, problem.views) * 0.01**2
-    # linearised at nearly the same state; our prior of the coefficients, about 1, has no effect here
+    # linearised at nearly the same state; our priors of the coefficients have no effect here
     np.testing.assert_allclose(found.covariance[:p, :p], theirs, rtol=2e-3, atol=1e-3 * sigma.min() ** 2)
 
 
 def test_the_sum_of_squares_is_that_of_noise(flat):
     problem, _, found = flat
     count = sum(2 * len(view) for view in problem.views)
-    # the prior of a coefficient, a standard deviation of 1, contributes 1e-9
-    assert found.freedom == pytest.approx(count - 8 - 6 * len(problem.views), abs=1e-6)
+    # the prior of decentring, a standard deviation of 3e-3, contributes 1e-6
+    assert found.freedom == pytest.approx(count - 8 - 6 * len(problem.views), abs=1e-5)
     # chi square over its freedom: standard deviation sqrt(2 / freedom), of its root half of that
     assert abs(found.scale - 1) < 3 / np.sqrt(2 * found.freedom)
 

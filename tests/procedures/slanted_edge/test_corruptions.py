@@ -100,13 +100,14 @@ def test_a_mild_mask_is_not_seen_and_is_within_the_uncertainty(rng: np.random.Ge
     assert budget["sharpening"] > budget["noise"]
 
 
-def test_a_raw_file_is_as_sure_as_its_noise(rng: np.random.Generator) -> None:
+def test_a_raw_file_is_as_sure_as_its_noise_and_the_lens(rng: np.random.Generator) -> None:
     samples = picture(rng)
     raw, grey = (measured(samples, raw=kind).value for kind in (True, False))
     assert raw is not None
     assert grey is not None
     assert raw.numbers["mtf50"].value == grey.numbers["mtf50"].value
-    assert raw.numbers["mtf50"].uncertainty == pytest.approx(raw.budgets["mtf50"]["noise"], rel=0.02)
+    budget = raw.budgets["mtf50"]
+    assert raw.numbers["mtf50"].uncertainty == pytest.approx(np.hypot(budget["noise"], budget["ghost"]), rel=0.02)
     assert {"sharpening", "overshoot", "tone"} <= set(grey.budgets["mtf50"]) - set(raw.budgets["mtf50"])
 
 

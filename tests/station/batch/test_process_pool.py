@@ -185,14 +185,16 @@ def test_what_runs_is_finished_when_asked_to_stop_and_nothing_else_is_begun(erra
 
 @pytest.mark.parametrize("time_s", [None, 3.0])
 def test_work_of_a_cluster_ends_its_process_only_if_it_exceeds_its_time(monkeypatch, time_s):
-    timer = Mock()
+    timer, single = Mock(), Mock()
     monkeypatch.setattr(dask_pool.threading, "Timer", timer)
+    monkeypatch.setattr(dask_pool, "one_thread", single)
     for function, outcome in ((lambda item, job: item + job, 5), (lambda item, job: item / 0, None)):
         with contextlib.suppress(ZeroDivisionError):
             assert dask_pool._alone(function, 2, 3, Allowance(time_s=time_s)) == outcome
         assert timer.return_value.cancel.call_count == 1
         assert timer.return_value.start.call_count == (time_s is not None)
         timer.reset_mock()
+    assert single.call_count == 2
 
 
 @pytest.mark.parametrize(("error", "words"), [(OSError("refused"), "refused"), (KeyError("op"), "KeyError: 'op'")])
