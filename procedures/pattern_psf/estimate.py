@@ -308,8 +308,8 @@ def _estimate(
 
 
 def _probability(checks: Sequence[Check], quality: Quality) -> float:
-    """Probability that the headline number lies within two stated uncertainties; NaN where it is not reported."""
-    headline = quality.numbers.get(calibration()["headline"])
+    """Probability that the headline number lies within two stated uncertainties; NaN where either is not known."""
+    headline = quality.numbers.get(calibration().get("headline", ""))
     return float("nan") if headline is None else probability(features(checks, headline.uncertainty / headline.value))
 
 

@@ -40,8 +40,9 @@ def features(checks: Iterable[Check], relative_uncertainty: float) -> dict[str, 
 
 @lru_cache(maxsize=1)
 def calibration() -> Mapping[str, Any]:
-    """Coefficients by the features' names, the intercept, and their provenance."""
-    read: Mapping[str, Any] = json.loads(files(__package__).joinpath(FILE).read_text(encoding="utf-8"))
+    """Coefficients by the features' names, the intercept, and their provenance; empty without a calibration."""
+    file = files(__package__).joinpath(FILE)
+    read: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     return read
 
 
