@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 MASK_RADII, SMOOTHING_RADII, TEXTURES = (0.6, 1.0, 2.0), (0.5, 0.7), (1.0, 2.0)
-"""The same values as for a chart, `pattern_psf.evidence`."""
+"""Values of `pattern_psf.evidence` hold here too."""
 MASK_PRIOR = 0.08
 """Prior amount of an unsharp mask of 1 pixel in pictures that are no RAW files."""
 CONTRAST = 4.0

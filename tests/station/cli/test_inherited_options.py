@@ -20,7 +20,7 @@ from .test_numbers import commands
 COMMANDS = {" ".join(words): command for words, command in commands(main)}
 OPTIONS = {option.opts[-1]: option for option in main.params if option.expose_value}
 OPEN_A_BENCH = ["focus", "session resume", "devices", "serve"]
-OF_A_CHART = ["pattern", "psf pattern", "psf series", "psf field", "geometry", "tilt", "focus"]
+OF_A_CHART = ["pattern", "psf pattern", "psf witnessed", "psf series", "psf field", "geometry", "tilt", "focus"]
 HAVE_ANOTHER = [
     *(f"{words} --seed" for words in OF_A_CHART),
     *(f"{words} --plan" for words in ("session list", "session trend")),
