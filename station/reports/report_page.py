@@ -132,7 +132,7 @@ def _main_numbers(report: Report) -> list[Block]:
     for plane, row in zip(report.planes, values, strict=True):
         judged = str(comparison(plane).judged or "")
         rows.append([plane_name(plane.name, tag(plane.verdict), tag(judged, judged)), *row])
-    return [Table(rows, ["plane", *labels], style="numbers", boxed=False), note]
+    return [Table(rows, ["plane", *labels], style="numbers"), note]
 
 
 def _numbers(plane: PlaneResult) -> list[Block]:
