@@ -15,7 +15,7 @@ from statistics import NormalDist
 from procedures.outcome import Check, Verdict
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
-FALSE_ALARM = 0.003
+FALSE_ALARM = 1e-4
 """Probability that a test fails on a photograph without the corruption."""
 
 

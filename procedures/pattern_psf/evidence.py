@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,8 @@ Array32 = npt.NDArray[np.float32]
 
 MASK_RADII = (0.6, 1.0, 2.0)
 """Radii of the unsharp masks that are searched for in the noise, in pixels."""
+AMOUNT_ABSORBED = 2.0
+"""Amount of a mask that clean residuals show, per part of their noise that the fit has absorbed: 1.5 to 2.5."""
 SMOOTHING_RADII = (0.5, 0.7)
 """Radii of negative masks by which smoothing is searched for."""
 TEXTURES = (1.0, 2.0)
@@ -63,10 +66,16 @@ def examine(
     paper, residual = noise
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
     return ChartEvidence(
-        combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), mask_scores([residual], MASK_RADII)),
+        combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), _in_residual(residual, k**2 / fit.residual.size)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),
     )
+
+
+def _in_residual(residual: Variogram, absorbed: float) -> list[MaskScore]:
+    """Masks in the noise of the residual, of which the fit has absorbed a part: that looks like a mask too."""
+    scores = mask_scores([residual], MASK_RADII)
+    return [replace(one, uncertainty=math.hypot(one.uncertainty, AMOUNT_ABSORBED * absorbed)) for one in scores]
 
 
 def _strengths(
