@@ -31,7 +31,7 @@ MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
 WIDE_MODEL = 0.01
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
-VARIED = 2.0
+VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
 WIDE_PRESENT = 0.5
 """Prior probability that such a picture was sharpened by a wide mask at all."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from procedures.budget import COMMON, combined
 from procedures.choice import START_K
 from procedures.drawings import steps as drawings
 from procedures.facts import axes_of, facts_as, required
@@ -332,12 +333,16 @@ def _estimate_plane(
 
 
 def uncertainty(outcome: Outcome[Any]) -> float:
-    """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction; infinite where refused."""
+    """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction; infinite where refused.
+
+    Terms that all photographs of the chart share are not in it: more photographs do not lower them.
+    """
     if outcome.value is None:
         return float("inf")
-    numbers = outcome.value.quality.numbers
-    both = [numbers.get(f"mtf50_{way}", numbers.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
-    return max((quantity.uncertainty for quantity in both if quantity is not None), default=float("inf"))
+    budgets = outcome.value.quality.budgets
+    both = [budgets.get(f"mtf50_{way}", budgets.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
+    own = [{term: one for term, one in terms.items() if term not in COMMON} for terms in both if terms is not None]
+    return max(map(combined, own), default=float("inf"))
 
 
 def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
@@ -346,7 +351,7 @@ def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
-    say = f"Shots: {shots}. The uncertainty of MTF50 is {reached:.4f} cycles/pixel; the target is {wanted:g}."
+    say = f"Shots: {shots}. They leave {reached:.4f} cycles/pixel uncertainty of MTF50; the target is {wanted:g}."
     facts = {"mtf50_uncertainty": reached} if np.isfinite(reached) else {}
     return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts)
 

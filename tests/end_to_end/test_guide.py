@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from procedures.budget import COMMON, combined
 from procedures.outcome import Verdict
 from procedures.pattern_psf import plan as pattern_plan
 from procedures.pattern_psf.estimate import estimate_psf
@@ -157,7 +158,9 @@ def test_the_psf_is_the_camera_s(done, again):
     mtf50 = found.quality.numbers["mtf50_horizontal"]
     one = found.shots[0].quality.numbers["mtf50_horizontal"]
     assert mtf50.uncertainty < one.uncertainty
-    assert max(q.uncertainty for q in (mtf50, found.quality.numbers["mtf50_vertical"])) <= 0.002
+    # the target is of what more photographs lower: not of what all of them share, such as the blur of the print
+    budgets = [found.quality.budgets[f"mtf50_{way}"] for way in ("horizontal", "vertical")]
+    assert max(combined({t: u for t, u in one.items() if t not in COMMON}) for one in budgets) <= 0.002
 
 
 def test_every_photograph_is_in_the_session_with_the_state_of_the_devices(done):
