@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from procedures.corruption.directions import BORDER, FLOW, GHOST, MEDIAN, THRESH
 from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, SHARPENED, SMOOTHED, nuisance
 from procedures.corruption.noise import DRIFT, MaskScore, Variogram, mask_scores, texture_correlation
 from procedures.corruption.scores import SampleGroup, Strength, strengths
-from procedures.outcome import Check
+from procedures.outcome import SYMPTOM, Check
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 
 Array = npt.NDArray[np.float64]
@@ -36,15 +36,16 @@ class PairEvidence:
     strengths: Mapping[str, Strength]
 
     def checks(self, *, raw: bool) -> list[Check]:
-        """Tests of the corruptions."""
+        """Tests of the corruptions; what the pair shows by itself names the cause better."""
         scores = {name: one.score for name, one in self.strengths.items()}
-        return [
+        checks = [
             SHARPENED.check(max(one.score for one in self.masks), raw=raw, places=len(MASK_RADII)),
             SMOOTHED.check(max(-one.score for one in self.textured), raw=raw, places=len(SMOOTHING_RADII)),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
             SELECTIVE.check(scores[THRESHOLD], raw=raw),
             GHOSTED.check(scores[GHOST], raw=raw),
         ]
+        return [replace(one, prior=SYMPTOM * one.prior) for one in checks]
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by what is not excluded."""

@@ -45,10 +45,7 @@ def explain(result: Path, twin: bool, as_json: bool) -> None:
         effects = predictions(measurement.by_name[first.plane].details)
         entry["twin"] = [asdict(one) for one in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
-        lines += [
-            f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.factor * first.uncertainty:.2g}"
-            for one in effects
-        ]
+        lines += [f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.uncertainty:.2g}" for one in effects]
     _write(entry, lines, as_json)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from procedures.budget import COMMON, combined
 from procedures.numbers import MTF50_HORIZONTAL, PIXELS_PER_PATTERN
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
@@ -30,20 +32,22 @@ SAME_WIDTH = 0.05
 
 @dataclass(frozen=True)
 class TwinPrediction:
-    """A change of the set-up, and by what it multiplies the uncertainty of MTF50."""
+    """A change of the set-up, and the standard uncertainty of MTF50 after it, in the unit of the record."""
 
     words: str
-    factor: float
+    uncertainty: float
 
 
 def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
     """The predicted effects of a better distance and of four times the light, from the record of a plane.
 
     The twin has the measured MTF50, noise and size of the chart; its remaining properties are those of an ideal lens.
+    Terms that all photographs of the chart share, such as the blur of the print, stay as they are.
     Raises BadInput if the record is not that of a photograph of the chart.
     """
     try:
         width, mtf50 = float(plane[PIXELS_PER_PATTERN]), float(plane[MTF50_HORIZONTAL]["value"])
+        budget: Mapping[str, float] = plane[MTF50_HORIZONTAL]["budget"]
         noise, s, k = float(plane["diagnostics"]["noise"]), int(plane["s"]), int(plane["k"])
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput("the digital twin needs the record of a photograph of the chart", "name one") from error
@@ -52,12 +56,17 @@ def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
     if abs(best / width - 1) > SAME_WIDTH:
         changes |= {f"a chart {best:.0f} pixels wide instead of {width:.0f} (s/t = 1)": (best, noise)}
     parameters = PatternParameters(s, k, chosen=True)
+    shared = combined({term: one for term, one in budget.items() if term in COMMON})
+    own = combined({term: one for term, one in budget.items() if term not in COMMON})
     now = _uncertainty(width, noise, mtf50, parameters)
-    return [TwinPrediction(words, _uncertainty(*change, mtf50, parameters) / now) for words, change in changes.items()]
+    return [
+        TwinPrediction(words, math.hypot(shared, own * _uncertainty(*change, mtf50, parameters) / now))
+        for words, change in changes.items()
+    ]
 
 
 def _uncertainty(width: float, noise: float, mtf50: float, parameters: PatternParameters) -> float:
-    """Standard uncertainty of MTF50 of the twin: median of several photographs.
+    """Standard uncertainty of MTF50 of the twin without shared terms: median of several photographs.
 
     noise : standard deviation of white samples over the chart's contrast
     """
@@ -74,7 +83,8 @@ def _uncertainty(width: float, noise: float, mtf50: float, parameters: PatternPa
         samples = render_plane(scene, camera, np.random.default_rng(seed), exposure_s=_exposure_s(camera))
         outcome = estimate_psf(samples, CHART, parameters)
         if outcome.value is not None:
-            uncertainties.append(outcome.value.quality.numbers[MTF50_HORIZONTAL].uncertainty)
+            budget = outcome.value.quality.budgets[MTF50_HORIZONTAL]
+            uncertainties.append(combined({term: one for term, one in budget.items() if term not in COMMON}))
     return float(np.median(uncertainties)) if uncertainties else float("inf")
 
 

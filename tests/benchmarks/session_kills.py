@@ -251,7 +251,7 @@ def logged(root: Path) -> list[list[Any]]:
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    """Every file under derived/; in the record, the photographs' names give way to their hashes, its own hash to none.
+    """Every file under derived/; in the record, photographs go by their hashes; its own hash and the room are left away.
 
     A trial that had to be repeated is one more file, and those after it have the next numbers.
     """
@@ -259,9 +259,12 @@ def results(folder: Path) -> dict[str, bytes]:
     for name in found:
         if name.endswith(RECORD):
             record = json.loads(found[name])
+            for entry in (SEAL, "environment"):  # the room is another one while a trial is repeated
+                record.pop(entry, None)
+            text = json.dumps(record)
             for one in record["input"]:
-                found[name] = found[name].replace(one["path"].encode(), one["sha256"].encode())
-            found[name] = found[name].replace(record[SEAL].encode(), b"")
+                text = text.replace(one["path"], one["sha256"])
+            found[name] = text.encode()
     return found
 
 

@@ -268,7 +268,7 @@ def judge(result: Restoration) -> Outcome[Restoration]:
               f"the restored picture is expected to err by {d.picture_std:.1%} of white, and the least blurred "
               f"photograph by {d.picture_std * d.gained:.1%}: restoring gains nothing",
               "use the photograph, take photographs with less noise or more different blur, or raise --image-weight",
-              least=True),
+              least=True, prior=SYMPTOM**2),
         Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),

@@ -61,12 +61,11 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Choose what to measure. The arrow keys also reach camera and lens.")
             for what, name in (("camera", camera), ("lens", lens)):
                 with Horizontal(classes="row"):
                     yield Part(f"Name of the {what}", classes="label-left")
                     yield Input(name, id=what, compact=True, max_length=80)
-            yield Part("What to measure: press Enter to begin", classes="label")
+            yield Part("What to measure: press Enter to begin; arrow keys also reach camera and lens", classes="label")
             yield Choices(self._plan_lines(), id="plans")
             yield Part(id="to-do", classes="label")
             with Vertical(id="old"):

@@ -102,6 +102,7 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "sharpen": (sharpen, "noise_gain"),
     "tilt": (tilt, "tilt_horizontal"),
     "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
+    "witnessed": (made(cases.witnessed, "[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),
     "vignetting": (made(cases.vignetting, ""), "corner_light"),
 }
 """Inputs and procedure file, and a number that has a limit."""
