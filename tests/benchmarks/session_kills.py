@@ -251,7 +251,7 @@ def logged(root: Path) -> list[list[Any]]:
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    """Every file under derived/; in the record, photographs go by their hashes; its own hash and the room are left away.
+    """Every file under derived/; in the record, photographs go by hashes, and its own hash and the room are dropped.
 
     A trial that had to be repeated is one more file, and those after it have the next numbers.
     """
