@@ -12,7 +12,7 @@ from typing import Any
 PASSING = ("arguments", "settings", "duration_s", "seconds", "software", "seal", "sha256", "record_sha256")
 """Entries of a record that say how, when, where and with what it was made."""
 PASSING_LINES = ("time taken", "calibration-station")
-RELATIVE, OF_UNCERTAINTY = 5e-4, 0.02
+RELATIVE, OF_UNCERTAINTY, ABSOLUTE = 5e-4, 0.02, 1e-7
 """How far numbers may differ: other processors, and the compiled loops, add single-precision numbers in another order,
 which moved parts of uncertainties by 3e-4."""
 BLOCKS = {"p", "li", "tr", "h1", "h2", "h3", "table", "section", "figure", "figcaption", "div", "dt", "dd", "title"}
@@ -73,7 +73,7 @@ def _number(entry: dict[str, Any], name: str) -> float:
 def _is_near(expected: Any, got: Any, within: float) -> bool:
     if isinstance(expected, bool) or not (isinstance(expected, int | float) and isinstance(got, int | float)):
         return bool(expected == got)
-    return abs(expected - got) <= max(RELATIVE * abs(expected), within, 1e-9)
+    return abs(expected - got) <= max(RELATIVE * abs(expected), within, ABSOLUTE)
 
 
 def same_text(expected: str, got: str) -> bool:

@@ -100,7 +100,7 @@ def test_a_record_that_does_not_cover_the_exposure_is_none(pictures):
         motion.late(0.4)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_delayed_record_restores_as_well_as_a_true_one(pictures):
     sharp, photographs = pictures
     scheme = RestorationParameters(scheme=Scheme.parse("3x(4+4)+1x6"))
