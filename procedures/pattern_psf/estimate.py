@@ -7,6 +7,7 @@ Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
@@ -304,7 +305,7 @@ def _estimate(
     corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
     checks = [*checks_of(diagnostics, final.fit, inputs), *corrupted]
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(checks, replace(result, probability=_probability(checks, quality)))
+    return verdict_of(checks, replace(result, probability=math.nan if plane.raw else _probability(checks, quality)))
 
 
 def _probability(checks: Sequence[Check], quality: Quality) -> float:
