@@ -40,7 +40,7 @@ class Strength:
 
 @dataclass(frozen=True)
 class SampleGroup:
-    """SampleGroup of the samples with nuisance parameters of its own.
+    """Samples with nuisance parameters of their own.
 
     Attributes
     ----------
