@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
-from procedures.outcome import BadInput, BadParameter
+from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
+from procedures.reading.development import Development
 from procedures.reading.exposure import Exposure, read_exposure
 from procedures.reading.grey_image import (
     PNG_MAGIC,
@@ -137,7 +138,8 @@ def unprocessed(raw: bool, remedy: str) -> str:
 class RawFrame:
     """A photograph: its planes by name, in the order R, G1, G2, B, and its provenance.
 
-    `imu` and `shaker_path` give the motion during the exposure, where a session recorded it.
+    `imu` and `shaker_path` give the motion during the exposure, where a session recorded it. `development` states how
+    the file of a developed picture encodes light; None for linear samples of a sensor.
     """
 
     path: Path
@@ -146,6 +148,7 @@ class RawFrame:
     exposure: Exposure
     imu: ImuRecord | None = None
     shaker_path: ShakerPath | None = None
+    development: Development | None = None
 
     @property
     def guide(self) -> Plane:
@@ -402,14 +405,14 @@ def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
     except NotImplementedError as error:  # rawpy supports 2 x 2 and 6 x 6
         raise BadInput(f"{path} must have a 2 x 2 mosaic: {error}", _OTHER_CAMERA) from error
     if pattern is None:
-        raise BadInput(f"{path} is already demosaicked; a mosaic is required", _UNDEVELOPED)
+        raise ColourInput(f"{path} is already demosaicked; a mosaic is required", _UNDEVELOPED)
     rows, columns = pattern.shape
     if (rows, columns) == (6, 6):
-        raise BadInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
+        raise ColourInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
     colours = sorted(raw.color_desc[i : i + 1] for i in pattern.ravel())
     if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(pattern):
         reason = f"{path} must have a 2 x 2 mosaic of red, green, green, blue; it has another of {rows} x {columns}"
-        raise BadInput(reason, _OTHER_CAMERA)
+        raise ColourInput(reason, _OTHER_CAMERA)
 
 
 _UNDEVELOPED = "give the RAW file as the camera wrote it, not a converted or reduced one"
