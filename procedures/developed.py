@@ -19,13 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput
-from procedures.raw import GREY_PLANE, Plane, RawFrame, read_photograph
+from procedures.raw import GREY_PLANE, Plane, RawFrame, linear_colours, read_photograph
 from procedures.reading.block_coding import coding_error
 from procedures.reading.development import Development
 from procedures.reading.exposure import read_exposure
 from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, read_levels
 from procedures.reading.guard import Room, decoding
-from procedures.reading.library_noise import captured_noise
 from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
 from procedures.reading.tone_curve import LINEAR, SRGB, ToneCurve, curve_of_profile, named_curve
 
@@ -72,7 +71,7 @@ def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes
 def _planes(levels: npt.NDArray[Any], development: Development) -> dict[str, Plane]:
     """Planes of levels (H, W, C), decoded; a step is that at half of white."""
     white = np.float32((1 << development.bits) - 1)
-    step = float(development.curve.slope(np.float32(0.5)) / white)
+    step = float(development.curve.slope(np.array([0.5]))[0] / white)
     return {
         name: Plane(name, development.curve.decoded(np.ascontiguousarray(levels[..., c]) / white), step)
         for c, name in enumerate(COLOURS[levels.shape[2]])
@@ -90,6 +89,8 @@ def _profiled(icc: bytes) -> ToneCurve | None:
 # --- formats -----------------------------------------------------------------------------------------------------
 
 LOSSY, RAW = ("JPEG", "WEBP", "HEIF"), "RAW"
+USUAL_CODING = 0.01
+"""Error of block coding where the file does not state its tables, as part of white's level."""
 
 
 def _format(data: bytes, path: Path) -> str:
@@ -129,27 +130,6 @@ def pillow(*, heif: bool, name: str = "the picture") -> Any:
     return Image
 
 
-USUAL_CODING, icc, exif
-
-
-def _opened(data: bytes, name: str) -> Any:
-    """The file opened by Pillow. Raises BadInput for HEIC where the reader is not installed."""
-    from PIL import Image
-
-    if _format(data) == "HEIF":
-        try:
-            from pillow_heif import register_heif_opener
-        except ImportError as error:
-            remedy = "install it: pip install 'calibration-station[heif]'; or export the picture as JPEG or TIFF"
-            raise BadInput(f"{name} is a HEIC file, whose reader is not installed", remedy) from error
-        register_heif_opener()
-    return Image.open(BytesIO(data))
-
-
-USUAL_CODING = 0.01
-"""Error of block coding where the file does not state its tables, as part of white's level."""
-
-
 def _read_lossless(data: bytes, name: str) -> tuple[npt.NDArray[Any], float, bytes, bytes]:
     """Levels (H, W, C) of a PNG or TIFF of 8 or 16 bits, 0 for its coding error, profile and metadata."""
     levels = read_levels(data, name)
@@ -162,22 +142,7 @@ def _read_lossless(data: bytes, name: str) -> tuple[npt.NDArray[Any], float, byt
 
 
 def _read_raw(data: bytes, name: str) -> tuple[npt.NDArray[np.uint16], float, bytes, bytes]:
-    """Linear colours (H, W, C) by LibRaw's demosaicking, in the camera's own colours without white balance."""
-    import rawpy
-
-    with captured_noise() as noise:
-        try:
-            with rawpy.imread(BytesIO(data)) as raw:
-                Room(name).take(BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
-                levels = raw.postprocess(
-                    gamma=(1, 1), no_auto_bright=True, output_bps=16, output_color=rawpy.ColorSpace.raw,
-                    user_wb=[1.0] * 4, user_flip=0,
-                )  # fmt: skip
-        except rawpy.LibRawError as error:
-            raise BadInput(f"{name} is no JPEG, WebP, HEIC, PNG, TIFF or RAW file", "give one of these") from error
-    if noise.errors:
-        raise BadInput(f"{name} is truncated or damaged: RAW data are missing", _AGAIN)
-    return np.atleast_3d(levels), 0.0, b"", b""
+    return linear_colours(data, name), 0.0, b"", b""
 
 
 _READERS = {**dict.fromkeys(LOSSY, _read_8), "PNG": _read_lossless, "TIFF": _read_lossless, RAW: _read_raw}

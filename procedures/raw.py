@@ -344,6 +344,30 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
     return planes_and_exposure
 
 
+def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
+    """Colours (rows, columns, channels) of a RAW file of any mosaic or none, demosaicked by LibRaw, linear in light.
+
+    They are the camera's own without white balance, from 0, black, to 65535, white. Raises BadInput for other files.
+    """
+    import rawpy
+
+    with captured_noise() as noise:
+        try:
+            with rawpy.imread(BytesIO(data)) as raw:
+                Room(name).take(4 * BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
+                black = max(raw.black_level_per_channel)
+                colours = raw.postprocess(
+                    gamma=(1, 1), no_auto_bright=True, output_bps=16, output_color=rawpy.ColorSpace.raw,
+                    user_wb=[1.0] * 4, user_flip=0, adjust_maximum_thr=0.0,
+                    user_sat=int(raw.white_level - black),  # LibRaw's own is the largest sample
+                )  # fmt: skip
+        except rawpy.LibRawError as error:
+            raise BadInput(f"{name} is no JPEG, WebP, HEIC, PNG, TIFF or RAW file", "give one of these") from error
+    if noise.errors:
+        raise BadInput(f"{name} is truncated or damaged: RAW data are missing", _COPY)
+    return np.atleast_3d(np.asarray(colours, dtype=np.uint16))
+
+
 _COPY = "copy it from the camera's card again"
 
 

@@ -186,7 +186,7 @@ def read_levels(data: bytes, name: str) -> Samples:
     if data.startswith(PNG_MAGIC) and not png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
     levels = np.atleast_3d(_decode(data, name))
-    white = np.iinfo(levels.dtype).max if levels.dtype in (np.uint8, np.uint16) else None
+    white = {"uint8": 255, "uint16": 65535}.get(levels.dtype.name)
     if white is None:
         raise BadInput(f"a picture must have integers of 8 or 16 bits; {name} has {levels.dtype}", _COLOURS)
     if levels.shape[2] == 4 and (levels[..., 3] == white).all():  # opaque

@@ -33,15 +33,15 @@ class ToneCurve:
         """Light of levels, white = 1."""
         if self.name == LINEAR:
             return np.asarray(levels, dtype=np.float32)
-        return np.interp(levels, self._levels, self.light).astype(np.float32)
+        return np.asarray(np.interp(levels, self._levels, self.light), dtype=np.float32)
 
     def encoded(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
         """Levels of light, clipped to 0 and 1."""
-        return np.interp(light, self.light, self._levels).astype(np.float32)
+        return np.asarray(np.interp(light, self.light, self._levels), dtype=np.float32)
 
     def slope(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
         """Change of light per change of level, at the levels of this light."""
-        return np.interp(light, self.light, np.gradient(self.light, self._levels)).astype(np.float32)
+        return np.asarray(np.interp(light, self.light, np.gradient(self.light, self._levels)), dtype=np.float32)
 
     @cached_property
     def _levels(self) -> Array:
@@ -78,8 +78,7 @@ def _curve(data: bytes) -> Array:
     if data[:4] == b"para":
         (kind,) = struct.unpack_from(">H", data, 8)
         values = np.frombuffer(data, ">i4", _PARAMETERS[kind], 12) / 65536
-        g, a, b, c, d, e, f = (*values, *(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[len(values) :])
-        return _parametric(kind, levels, g, a, b, c, d, e, f)
+        return _parametric(kind, levels, *(*values, *(0.0,) * (7 - len(values))))
     (count,) = struct.unpack_from(">I", data, 8)
     if count == 0:
         return levels
@@ -97,5 +96,6 @@ def _parametric(
         return np.asarray(x**g)
     start = d if kind >= 3 else -b / a
     power = np.maximum(a * x + b, 0) ** g
-    above, below = {1: (0.0, 0.0), 2: (c, c), 3: (0.0, c * x), 4: (e, c * x + f)}[kind]
-    return np.where(x >= start, power + above, below)
+    if kind in (3, 4):
+        return np.where(x >= start, power + e, c * x + f)
+    return np.where(x >= start, power + c, c)

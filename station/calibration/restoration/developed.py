@@ -25,7 +25,7 @@ from station.calibration.camera_metadata import read_metadata
 from station.calibration.picture_files import write_tiff
 
 QUALITY = 97
-"""Of JPEG, WebP and HEIC files that are written: their loss is below that of the files that are read."""
+"""Quality of JPEG, WebP and HEIC files that are written: their loss is below that of the files that are read."""
 SUFFIXES = {"JPEG": ".jpg", "WEBP": ".webp", "HEIF": ".heic", "PNG": ".png", "TIFF": ".tiff", RAW: ".tiff"}
 MOST_GROWTH, LEAST_GROWTH = 1.2, -0.3
 """Exponents of the noise variance's growth with light between which a tone curve is plausible: 0 to 1 of a sensor, with
