@@ -91,9 +91,8 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
 
     Parameters
     ----------
-    modes : mapping of str to (n,) float64
-        Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
-        deviation.
+    modes : relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
+        deviation
     """
     budgets = {name: {**terms} for name, terms in quality.budgets.items()}
     of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}

@@ -60,12 +60,9 @@ def find_clipping(
     Parameters
     ----------
     samples : of any shape, black 0 and nominal white 1
-    quantisation : float
-        One digital number in these units; larger steps are detected.
-    dark_noise, bright_noise : float
-        Standard deviations of the noise in dark and bright parts, in these units; 0 if not known.
-    of_edge : bool
-        Whether the samples are of one edge between two plains, whose approaches are then compared too.
+    quantisation : one digital number in these units; larger steps are detected
+    dark_noise, bright_noise : standard deviations of the noise in dark and bright parts, in these units; 0 if not known
+    of_edge : whether the samples are of one edge between two plains, whose approaches are then compared too
     """
     values = np.ravel(samples).astype(np.float64)
     values = values[np.isfinite(values)]

@@ -15,19 +15,12 @@ from procedures.reading.grey_image import read_colours
 
 
 def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = None) -> RawFrame:
-    """Read planes R, G and B of a TIFF or PNG of 16 bits with three channels.
+    """Read planes R, G and B of a TIFF or PNG of 16 bits with three channels. Raises BadInput if it is not such a file.
 
     Parameters
     ----------
-    encoding : str
-        "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted.
-    data : bytes, optional
-        Content of the file, if already read.
-
-    Raises
-    ------
-    BadInput
-        If it is not such a file.
+    encoding : "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted
+    data : content of the file, if already read
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data

@@ -75,24 +75,16 @@ class Quality:
 
     Attributes
     ----------
-    frequencies : (n,) float64
-        0 to s/2 cycles/pixel.
-    mtf_horizontal, mtf_vertical, mtf_radial : (n,) float64
-        |OTF| along x, along y, and its mean over directions.
-    curve_budgets : mapping of str to mapping of str to (n,) float64
-        Uncertainty budget of each curve: "horizontal", "vertical", "radial".
-    otf_horizontal, otf_vertical : (n,) complex128
-        OTF relative to the PSF's centre.
-    numbers : mapping of str to Quantity
-    gradients : mapping of str to (k^2 + q,) float64
-        Derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`.
-    budgets : mapping of str to mapping of str to float
-        Uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and band;
-        see `procedures.budget`.
-    at : tuple of float
-        Requested frequencies of the MTF.
-    origin : "centre", "marks", "centroid" or "peak"
-        The point about which widths, encircled energies and the Strehl ratio are taken.
+    frequencies : (n,) 0 to s/2 cycles/pixel
+    mtf_horizontal, mtf_vertical, mtf_radial : (n,) |OTF| along x, along y, and its mean over directions
+    curve_budgets : uncertainty budget of each curve: "horizontal", "vertical", "radial"
+    otf_horizontal, otf_vertical : (n,) complex128 OTF relative to the PSF's centre
+    gradients : derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`
+    budgets : uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and
+        band; see `procedures.budget`
+    at : requested frequencies of the MTF
+    origin : "centre", "marks", "centroid" or "peak"; the point about which widths, encircled energies and the Strehl
+        ratio are taken
     """
 
     frequencies: Array
@@ -351,8 +343,7 @@ def crossing_model_error(
 
     Parameters
     ----------
-    curve : callable
-        Values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
+    curve : values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`
     """
     f = frequency + np.array([-STEP, 0, STEP])
     value, slope = curve(f)

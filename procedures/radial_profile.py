@@ -28,14 +28,11 @@ class RadialProfile:
 
     Attributes
     ----------
-    radius : (n,) float64
-        In pixels of the plane, from 0.
-    density, density_uncertainty : (n,) float64
-        Energy per square pixel on each circle, for total energy 1.
-    energy, energy_uncertainty : (n,) float64
-        Share of the total energy inside each circle.
-    support : float
-        Radius in pixels of the largest circle inside the support; beyond it the profile is that of the tail's shapes.
+    radius : (n,) in pixels of the plane, from 0
+    density, density_uncertainty : (n,) energy per square pixel on each circle, for total energy 1
+    energy, energy_uncertainty : (n,) share of the total energy inside each circle
+    support : radius in pixels of the largest circle inside the support; beyond it the profile is that of the tail's
+        shapes
     """
 
     radius: Array

@@ -27,9 +27,8 @@ class SpaceVariantBlur:
 
     Attributes
     ----------
-    field : PsfField
-    samples_per_px : int
-        Samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first pixel.
+    samples_per_px : samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first
+        pixel.
     """
 
     field: PsfField

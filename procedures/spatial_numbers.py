@@ -186,18 +186,12 @@ class _FineGrid:
 
     Attributes
     ----------
-    M : (n, size) float64
-        Band-limited interpolation along one axis.
-    r : (n^2,) float64
-        Distances from the centre, in pixels.
-    order : (n^2,) int
-        Permutation that sorts the distances.
-    rising : (n^2,) float64
-        Sorted distances.
-    slant : (n^2,) float64
-        Smaller of |cos| and |sin| of the direction over their sum: 0 along the axes, 1/2 along the diagonals.
-    side : float
-        Side of a square, in pixels.
+    M : (n, size) band-limited interpolation along one axis
+    r : (n^2,) distances from the centre, in pixels
+    order : (n^2,) int permutation that sorts the distances
+    rising : (n^2,) sorted distances
+    slant : (n^2,) smaller of |cos| and |sin| of the direction over their sum: 0 along the axes, 1/2 along the diagonals
+    side : side of a square, in pixels
     """
 
     M: Array
@@ -246,12 +240,9 @@ class Circle:
 
     Attributes
     ----------
-    radius : float
-        Radius in pixels.
-    density : float
-        Derivative of the share by the radius, per pixel.
-    size : int
-        Side of the central square of samples used.
+    radius : radius in pixels
+    density : derivative of the share by the radius, per pixel
+    size : side of the central square of samples used
     """
 
     radius: float

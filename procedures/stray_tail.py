@@ -70,14 +70,10 @@ def curve_model_error(psf: Psf, f: Array, mtf: Array, slope: Array, passed: Arra
 
     Parameters
     ----------
-    f : (n,) float64
-        In cycles/pixel.
-    mtf : (n,) float64
-        The PSF's MTF.
-    slope : (n, k^2 + q or more) float64
-        Derivative of the curve by the PSF's parameters.
-    passed : (n,) float64 or float
-        Factor by which the MTF was divided to give the curve.
+    f : (n,) in cycles/pixel
+    mtf : (n,) the PSF's MTF
+    slope : (n, k^2 + q or more); derivative of the curve by the PSF's parameters
+    passed : (n,) float64 or float; factor by which the MTF was divided to give the curve
     """
     if not len(psf.tail.amplitudes):
         return np.zeros(len(f))

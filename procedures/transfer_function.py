@@ -40,8 +40,7 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    n : int
-        Frequencies along each axis, odd.
+    n : frequencies along each axis, odd
 
     Returns
     -------
@@ -73,14 +72,10 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
 
     Parameters
     ----------
-    f, mtf : (n,) float64
-        Cycles per pixel, equally spaced from 0, and the moduli.
-    slope : (n, m) float64
-        Derivative of the moduli by the PSF's parameters.
-    name : str
-        Name of the direction.
-    at : sequence of float
-        Frequencies at which the MTF is reported; those beyond the curve are omitted.
+    f, mtf : (n,) cycles per pixel, equally spaced from 0, and the moduli
+    slope : (n, m) derivative of the moduli by the PSF's parameters
+    name : name of the direction
+    at : frequencies at which the MTF is reported; those beyond the curve are omitted
     """
     i = int(np.searchsorted(f, NYQUIST))
     yield DrawnNumber(MTF_NYQUIST[name], float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
@@ -113,10 +108,8 @@ def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> t
 
     Parameters
     ----------
-    f : (n,) float64
-        Equally spaced frequencies.
-    curve : callable
-        Values (m,) and slopes (m, p) at a range of these.
+    f : (n,) equally spaced frequencies
+    curve : values (m,) and slopes (m, p) at a range of these
     """
     parts: list[tuple[Array, Array]] = []
     for first in range(0, len(f), CHUNK):

@@ -30,11 +30,8 @@ class NoiseMeasurement:
 
     Attributes
     ----------
-    finest : float
-        Noise variance at the paper's finest detail, which no lens passes, over that expected there.
-    uncertainty : float
-        Standard uncertainty of `finest` by the number of pixels.
-    paper, residual : Variogram
+    finest : noise variance at the paper's finest detail, which no lens passes, over that expected there
+    uncertainty : standard uncertainty of `finest` by the number of pixels
     """
 
     sharpening: Sharpening
@@ -55,12 +52,9 @@ def measure_noise(
     Parameters
     ----------
     picture : (rows, columns) float32
-    levels : (float, float)
-        Black and white.
-    variance_at : callable
-        Noise variance expected at levels between black (0) and white (1).
-    left : (rows, columns) float64
-        Residual of a fit, NaN where there is none.
+    levels : black and white
+    variance_at : noise variance expected at levels between black (0) and white (1)
+    left : (rows, columns) residual of a fit, NaN where there is none
     """
     paper, expected = _flat_paper(picture, levels, variance_at)
     of_fit = Variogram.of(residual, np.isfinite(residual), residual=True)

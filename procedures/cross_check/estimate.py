@@ -44,8 +44,7 @@ class EdgeCheck:
 
     Attributes
     ----------
-    by_edge, by_psf : Quantity
-        In cycles per pixel of the plane.
+    by_edge, by_psf : in cycles per pixel of the plane
     """
 
     edge: EdgeMtf

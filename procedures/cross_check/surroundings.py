@@ -25,14 +25,10 @@ def without_surroundings(samples: Array32, strip: Strip, course: Array, density_
 
     Parameters
     ----------
-    samples : (rows, columns) float32
-        The plane, including the surroundings.
-    strip : Strip
-        Valid samples cover the edge and its plains only.
-    course : (n, 2) float64
-        Points (x, y) of the plane along the edge.
-    density_px : float
-        Coefficient A of the tail A / r^3, per square pixel, of a PSF of sum 1; r in pixels.
+    samples : (rows, columns) float32 the plane, including the surroundings
+    strip : valid samples cover the edge and its plains only
+    course : (n, 2) points (x, y) of the plane along the edge
+    density_px : coefficient A of the tail A / r^3, per square pixel, of a PSF of sum 1; r in pixels
     """
     roi = strip.roi
     x0, y0 = max(roi.x - AROUND_PX, 0), max(roi.y - AROUND_PX, 0)

@@ -30,7 +30,6 @@ class LateralColour:
 
     Attributes
     ----------
-    plane, reference : str
     shape : rows and columns of a plane
     positions : (N, 2), positions of the charts, in pixels of the plane
     shift : (N, 2), covariance : (N, 2, 2); measured (x, y)
@@ -72,14 +71,11 @@ def lateral_colour(
 ) -> LateralColour:
     """Lateral colour from two planes' nodes, matched by photograph and chart.
 
+    Raises Refused if fewer than six charts were measured in both planes.
+
     Parameters
     ----------
     pitch : sensor pixels per pixel of a plane
-
-    Raises
-    ------
-    Refused
-        If fewer than six charts were measured in both planes.
     """
     known = {(node.source, node.number): node for node in against}
     pairs = [(node, known[node.source, node.number]) for node in nodes if (node.source, node.number) in known]

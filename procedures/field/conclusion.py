@@ -75,17 +75,13 @@ def conclude(
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
+    Raises Refused if no photograph gave any node.
+
     Parameters
     ----------
-    focus : mapping of photograph's name to focus position in mm, optional
-        The field is then that of the sharpest position.
+    focus : mapping of photograph's name to focus position in mm; the field is then that of the sharpest position
     at : frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported
     photosite : sagittal and meridional MTF50 are also mapped without it
-
-    Raises
-    ------
-    Refused
-        If no photograph gave any node.
     """
     if not any(measured.nodes.values()):
         why = measured.misses[0] if measured.misses else Miss("", "there is none", "")

@@ -47,12 +47,9 @@ class MeasuredChart:
 
     Attributes
     ----------
-    node : Node
     numbers : those of `HEADLINE` that the PSF has
     gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
-    registration : Registration
     correspondences : in pixels of the plane
-    shared : SharedErrors
     budgets : uncertainty budgets of the numbers
     """
 
@@ -125,17 +122,13 @@ def measure_frame(
 ) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
-    The charts are detected in one plane, green where there is one, and have the same positions in the others.
+    The charts are detected in one plane, green where there is one, and have the same positions in the others. Raises
+    Refused if there is no chart in it.
 
     Parameters
     ----------
     each : how the charts are processed; `map` takes one after the other
     sensors : their response is inverted, and their noise weights the samples
-
-    Raises
-    ------
-    Refused
-        If there is no chart in it.
     """
     source = frame.path.name
     guide = frame.guide

@@ -33,8 +33,8 @@ class HeightCurve:
     frequency : cycles per pixel of the plane
     heights : (n,), pixels of the plane from the frame's centre
     sagittal, meridional : (n,), means over the directions
-    sagittal_uncertainty, meridional_uncertainty : (n,) float64
-        Mean standard uncertainties of one position: the correlation between directions is unknown.
+    sagittal_uncertainty, meridional_uncertainty : (n,) mean standard uncertainties of one position: the correlation
+        between directions is unknown
     sagittal_spread, meridional_spread : (n,), standard deviations among the directions
     directions : (n,), number of directions inside the hull
     """

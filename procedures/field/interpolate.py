@@ -81,7 +81,6 @@ class Interpolation:
 
     Attributes
     ----------
-    field : PsfField
     recipe : of its model; with the number of components it is sufficient to rebuild the field from its nodes
     candidates : all tried interpolations, the best first
     axis : intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it
@@ -96,14 +95,12 @@ class Interpolation:
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
     """The PSF over the frame from its nodes, by the model with the smallest cross-validation error.
 
+    Raises Refused if there are fewer than six nodes, they lie on a line, or have different samplings
+    (`with_common_support`).
+
     Parameters
     ----------
     shape : rows and columns of the plane
-
-    Raises
-    ------
-    Refused
-        If there are fewer than six nodes, they lie on a line, or have different samplings (`with_common_support`).
     """
     nodes, data = _prepared(plane, shape, nodes)
     folds = _folds(data.places)

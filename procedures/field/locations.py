@@ -99,10 +99,8 @@ def pan_tilt_deg(
 
     Parameters
     ----------
-    shape, principal_px
-        As in `ray`.
-    towards : (3,) float64
-        Direction of the chart's centre, in the axes of a head at rest.
+    shape, principal_px : as in `ray`
+    towards : (3,) direction of the chart's centre, in the axes of a head at rest
     """
     t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
     pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))

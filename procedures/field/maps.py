@@ -45,12 +45,11 @@ class FieldMap:
 
     Attributes
     ----------
-    name, title, unit : str
     x : (nx,), y : (ny,); positions in pixels of the plane
     value : (ny, nx), NaN where the number is undefined
     uncertainty : (ny, nx) or None; None where the value is itself an uncertainty
-    enclosed : (ny, nx) bool or None
-        Mask of the positions inside the hull of the nodes, where the others have a value too; None: the finite values.
+    enclosed : (ny, nx) bool or None; mask of the positions inside the hull of the nodes, where the others have a value
+        too; None: the finite values
     """
 
     name: str

@@ -58,8 +58,7 @@ class Optic:
     ----------
     analysis, components : (r, p), as in `PsfField`
     whiten : (p, p), from a PSF's parameters to units of their noise
-    norms : dict of int to (rings,) float64
-        Cache of the norms of each harmonic's rings in these units, shared by optics of one noise.
+    norms : cache of the norms of each harmonic's rings in these units, shared by optics of one noise
     """
 
     analysis: Array

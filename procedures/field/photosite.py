@@ -18,18 +18,13 @@ MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise
 
 @dataclass(frozen=True)
 class Photosite:
-    """A square photosite centred in its pixel.
+    """A square photosite centred in its pixel. Raises BadParameter if the fill factor is impossible.
 
     Attributes
     ----------
     fill : effective area over the pixel's, including the microlens
     uncertainty : standard uncertainty of `fill`
     assumed : whether it was not measured
-
-    Raises
-    ------
-    BadParameter
-        If the fill factor is impossible.
     """
 
     fill: float

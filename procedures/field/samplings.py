@@ -27,7 +27,6 @@ class PsfPolynomial:
 
     Attributes
     ----------
-    degree : int
     images : (c, K, K), coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, .
     centre, scale : (x, y) and float; x is (column - centre) / scale, in pixels of the plane, likewise y
     lost : largest norm of the difference from the field over the PSF's norm, inside the nodes' hull

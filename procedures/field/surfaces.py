@@ -19,7 +19,6 @@ class Surface:
 
     Attributes
     ----------
-    smoother : Polynomial
     values : (N, m), covariances : (N, m, m); measured values and covariances of their noise
     lack : (m,), upper estimate of the variance of the model error, per position
     """
@@ -60,15 +59,12 @@ class Surface:
 def fit_surface(places: Array, values: Array, covariances: Array, degrees: Sequence[int]) -> Surface:
     """Surface of the degree with the smallest leave-one-out error.
 
+    Raises ValueError if the places do not determine the lowest.
+
     Parameters
     ----------
     places : (N, 2), values : (N, m), covariances : (N, m, m)
     degrees : candidates; those that the places do not determine are skipped
-
-    Raises
-    ------
-    ValueError
-        If the places do not determine the lowest.
     """
     noise = np.trace(covariances, axis1=1, axis2=2)
     trust = noise.mean() / noise if np.all(noise > 0) else np.ones(len(places))

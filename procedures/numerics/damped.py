@@ -96,14 +96,9 @@ class Minimum(Generic[State]):
 
     Attributes
     ----------
-    state : State
-    cost : float
-        Sum of squares.
-    iterations : int
-        Linearisations.
-    decrease : float
-        By which share of it the last step lowered the sum of squares; 0 where none was taken.
-    converged : bool
+    cost : sum of squares
+    iterations : linearisations
+    decrease : by which share of it the last step lowered the sum of squares; 0 where none was taken
     """
 
     state: State
@@ -120,13 +115,9 @@ def minimise(
 
     Parameters
     ----------
-    problem : Problem
-    start : State
-    tolerance : float
-        Relative decrease of the sum of squares that is not worth another step. A sum over m residuals of known noise
-        that is to be minimised to a thirtieth of a standard uncertainty needs 0.001 / m.
-    limit : int
-        Iterations at most.
+    tolerance : relative decrease of the sum of squares that is not worth another step. A sum over m residuals of known
+        noise that is to be minimised to a thirtieth of a standard uncertainty needs 0.001 / m.
+    limit : iterations at most
     """
     state, damping, decrease = start, FIRST_DAMPING, 0.0
     for iteration in range(1, limit + 1):

@@ -47,12 +47,9 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
 
     Parameters
     ----------
-    h : (n,) float64
-        The kernel's k x k values row by row, with errors, of a sum near 1.
-    errors : (n, n) float64
-        Their covariance.
-    s : int
-        Samples per pixel.
+    h : (n,) the kernel's k x k values row by row, with errors, of a sum near 1
+    errors : (n, n) their covariance
+    s : samples per pixel
     """
     k = round(len(h) ** 0.5)
     at = start = _start(s)

@@ -100,14 +100,11 @@ def far_light(
 
     Parameters
     ----------
-    picture : (rows, columns) float
-        The scene at pixels. Details do not matter at that distance, so the photograph itself serves.
-    corner : (x, y)
-        First pixel of the window.
-    shape : (rows, columns)
-        Size of the window.
-    levels : (float, float)
-        Levels of the picture that correspond to -1/2 and 1/2.
+    picture : (rows, columns) the scene at pixels. Details do not matter at that distance, so the photograph itself
+        serves.
+    corner : (x, y) first pixel of the window
+    shape : (rows, columns) size of the window
+    levels : levels of the picture that correspond to -1/2 and 1/2
     """
     x, y = corner
     rows, columns = (

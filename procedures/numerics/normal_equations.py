@@ -21,18 +21,12 @@ class NormalEquations:
 
     Attributes
     ----------
-    G : (n, n) float64
-        A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included.
-    b : (n,) float64
-        A'r - A'Z (Z'Z)^-1 Z'r.
-    L : (n, n) float64
-        Cholesky's factor of G.
-    AZ : (n, p), ZZ : (p, p) float64
-        A'Z and Z'Z.
-    E : (p, n) float64
-        (Z'Z)^-1 Z'A: the decrease of the nuisance parameters per unit of the kernel.
-    t : (p,) float64
-        (Z'Z)^-1 Z'r: the nuisance parameters without a kernel.
+    G : (n, n) A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included
+    b : (n,) A'r - A'Z (Z'Z)^-1 Z'r
+    L : (n, n) Cholesky's factor of G
+    AZ : (n, p), ZZ : (p, p) float64; A'Z and Z'Z
+    E : (p, n) (Z'Z)^-1 Z'A: the decrease of the nuisance parameters per unit of the kernel
+    t : (p,) (Z'Z)^-1 Z'r: the nuisance parameters without a kernel
     """
 
     G: Array
@@ -85,12 +79,9 @@ class Products:
 
     Attributes
     ----------
-    AA : (n, n) float64
-        A'A, or that of a matrix near A when h is an increment.
-    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
-        A'Z, Z'Z, A'r, Z'r.
-    pull : (p,) float64 or 0
-        Prior part of Zr.
+    AA : (n, n) A'A, or that of a matrix near A when h is an increment
+    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,) A'Z, Z'Z, A'r, Z'r
+    pull : (p,) float64 or 0; prior part of Zr
     """
 
     AA: Array
@@ -109,10 +100,8 @@ class Products:
 
         Parameters
         ----------
-        precision : (p,) float64
-            One over the prior variance of each, in units where the data's noise is 1; 0 without prior.
-        pull : (p,) float64
-            Prior mean less the present value.
+        precision : (p,) one over the prior variance of each, in units where the data's noise is 1; 0 without prior
+        pull : (p,) prior mean less the present value
         """
         return replace(
             self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull, pull=self.pull + precision * pull
@@ -123,10 +112,8 @@ class Products:
 
         Parameters
         ----------
-        count : int
-            Number of columns.
-        precision, pull : (c,) float64
-            Prior of the last c of them, as in `with_prior`.
+        count : number of columns
+        precision, pull : (c,) prior of the last c of them, as in `with_prior`
         """
         joined, others = self.AZ[:, -count:], self.AZ[:, :-count]
         block, right = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
@@ -161,10 +148,7 @@ def products_within(whole: Array32, n: int, Z: Array, r: Array) -> Products:
 def eliminate(p: Products) -> NormalEquations:
     """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If A and Z do not determine h and t.
+    Raises numpy.linalg.LinAlgError if A and Z do not determine h and t.
     """
     inverse = cholesky_inverse(p.ZZ)
     E, t = inverse @ p.AZ.T, inverse @ p.Zr

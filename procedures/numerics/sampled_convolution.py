@@ -27,14 +27,10 @@ def sample_convolution(
 
     Parameters
     ----------
-    raster : (s (rows - 1) + k, s (columns - 1) + k) float32
-        The image on the s grid, with a border of k // 2 samples.
-    rows, columns : (m,) int64
-        The pixels.
-    weight : (m,) float32
-        One over the standard deviation of the pixel's sample.
-    more : int
-        Additional columns, filled by the caller.
+    raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the image on the s grid, with a border of k // 2 samples
+    rows, columns : (m,) int64 the pixels
+    weight : (m,) float32 one over the standard deviation of the pixel's sample
+    more : additional columns, filled by the caller
 
     Returns
     -------

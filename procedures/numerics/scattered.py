@@ -34,17 +34,12 @@ def monomials(points: Array, degree: int) -> Array:
 class Polynomial:
     """Weighted least squares by a polynomial of total degree `degree`.
 
+    Raises ValueError if the places do not determine the coefficients.
+
     Attributes
     ----------
-    places : (N, 2) float64
-        Best within [-1, 1], for the condition of the monomials.
-    trust : (N,) float64
-        One over the variance of each value, in any unit.
-
-    Raises
-    ------
-    ValueError
-        If the places do not determine the coefficients.
+    places : (N, 2) best within [-1, 1], for the condition of the monomials
+    trust : (N,) one over the variance of each value, in any unit
     """
 
     places: Array
@@ -73,10 +68,9 @@ class ThinPlate:
 
     Attributes
     ----------
-    places : (N, 2) float64, trust : (N,) float64
-        As in `Polynomial`; at least three places, not on a line.
-    stiffness : float
-        Weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is minimised.
+    places : (N, 2) float64, trust : (N,) float64; as in `Polynomial`; at least three places, not on a line
+    stiffness : weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is
+        minimised
 
     References
     ----------
@@ -119,13 +113,7 @@ def hull_area(points: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of places (N, 2).
-
-    Raises
-    ------
-    ValueError
-        If they lie on a line.
-    """
+    """The convex hull of places (N, 2). Raises ValueError if they lie on a line."""
 
     places: Array
 

@@ -34,8 +34,7 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
 
     Parameters
     ----------
-    shape : (rows, columns), optional
-        Shape after zero padding.
+    shape : (rows, columns) shape after zero padding
     """
     if picture.dtype != np.float32 or picture.ndim != 2:
         return np.asarray(np.fft.rfft2(picture, shape))

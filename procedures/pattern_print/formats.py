@@ -20,13 +20,7 @@ IMAGES = {".png": png, ".pgm": pgm}
 
 
 def check_ending(path: Path) -> str:
-    """Suffix of the file in lower case.
-
-    Raises
-    ------
-    BadParameter
-        If the suffix is not supported.
-    """
+    """Suffix of the file in lower case. Raises BadParameter if the suffix is not supported."""
     ending = path.suffix.lower()
     if ending not in PAGES | IMAGES:
         raise BadParameter(
@@ -55,13 +49,8 @@ def encode(
     """Encode a chart: a page with caption and rulers for .pdf and .svg, pixels for .png and .pgm.
 
     `paper` is the paper of the printer; with `tile` a chart that does not fit is divided into several sheets, a page
-    for each.
-
-    Raises
-    ------
-    BadParameter
-        If the chart does not fit on the paper; with `tile`, if the file is not a PDF, the chart has slanted edges, or
-        too many sheets are required.
+    for each. Raises BadParameter if the chart does not fit on the paper; with `tile`, if the file is not a PDF, the
+    chart has slanted edges, or too many sheets are required.
     """
     ending, edges = check_ending(path), source.chart.edges
     if tile and paper is not None and not size.fits(paper, edges):

@@ -27,12 +27,8 @@ PNG_HEADER = 8 + 25
 def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
     """Bitmap (384 cell_pixels, 384 cell_pixels) of the chart in its margin of one block, white 255 and black 0.
 
-    With slanted edges it has two more blocks on the right and below.
-
-    Raises
-    ------
-    BadParameter
-        If `cell_pixels` is not 1 to 32.
+    With slanted edges it has two more blocks on the right and below. Raises BadParameter if `cell_pixels` is not 1 to
+    32.
     """
     if not 1 <= cell_pixels <= LARGEST_CELL_PIXELS:
         raise BadParameter(

@@ -24,13 +24,7 @@ ORIGIN_LETTERS = 24
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
-    """Assembly drawing, then the sheets row by row.
-
-    Raises
-    ------
-    BadParameter
-        If the chart has slanted edges.
-    """
+    """Assembly drawing, then the sheets row by row. Raises BadParameter if the chart has slanted edges."""
     if source.chart.edges:
         raise BadParameter(
             "a chart with slanted edges must fit on one sheet, as a seam would bend them; got several sheets",

@@ -27,10 +27,8 @@ def mark_offset(h: Array, s: int, J: Array) -> Array:
 
     Parameters
     ----------
-    h : (k, k) float64
-        The PSF on the s grid; its sum does not matter.
-    J : (2, 2) float64
-        Derivative of cells with respect to pixels, which orients the mark on the sensor.
+    h : (k, k) the PSF on the s grid; its sum does not matter
+    J : (2, 2) derivative of cells with respect to pixels, which orients the mark on the sensor
 
     References
     ----------

@@ -45,18 +45,13 @@ class CombinedPsf:
 
     Attributes
     ----------
-    shots : tuple of PatternPsf
-        Estimates from the single shots, in order.
-    chi_square : float
-        chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their uncertainties.
-    chance : float
-        p-value of chi^2.
-    spread : float
-        Largest distance of a shot's PSF from the mean, over the norm of the mean.
-    centre_px : float
-        Scatter of the centre from shot to shot, in pixels.
-    places : tuple of int
-        Positions of these shots among all that were given: refused ones are excluded.
+    shots : estimates from the single shots, in order
+    chi_square : chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their
+        uncertainties
+    chance : p-value of chi^2
+    spread : largest distance of a shot's PSF from the mean, over the norm of the mean
+    centre_px : scatter of the centre from shot to shot, in pixels
+    places : positions of these shots among all that were given: refused ones are excluded
     """
 
     psf: Psf

@@ -32,12 +32,9 @@ class Correspondences:
 
     Attributes
     ----------
-    index : (n,) int64
-        Indices of the bins, row by row of `bin_centres`.
-    points : (n, 2) float64
-        Images of their centres, (x, y) in pixels of the plane.
-    covariance : (n, 2, 2) float64
-        Covariance of each point, in squared pixels.
+    index : (n,) int64 indices of the bins, row by row of `bin_centres`
+    points : (n, 2) images of their centres, (x, y) in pixels of the plane
+    covariance : (n, 2, 2) covariance of each point, in squared pixels
     """
 
     index: npt.NDArray[np.int64]
@@ -62,8 +59,7 @@ def correspondences(fit: ChartFit) -> Correspondences:
 
     Parameters
     ----------
-    fit : ChartFit
-        A completed refinement: its slopes are those of its samples.
+    fit : a completed refinement: its slopes are those of its samples
     """
     if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))

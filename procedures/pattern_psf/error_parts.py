@@ -42,11 +42,9 @@ class Variation:
 
     Attributes
     ----------
-    halves : (str, str)
-        "left" and "right", "top" and "bottom", or "centre" and "rim".
+    halves : "left" and "right", "top" and "bottom", or "centre" and "rim"
     values : (float, float)
-    sigmas : float
-        Difference of the values in standard uncertainties.
+    sigmas : difference of the values in standard uncertainties
     """
 
     name: str
@@ -61,11 +59,8 @@ class ErrorParts:
 
     Attributes
     ----------
-    parts : mapping of str to Budget
-    mismatch : mapping of str to float
-        Variance of the numbers by the tiles' scatter, over that by white noise.
-    variations : tuple of Variation
-        Requested numbers, left against right, top against bottom, centre against rim.
+    mismatch : variance of the numbers by the tiles' scatter, over that by white noise
+    variations : requested numbers, left against right, top against bottom, centre against rim
     """
 
     parts: Mapping[str, Budget]

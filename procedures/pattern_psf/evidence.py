@@ -39,12 +39,9 @@ class ChartEvidence:
 
     Attributes
     ----------
-    masks : list of MaskScore
-        Unsharp masks of `MASK_RADII` in the noise of paper and residual.
-    textured : list of MaskScore
-        Masks of `SMOOTHING_RADII` where paper and residual may have textures, which the lens images.
-    strengths : mapping of str to Strength
-        By the directions of `procedures.corruption.directions`.
+    masks : unsharp masks of `MASK_RADII` in the noise of paper and residual
+    textured : masks of `SMOOTHING_RADII` where paper and residual may have textures, which the lens images
+    strengths : by the directions of `procedures.corruption.directions`
     """
 
     masks: list[MaskScore]

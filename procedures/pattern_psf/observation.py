@@ -24,16 +24,12 @@ class Observation:
 
     Attributes
     ----------
-    rows, columns : (m,) int64
-        Pixels, relative to the window.
-    points : (m, 2) float64
-        Positions (x, y) in the plane.
-    y : (m,) float64
-        Samples, black 0, white 1.
-    weight : (m,) float64
-        Reciprocal of the noise of y.
-    quadratics : (m, 6) float64, cubics : (m, 9) float64
-        Monomials of light and displacement at the registration's normalised coordinates.
+    rows, columns : (m,) int64 pixels, relative to the window
+    points : (m, 2) positions (x, y) in the plane
+    y : (m,) samples, black 0, white 1
+    weight : (m,) reciprocal of the noise of y
+    quadratics : (m, 6) float64, cubics : (m, 9) float64; monomials of light and displacement at the registration's
+        normalised coordinates
     """
 
     rows: npt.NDArray[np.int64]
@@ -76,8 +72,8 @@ def observe(
 
     Parameters
     ----------
-    margin_px : float
-        Width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not known.
+    margin_px : width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not
+        known
     """
     rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)

@@ -36,10 +36,8 @@ class ExcludedSamples:
 
     Attributes
     ----------
-    connected : float
-        Share of the samples excluded together with a neighbour: something covers the chart.
-    stray : int
-        Number of isolated samples excluded: hot or dead pixels.
+    connected : share of the samples excluded together with a neighbour: something covers the chart
+    stray : number of isolated samples excluded: hot or dead pixels
     """
 
     connected: float

@@ -24,10 +24,8 @@ class ImagingGeometry:
 
     Attributes
     ----------
-    plane_pitch_um : float
-        Distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane).
-    cell_mm : float
-        Side of a printed cell.
+    plane_pitch_um : distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane)
+    cell_mm : side of a printed cell
     """
 
     focal_length_mm: float

@@ -41,10 +41,8 @@ class EdgeColumns:
 
     Attributes
     ----------
-    vertical, horizontal : (m, w) float32
-        The values of the lines around each sample.
-    first_vertical, first_horizontal : (m,) int32
-        The first of those lines.
+    vertical, horizontal : (m, w) float32 the values of the lines around each sample
+    first_vertical, first_horizontal : (m,) int32 the first of those lines
     """
 
     vertical: Array32
@@ -105,14 +103,10 @@ def edge_columns(
 
     Parameters
     ----------
-    whole : (320, 320) float32
-        The chart with its frame.
-    points : (m, 2) float64
-        The samples' pixels (x, y).
-    h : (k, k) float64
-        The PSF, its sum the contrast.
-    weight : (m,) float64
-        Factor of each row.
+    whole : (320, 320) float32 the chart with its frame
+    points : (m, 2) the samples' pixels (x, y)
+    h : (k, k) the PSF, its sum the contrast
+    weight : (m,) factor of each row
     """
     cells, J, row_weight = registration.to_pattern(points), registration.jacobian(), weight.astype(np.float32)
     inner = slice(BLOCK, BLOCK + CELLS)

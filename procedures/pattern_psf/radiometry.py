@@ -37,20 +37,14 @@ class LightLevels:
 
     Attributes
     ----------
-    black, white : (6,) float64
-        Coefficients of `quadratic` at the normalised coordinates of the registration, in samples of the plane.
-    variance_black, variance_white : float
-        Variance of the samples about black and white, in samples squared.
-    saturated : float
-        Share of the white blocks' samples that are clipped.
-    flatness : float
-        Smallest white level over largest, on the blocks.
-    crushed : float
-        Share of the black blocks' samples that are clipped.
-    noise_correlation : float
-        Noise correlation of neighbouring samples in the blocks, the larger of rows and columns.
-    variance_middle : float or None
-        Variance half way between black and white, where known from the sensor's calibration.
+    black, white : (6,) coefficients of `quadratic` at the normalised coordinates of the registration, in samples of the
+        plane
+    variance_black, variance_white : variance of the samples about black and white, in samples squared
+    saturated : share of the white blocks' samples that are clipped
+    flatness : smallest white level over largest, on the blocks
+    crushed : share of the black blocks' samples that are clipped
+    noise_correlation : noise correlation of neighbouring samples in the blocks, the larger of rows and columns
+    variance_middle : variance half way between black and white, where known from the sensor's calibration
     """
 
     black: Array
@@ -91,10 +85,8 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 
     Parameters
     ----------
-    samples : (rows, columns) float32
-        The plane.
-    quantisation : float
-        One digital number in the plane's units; rounding is a lower limit of the noise.
+    samples : (rows, columns) float32 the plane
+    quantisation : one digital number in the plane's units; rounding is a lower limit of the noise
 
     References
     ----------
@@ -125,15 +117,11 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 def with_sensor(light: LightLevels, sensor: SensorModel, plane: Plane) -> LightLevels:
     """Replace the noise by that of the sensor's calibration at black and white.
 
+    Raises Refused if white lies where the sensor saturates.
+
     Parameters
     ----------
-    plane : Plane
-        Samples linearised by `straighten`.
-
-    Raises
-    ------
-    Refused
-        If white lies where the sensor saturates.
+    plane : samples linearised by `straighten`
     """
     levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
     straight = levels / plane.quantisation + plane.black - sensor.dark_level

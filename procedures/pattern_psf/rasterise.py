@@ -76,14 +76,12 @@ class Raster:
 
     Attributes
     ----------
-    coefficients : (320 G, 320 G) float32
-        G grid points per cell. The mean of black and white is subtracted: values lie about 0.
-    outline : (320 G, 320 G) float32
-        Coefficients of the cells' outlines, which are added where ink spreads over the edges.
-    per_cell : int
-        G.
-    s : int
-        Samples per pixel of the rasters.
+    coefficients : (320 G, 320 G) float32 G grid points per cell. The mean of black and white is subtracted: values lie
+        about 0.
+    outline : (320 G, 320 G) float32 coefficients of the cells' outlines, which are added where ink spreads over the
+        edges
+    per_cell : G
+    s : samples per pixel of the rasters
     """
 
     coefficients: Array32

@@ -62,25 +62,18 @@ class ChartFit:
 
     Attributes
     ----------
-    h : (k^2,) float64
-        PSF before normalisation; its sum is the contrast's correction.
-    light : (19,) float64
-        a (6), b without its constant (5), beta, delta, the tail's amplitudes (6).
-    prediction : (m,) float64
-        The model at the samples.
-    equations : NormalEquations
-        Normal equations of the last step, for unit noise.
-    edges : (514,) or (0,) float64
-        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where not estimated.
-    edge_rms : float
-        Root mean square of the offsets, in cells.
-    scores : (TILES^2, k^2 + p) float64
-        Contribution of each tile of the noise region, row by row, to the normal equations' right side at the solution.
-        Their sum is 0, and their scatter gives that of the solution, whatever the cause of the residual.
-    converged : bool
-        Whether the map converged.
-    slopes : (m, 2) float64
-        Derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels.
+    h : (k^2,) PSF before normalisation; its sum is the contrast's correction
+    light : (19,) a (6), b without its constant (5), beta, delta, the tail's amplitudes (6)
+    prediction : (m,) the model at the samples
+    equations : normal equations of the last step, for unit noise
+    edges : (514,) or (0,) float64; offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty
+        where not estimated
+    edge_rms : root mean square of the offsets, in cells
+    scores : (TILES^2, k^2 + p) contribution of each tile of the noise region, row by row, to the normal equations'
+        right side at the solution. Their sum is 0, and their scatter gives that of the solution, whatever the cause of
+        the residual.
+    converged : whether the map converged
+    slopes : (m, 2) derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels
     """
 
     registration: Registration
@@ -145,10 +138,8 @@ class TailPrior:
 
     Attributes
     ----------
-    density_px : float
-        a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels.
-    share : float
-        Relative standard uncertainty.
+    density_px : a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels
+    share : relative standard uncertainty
     """
 
     density_px: float
@@ -216,16 +207,12 @@ def refine(
 
     Parameters
     ----------
-    registration : Registration
-        Map by the marks, or by another fit.
-    s, k : int
-        Samples per pixel, and their number along the PSF's side.
-    far : (rows, columns) float32
-        Light in the window from beyond the range of the tail's shapes, black -1/2 and white 1/2, from `far_light`.
-    tail : TailPrior, optional
-        Prior of the far tail.
-    bend : float, optional
-        Standard uncertainty of beta, where the response was linearised by the sensor's calibration.
+    registration : map by the marks, or by another fit
+    s, k : samples per pixel, and their number along the PSF's side
+    far : (rows, columns) float32 light in the window from beyond the range of the tail's shapes, black -1/2 and white
+        1/2, from `far_light`
+    tail : prior of the far tail
+    bend : standard uncertainty of beta, where the response was linearised by the sensor's calibration
     """
     model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail, bend)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))

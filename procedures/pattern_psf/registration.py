@@ -33,10 +33,8 @@ def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: flo
     Parameters
     ----------
     plane : (rows, columns) float32
-    corners : (n, 2) float64
-        Initial positions (x, y), accurate to about a pixel; NaN rows stay.
-    block_px : float
-        Side of a block of the chart's frame, in pixels: the window must stay inside the block.
+    corners : (n, 2) initial positions (x, y), accurate to about a pixel; NaN rows stay
+    block_px : side of a block of the chart's frame, in pixels: the window must stay inside the block
 
     References
     ----------
@@ -57,8 +55,7 @@ def register_marks(corners: Array) -> Registration:
 
     Parameters
     ----------
-    corners : (12, 2) float64
-        x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
+    corners : (12, 2) x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden
     """
     visible = np.isfinite(corners).all(axis=1)
     H_sensor_pattern = fit_homography(X_CORNERS[visible], corners[visible])

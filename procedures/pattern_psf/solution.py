@@ -36,14 +36,10 @@ class SharedErrors:
 
     Attributes
     ----------
-    centre : (P, 2) float64
-        PSF's parameters with the image of the chart's centre, in pixels of the plane.
-    displacement : (18, P + 2) float64
-        Coefficients of the map's displacement with the PSF's parameters, then with that centre.
-    mark : (2, P + 2) float64
-        Mark offset of the PSF with the PSF's parameters, then with that centre.
-    middle : (9,) float64
-        Mean of the displacement's monomials over the samples, the fixed point of the map.
+    centre : (P, 2) PSF's parameters with the image of the chart's centre, in pixels of the plane
+    displacement : (18, P + 2) coefficients of the map's displacement with the PSF's parameters, then with that centre
+    mark : (2, P + 2) mark offset of the PSF with the PSF's parameters, then with that centre
+    middle : (9,) mean of the displacement's monomials over the samples, the fixed point of the map
     """
 
     centre: Array

@@ -65,16 +65,11 @@ class VerdictInputs:
 
     Attributes
     ----------
-    parameters : Sampling
-        As requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
-    chosen : bool
-        Whether the program chose s and k.
-    contradicted : list of Check
-        Violations of the diffraction limit, where f-number and pitch are known.
-    sensor : SensorModel or None
-        The sensor's calibration, which gives the noise.
-    raw : bool
-        Whether the photograph is a RAW file.
+    parameters : as requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
+    chosen : whether the program chose s and k
+    contradicted : violations of the diffraction limit, where f-number and pitch are known
+    sensor : the sensor's calibration, which gives the noise
+    raw : whether the photograph is a RAW file
     """
 
     parameters: Sampling

@@ -42,16 +42,12 @@ class WholeChart:
 
     Attributes
     ----------
-    prediction, value, weight : (rows, columns) float64
-        Black 0 and white 1: as predicted, as photographed; the reciprocal of the noise.
-    slopes : (rows, columns, 2) float64
-        Derivative of the prediction by a shift along x and y.
-    cells : (rows, columns, 2) float64
-        Positions (x, y) in cells.
-    raster : (s (rows - 1) + k, s (columns - 1) + k) float32
-        The chart on the s grid, with a border.
-    tail : (rows, columns, q) float64
-        The chart through the shapes of the far tail.
+    prediction, value, weight : (rows, columns) black 0 and white 1: as predicted, as photographed; the reciprocal of
+        the noise
+    slopes : (rows, columns, 2) derivative of the prediction by a shift along x and y
+    cells : (rows, columns, 2) positions (x, y) in cells
+    raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the chart on the s grid, with a border
+    tail : (rows, columns, q) the chart through the shapes of the far tail
     """
 
     fit: ChartFit

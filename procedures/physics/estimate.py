@@ -37,21 +37,15 @@ class Physics:
 
     Attributes
     ----------
-    aperture, low_pass : str
-        The photosite's shape and the low-pass filter.
-    missing_corner_deg : int or None
-        Direction of the missing corner of an L-shaped aperture, from x towards y, y down.
-    numbers : mapping of str to Quantity
-        side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in
+    aperture, low_pass : the photosite's shape and the low-pass filter
+    missing_corner_deg : direction of the missing corner of an L-shaped aperture, from x towards y, y down
+    numbers : side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in
         nanometres; strehl_lens, the Strehl ratio of the lens alone. A parameter at its bound has the bound as its
         value, and a one-sided uncertainty.
     chi_square, freedom : float, int
-    remaining : float
-        Chi-square over that of the zero model: the fraction of the PSF, weighted by its noise, left unexplained.
-    prediction : (k, k) float64
-        The model's PSF.
-    candidates : tuple of (str, float)
-        The models tried, and the excess of their criterion over the best one's.
+    remaining : chi-square over that of the zero model: the fraction of the PSF, weighted by its noise, left unexplained
+    prediction : (k, k) the model's PSF
+    candidates : the models tried, and the excess of their criterion over the best one's
     """
 
     aperture: str

@@ -51,12 +51,8 @@ class ModelFit:
 
     Attributes
     ----------
-    p : (n,) float64
-        Parameters in the order of `model.names_of`.
-    covariance : (n, n) float64
-        Scaled by the reduced chi-square where that exceeds 1.
-    chi2 : float
-    freedom : int
+    p : (n,) parameters in the order of `model.names_of`
+    covariance : (n, n) scaled by the reduced chi-square where that exceeds 1
     """
 
     parts: ModelParts
@@ -94,10 +90,8 @@ def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, 
 
     Parameters
     ----------
-    fit : ModelFit
-        Includes this parameter; its start is moved to the bound first.
-    inward : float
-        1 or -1, direction from the bound into the range.
+    fit : includes this parameter; its start is moved to the bound first
+    inward : 1 or -1, direction from the bound into the range
     """
     low, high = bounds_of(fit.parts)
     place = names_of(fit.parts).index(name)

@@ -29,8 +29,7 @@ class Grid:
 
     Attributes
     ----------
-    pitch : int
-        Sensor pixels per pixel of the plane.
+    pitch : sensor pixels per pixel of the plane
     """
 
     psf: Psf

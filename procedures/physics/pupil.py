@@ -27,10 +27,8 @@ class Pupil:
 
     Attributes
     ----------
-    cutoff : float
-        Cutoff frequency, cycles per pixel.
-    step, highest : float
-        Spacing and maximum of the frequencies, cycles per pixel.
+    cutoff : cutoff frequency, cycles per pixel
+    step, highest : spacing and maximum of the frequencies, cycles per pixel
     """
 
     cutoff: float

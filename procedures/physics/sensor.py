@@ -45,10 +45,8 @@ class ModelParts:
 
     Attributes
     ----------
-    diffusion : bool
-        Whether charge diffuses, as a Gaussian.
-    aberrations : tuple of int
-        Indices of `pupil.TERMS` that are free.
+    diffusion : whether charge diffuses, as a Gaussian
+    aberrations : indices of `pupil.TERMS` that are free
     """
 
     aperture: Aperture = Aperture.SQUARE

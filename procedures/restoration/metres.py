@@ -99,15 +99,12 @@ def distances_of(
 ) -> Distances:
     """Distances from w (H, W), the radius of the first photograph's blur circle in pixels, and its uncertainty.
 
+    Raises BadParameter if the side is unknown, or the scene is behind a plane of focus at infinity.
+
     Parameters
     ----------
     setting : of the first photograph
     side : "front" or "behind": position of the scene relative to the plane of focus
-
-    Raises
-    ------
-    BadParameter
-        If the side is unknown, or the scene is behind a plane of focus at infinity.
     """
     uncertainty = uncertainty or CameraUncertainty()
     if side not in (FRONT, BEHIND):

@@ -43,17 +43,14 @@ class RefocusedPicture:
 def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -> RefocusedPicture:
     """The picture that a camera with this setting would have taken.
 
+    Raises BadParameter if the sizes differ, or a blur circle would be wider than 128 pixels.
+
     Parameters
     ----------
     sharp : (C, H, W), linear
     metres : (H, W) distance from the lens; infinity is allowed
     setting : aperture and focus of the new picture
     shape : (n, n) of the aperture's blur, see `blur_models`
-
-    Raises
-    ------
-    BadParameter
-        If the sizes differ, or a blur circle would be wider than 128 pixels.
     """
     if sharp.ndim != 3 or sharp.shape[1:] != metres.shape:
         raise BadParameter(

@@ -50,7 +50,6 @@ class Defects:
     places : (n, 2) intp; [row, column], the largest deviation first
     deviation : (n,) float64
     count : with an interval: pixels near the limit may be on either side, within their noise
-    histogram : Histogram
     """
 
     places: npt.NDArray[np.intp]

@@ -50,10 +50,8 @@ class FixedPattern:
 
     Attributes
     ----------
-    unit : str
     spectrograms : along rows, along columns
     periods : sinusoids common to all rows or all columns
-    defects : Defects
     """
 
     unit: str
@@ -68,15 +66,10 @@ class SensorResult:
 
     Attributes
     ----------
-    numbers : mapping of str to IntervalNumber
-    curves, transfer, linearity, response
-        Basis of the temporal numbers.
-    dark, light : FixedPattern or None
-        Structure of the mean dark picture, and of the response.
-    dark_level : float
-        Mean of the dark pictures, in digital numbers.
-    doubt : str
-        Reason why gain, noise and response are doubtful, or "". Stacks and the linear model do not affect these.
+    curves, transfer, linearity, response : basis of the temporal numbers
+    dark, light : structure of the mean dark picture, and of the response
+    dark_level : mean of the dark pictures, in digital numbers
+    doubt : reason why gain, noise and response are doubtful, or "". Stacks and the linear model do not affect these.
     """
 
     numbers: Mapping[str, IntervalNumber]

@@ -41,9 +41,8 @@ class Information:
     ----------
     frequencies : (n,), along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`
     mtf, nps, neq, neq_uncertainty : (n, n), [fy, fx]
-    equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
-        sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white noise.
-    numbers : mapping of str to IntervalNumber
+    equivalent_mtf, equivalent_mtf_uncertainty : (n, n) sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white
+        noise
     """
 
     frequencies: Array

@@ -68,8 +68,8 @@ def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Arr
 
     Parameters
     ----------
-    mean, sigma, pixels : (n,) float64
-        Mean, standard deviation of the temporal noise, and of the pixels' means, in digital numbers.
+    mean, sigma, pixels : (n,) mean, standard deviation of the temporal noise, and of the pixels' means, in digital
+        numbers
     """
     k = np.arange(1, HARMONICS + 1)
     both = np.arange(2 * HARMONICS + 1)[:, None]  # sums and differences of two harmonics
@@ -99,10 +99,9 @@ def unrounded(
 
     Parameters
     ----------
-    measured : (3, 1 + draws) float64
-        Mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with their uncertainties.
-    variances : (3,) float64
-        Squares of the standard uncertainties; infinite where the spatial variance is not known.
+    measured : (3, 1 + draws) mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with
+        their uncertainties
+    variances : (3,) squares of the standard uncertainties; infinite where the spatial variance is not known
     """
     mean, temporal, spatial = measured
     if temporal[0] > NEGLIGIBLE:

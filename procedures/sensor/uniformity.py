@@ -32,8 +32,7 @@ class Variances:
 
     Attributes
     ----------
-    value, uncertainty : mapping of each of PARTS to float
-        DN^2; a value may be negative where the pattern is below the noise.
+    value, uncertainty : DN^2; a value may be negative where the pattern is below the noise
     """
 
     value: Mapping[str, float]
@@ -58,9 +57,9 @@ def spatial_variances(
     Parameters
     ----------
     picture : (rows, columns), a stack's mean picture
-    residual_variance : (pixels, rows, columns)
-        Temporal variance in it, DN^2: of pixels, of averages of rows, and of columns. The standard derives the second
-        and third from the first; noise common to a row would then appear as its pattern.
+    residual_variance : (pixels, rows, columns) temporal variance in it, DN^2: of pixels, of averages of rows, and of
+        columns. The standard derives the second and third from the first; noise common to a row would then appear as
+        its pattern.
     count : pictures of the stack
     excluded : (rows, columns) bool, optional; defect pixels, replaced by the averages of their row and column
     """

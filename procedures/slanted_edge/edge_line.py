@@ -28,14 +28,10 @@ class Course:
 
     Attributes
     ----------
-    coefficients : (order + 1,) float64
-        Coefficients for t = position / half, highest power first, in pixels.
-    half : float
-        Half length of the strip, in pixels.
-    rising : bool
-        Whether larger x is brighter.
-    slope_uncertainty : float
-        Standard uncertainty of the chord's slope.
+    coefficients : (order + 1,) coefficients for t = position / half, highest power first, in pixels
+    half : half length of the strip, in pixels
+    rising : whether larger x is brighter
+    slope_uncertainty : standard uncertainty of the chord's slope
     """
 
     coefficients: Array
@@ -73,10 +69,7 @@ class Course:
 def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
     """Estimate the course of the edge in a strip, near a line where one is given.
 
-    Raises
-    ------
-    Refused
-        If there is no edge, or it leaves the strip.
+    Raises Refused if there is no edge, or it leaves the strip.
 
     References
     ----------

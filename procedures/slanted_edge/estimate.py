@@ -58,25 +58,16 @@ class EdgeMtf:
 
     Attributes
     ----------
-    roi : Roi
-        Measured region.
-    turned : bool
-        Whether the edge is nearer to horizontal.
-    frequencies, mtf, uncertainty : (n,) float64
-        Cycles per pixel of the plane along the edge's normal, MTF, standard uncertainties.
-    numbers : mapping of str to Quantity
-        mtf50, mtf30, mtf20, mtf10, mtf_nyquist, and the angle from the nearest axis.
-    budgets : mapping of str to Budget
-        Terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded.
-    normal_deg : float
-        Direction of the normal from x towards y, -90 to 90.
-    order : int
-        Degree of the polynomial course.
-    course : (n, 2) float64
-        Points (x, y) of the plane along the edge.
-    distances, esf : (m,) float64
-        Edge spread function over the distance in pixels, 0 dark and 1 bright.
-    diagnostics : mapping of str to float
+    roi : measured region
+    turned : whether the edge is nearer to horizontal
+    frequencies, mtf, uncertainty : (n,) cycles per pixel of the plane along the edge's normal, MTF, standard
+        uncertainties
+    numbers : mtf50, mtf30, mtf20, mtf10, mtf_nyquist, and the angle from the nearest axis
+    budgets : terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded
+    normal_deg : direction of the normal from x towards y, -90 to 90
+    order : degree of the polynomial course
+    course : (n, 2) points (x, y) of the plane along the edge
+    distances, esf : (m,) edge spread function over the distance in pixels, 0 dark and 1 bright
     """
 
     roi: Roi

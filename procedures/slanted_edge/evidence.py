@@ -50,22 +50,17 @@ class Evidence:
 
     Attributes
     ----------
-    masks : list of MaskScore
-        Unsharp masks in the noise of the plains.
-    textured : list of MaskScore
-        The same, where the plains may have a fine texture, which the lens images.
-    halo : MaskScore
-        An unsharp mask beside the edge.
-    scattered : MaskScore
-        An unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge.
-    growth, exponent : float
-        Growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its variance.
-    scatter, scatter_px : float
-        Excess of the scatter on the edge, in standard uncertainties; the displacement that explains it, in pixels.
-    fall, windows : float, int
-        Largest fall of the spread function to a neighbouring window, in standard uncertainties; number of windows.
-    tail : float
-        Excess of the tail over that of any lens, in standard uncertainties.
+    masks : unsharp masks in the noise of the plains
+    textured : the same, where the plains may have a fine texture, which the lens images
+    halo : an unsharp mask beside the edge
+    scattered : an unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge
+    growth, exponent : growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its
+        variance
+    scatter, scatter_px : excess of the scatter on the edge, in standard uncertainties; the displacement that explains
+        it, in pixels
+    fall, windows : largest fall of the spread function to a neighbouring window, in standard uncertainties; number of
+        windows
+    tail : excess of the tail over that of any lens, in standard uncertainties
     """
 
     masks: list[MaskScore]

@@ -61,13 +61,7 @@ class _Segment:
 
 
 def find_edges(samples: Array32) -> list[EdgeSighting]:
-    """Detect the slanted edges of a plane, the best first.
-
-    Raises
-    ------
-    Refused
-        If there is none, with the reason.
-    """
+    """Detect the slanted edges of a plane, the best first. Raises Refused if there is none, with the reason."""
     segments = _merged(_segments(samples))
     slanted = [one for one in segments if MIN_ANGLE_DEG <= one.angle_deg <= MAX_ANGLE_DEG]
     detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]

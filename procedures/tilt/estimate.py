@@ -42,14 +42,12 @@ class TiltParameters:
     ----------
     pixel_pitch_um : pitch of the sensor
     positions : meaning of the bracket's positions in mm
-    focal_length_mm : float or None
     distance_mm : distance of the chart from the lens, where the positions do not give it
     position_uncertainty_mm : standard uncertainty of each position
     chart_tilt_deg : standard uncertainty of the chart's squareness to the lens's axis, about each of two axes: the
         image of a tilted chart is tilted by the magnification times as much
     nominal_mm : position at which the sensor should be in focus; None for the tilt alone
     nominal_uncertainty_mm : its standard uncertainty, common to all heights
-    screws : Screws
     frequency : frequency of the followed MTF, in cycles per pixel of the plane
     """
 
@@ -71,10 +69,7 @@ class Tilt:
 
     Attributes
     ----------
-    sensor : TiltedPlane
     astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um
-    screws : Screws
-    turns : Turns
     with_focus : whether the nominal position is known, so that the offset is meaningful
     """
 
@@ -117,6 +112,8 @@ def estimate_tilt(
 ) -> Outcome[Tilt]:
     """The sensor's plane from nodes at known focus positions.
 
+    Raises BadParameter if the focal length is required and unknown, or the distance of a tilted chart.
+
     Parameters
     ----------
     bracket : mapping of position in mm to nodes; of one plane; charts at about the same place of the frame are combined
@@ -126,11 +123,6 @@ def estimate_tilt(
     -------
     Outcome[Tilt]
         Refused where fewer than seven places have their best focus within the bracket.
-
-    Raises
-    ------
-    BadParameter
-        If the focal length is required and unknown, or the distance of a tilted chart.
     """
     in_um = {_behind(position, parameters): nodes for position, nodes in bracket.items()}
     side = pitch * parameters.pixel_pitch_um / 1000

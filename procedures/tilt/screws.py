@@ -23,11 +23,10 @@ class Screws:
 
     Attributes
     ----------
-    count : int
     radius_mm : radius of the circle
     pitch_mm : move of the sensor per turn
-    first_deg : float
-        Position of the first screw, clockwise from the top, seen from behind the camera; the others follow clockwise.
+    first_deg : position of the first screw, clockwise from the top, seen from behind the camera; the others follow
+        clockwise
     turn_uncertainty : standard uncertainty of a turn by hand, in turns
     """
 

@@ -39,8 +39,6 @@ class PlaneVignetting:
 
     Attributes
     ----------
-    surface : Falloff
-    radial : RadialFalloff
     numbers : mapping of name to Quantity
     places : (n, 2), value : (n,), uncertainty : (n,); map of the light relative to the plane's centre
     middle : (2,), (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart
@@ -188,7 +186,6 @@ class JointFormula:
 
     Attributes
     ----------
-    planes : tuple of str
     values : (5 planes,), in the order of `NAMES`, plane by plane
     covariance : (5 planes, 5 planes) float64
     """

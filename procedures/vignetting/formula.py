@@ -20,9 +20,8 @@ class LightSurface:
     Attributes
     ----------
     shape : (rows, columns) of the plane
-    degree : int
-    coefficients : (c,) float64
-        Coefficients of the monomials of the position in half diagonals from the frame's centre, without the constant.
+    coefficients : (c,) coefficients of the monomials of the position in half diagonals from the frame's centre, without
+        the constant
     """
 
     shape: tuple[int, int]

@@ -35,7 +35,6 @@ class Falloff:
 
     Attributes
     ----------
-    light : LightSurface
     covariance : (c, c), covariance of its coefficients by noise
     slope_covariance : (2, 2), covariance of the mean slope of the flats' light; NaN for one flat
     slopes : (F, 2), slopes of each flat's light, relative to their mean

@@ -21,9 +21,7 @@ class Allowance:
 
     Attributes
     ----------
-    memory_bytes : int or None
-        Address space in addition to that of the process before it begins.
-    time_s : float or None
+    memory_bytes : address space in addition to that of the process before it begins
     """
 
     memory_bytes: int | None = None

@@ -95,12 +95,8 @@ class BatchProcedure:
 def read_procedure(path: Path) -> BatchProcedure:
     """The procedure that a file describes.
 
-    Raises
-    ------
-    BadParameter
-        If it cannot be read, has an unknown key (the nearest one is named), or a value is not valid.
-    BadInput
-        If the chart's cells cannot be read.
+    Raises BadParameter if it cannot be read, has an unknown key (the nearest one is named), or a value is not valid;
+    BadInput if the chart's cells cannot be read.
     """
     content, source = TableSource.read(path)
     known = next(one for one in fields_of(ProcedureTable) if one.name == "procedure")

@@ -85,31 +85,20 @@ def run_batch(
 ) -> tuple[Batch, str]:
     """Work on all items, write each result at once, then the summaries; returns the record's text too.
 
+    Raises BadParameter if the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no
+    such cluster.
+
     Parameters
     ----------
-    jobs : int
-        Processes at a time.
-    cluster : str, optional
-        The address of a Dask cluster, or "local" for one of `jobs` processes here.
-    allowance : Allowance, optional
-        Limits of each item; by default its share of this machine's memory, and an hour.
-    tls : (Path, Path, Path), optional
-        Authority, certificate and key for a cluster at tls://...
-    stop : Stop, optional
-        Request to stop from a signal or another thread.
-    report : callable
-        Called with every row when it is finished.
-    function : callable
-        The work itself.
-    force : bool
-        Whether files in the folder that no batch has written are overwritten.
-    parquet : bool
-        Whether the summary is written as a Parquet file too.
-
-    Raises
-    ------
-    BadParameter
-        If the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no such cluster.
+    jobs : processes at a time
+    cluster : the address of a Dask cluster, or "local" for one of `jobs` processes here
+    allowance : limits of each item; by default its share of this machine's memory, and an hour
+    tls : authority, certificate and key for a cluster at tls://...
+    stop : request to stop from a signal or another thread
+    report : called with every row when it is finished
+    function : the work itself
+    force : whether files in the folder that no batch has written are overwritten
+    parquet : whether the summary is written as a Parquet file too
     """
     start, stop = time.perf_counter(), stop or Stop()
     if parquet:

@@ -28,7 +28,6 @@ class ViewRecord:
     Attributes
     ----------
     path, sha256 : of the file, the hash "" where it could not be read
-    view : ChartView or None
     verdict, reason, remedy : of the chart in it
     exposure : from the metadata
     """
@@ -99,15 +98,11 @@ def measure_views(
 ) -> list[GeometryPhotographs]:
     """The views of all photographs in each plane, several photographs at a time; failures are recorded.
 
+    Raises BadInput if photographs differ in size or planes, and thus in camera.
+
     Parameters
     ----------
-    plane : str or None
-        The colour plane, or "all"; None for green of RAW files, the only plane of grey images.
-
-    Raises
-    ------
-    BadInput
-        If photographs differ in size or planes, and thus in camera.
+    plane : the colour plane, or "all"; None for green of RAW files, the only plane of grey images
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     measured: list[_Measured] = []

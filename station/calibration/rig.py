@@ -33,12 +33,7 @@ class StoredRigCamera:
 def read_rig_camera(result: Path, plane: str | None = None) -> StoredRigCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
 
-    Raises
-    ------
-    BadInput
-        If there is no such result, or it has no views.
-    BadParameter
-        If it does not have the plane.
+    Raises BadInput if there is no such result, or it has no views; BadParameter if it does not have the plane.
     """
     with stored_record(result, "geometry", _GIVE) as stored:
         planes = stored.data["planes"]

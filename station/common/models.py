@@ -282,10 +282,8 @@ def shown(value: Any) -> str:
 def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, path: KeyPath = ()) -> T:
     """A model of the values of a table; one value is accepted for a list.
 
-    Raises
-    ------
-    The source's error
-        If a key is not known (the nearest one is named), a value is not valid, or a required one is missing.
+    Raises the source's error if a key is not known (the nearest one is named), a value is not valid, or a required one
+    is missing.
     """
     fields = {one.name: one for one in fields_of(model)}
     for key in given:

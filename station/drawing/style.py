@@ -48,10 +48,8 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
 
     Parameters
     ----------
-    name : str
-        Unique in the page.
-    description : str
-        Alternative text.
+    name : unique in the page
+    description : alternative text
     """
     _write_powers_plainly(figure)
     text = io.StringIO()

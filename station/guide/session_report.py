@@ -41,12 +41,7 @@ UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": 
 def session_page(folder: Path, result: SessionResult | None = None) -> str:
     """The report of a session's last result as HTML; recomputed where neither `result` nor the page is available.
 
-    Raises
-    ------
-    Refused
-        If it has no result.
-    Damaged
-        If a photograph or the page has changed.
+    Raises Refused if it has no result; Damaged if a photograph or the page has changed.
     """
     record = _with_result(folder)
     verify(folder, record.state)
@@ -80,12 +75,7 @@ def _drawn(report: Report) -> str:
 def session_report(folder: Path, result: SessionResult | None = None) -> Report:
     """Contents of the report of a session's last result, for plans without a page of their own.
 
-    Raises
-    ------
-    Refused
-        If it has no result, or one without PSFs.
-    Damaged
-        If a photograph has changed.
+    Raises Refused if it has no result, or one without PSFs; Damaged if a photograph has changed.
     """
     record = _with_result(folder)
     plan, last = record.state.plan, record.state.results[-1]

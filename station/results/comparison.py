@@ -40,8 +40,7 @@ class Comparison:
 
     Attributes
     ----------
-    judged : Judged or None
-        The worst of its limits; undecided where the plane was refused; None where no limit holds for it.
+    judged : the worst of its limits; undecided where the plane was refused; None where no limit holds for it
     """
 
     judged: Compliance | None = None

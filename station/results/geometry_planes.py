@@ -17,12 +17,7 @@ def table_prefix(plane: str, count: int) -> str:
 def plane_entry(planes: Mapping[str, Any], plane: str | None, record: Path) -> tuple[str, Mapping[str, Any]]:
     """The name and entry of the plane that is asked for; None for green, or the first there is.
 
-    Raises
-    ------
-    BadInput
-        If the record has no plane.
-    BadParameter
-        If it has not this plane.
+    Raises BadInput if the record has no plane; BadParameter if it has not this plane.
     """
     if not planes:
         raise BadInput(f"{record} contains no plane", "name the folder that station geometry wrote")

@@ -93,10 +93,7 @@ def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
 def table_columns(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], dict[str, Array]]:
     """Units and columns (n,) of a table, from its headings `name [unit]`.
 
-    Raises
-    ------
-    ValueError
-        If it does not begin with the columns `first`, or has a cell that is not a finite number.
+    Raises ValueError if it does not begin with the columns `first`, or has a cell that is not a finite number.
     """
     head, *cells = rows or [[]]
     names, units = [one.partition(" [")[0] for one in head], [one.partition("[")[2].rstrip("]") for one in head]

@@ -39,12 +39,9 @@ class Pixels:
 
     Attributes
     ----------
-    pitch : int
-        Pixels of the sensor per pixel of the plane.
-    pitch_um : float or None
-        Pitch of the sensor's pixels, if known.
-    height : int or None
-        Pixels of the plane along the frame's shorter side.
+    pitch : pixels of the sensor per pixel of the plane
+    pitch_um : pitch of the sensor's pixels, if known
+    height : pixels of the plane along the frame's shorter side
     """
 
     pitch: int = 1

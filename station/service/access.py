@@ -88,8 +88,8 @@ class Gate:
 
     Parameters
     ----------
-    token : required as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None
-        disables the check
+    token : required as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None disables
+        the check
     host : the address of the server
     """
 

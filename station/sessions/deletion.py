@@ -13,14 +13,7 @@ from station.sessions.layout import Lock, check_layout
 def delete_session(folder: Path) -> None:
     """Delete a session with its photographs and results.
 
-    Raises
-    ------
-    BadInput
-        If the folder is not a session.
-    Busy
-        If a program has it open.
-    NotKept
-        If the disk refuses.
+    Raises BadInput if the folder is not a session; Busy if a program has it open; NotKept if the disk refuses.
     """
     check_layout(folder)
     Lock(folder).release()  # raises if another program has it open

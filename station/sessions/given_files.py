@@ -23,10 +23,7 @@ def is_given(name: str) -> bool:
 def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
     """Make read-only copies of related files in a new folder of the session; returns hashes by path.
 
-    Raises
-    ------
-    NotKept, Changed
-        If the disk refuses, or they cannot be read.
+    Raises NotKept, Changed if the disk refuses, or they cannot be read.
     """
     place = _free(own(folder / GIVEN))
     hashes = {}

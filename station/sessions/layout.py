@@ -76,12 +76,7 @@ def has_parts(folder: Path) -> bool:
 def check_layout(folder: Path) -> None:
     """Check that every part of a session is a file or folder of its own, not a link.
 
-    Raises
-    ------
-    BadInput
-        If it is not a session.
-    Damaged
-        If a part is missing or is a link.
+    Raises BadInput if it is not a session; Damaged if a part is missing or is a link.
     """
     if not is_session(folder):
         raise BadInput(f"{folder} is not a session: it needs {CONFIG} and {JOURNAL}", "name a session's folder")
@@ -129,10 +124,7 @@ def own(path: Path) -> Path:
 class Lock:
     """Excludes other programs from a session; released by the system if the program ends.
 
-    Raises
-    ------
-    Busy
-        If another program has it, named by the content of the lock.
+    Raises Busy if another program has it, named by the content of the lock.
     """
 
     def __init__(self, folder: Path) -> None:

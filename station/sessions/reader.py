@@ -63,12 +63,7 @@ class SessionRecord:
 def read_session(folder: Path) -> SessionRecord:
     """A session's configuration and journal, verified; photographs are verified by `verify`.
 
-    Raises
-    ------
-    BadInput
-        If the folder is not a session.
-    Damaged
-        If the configuration or the journal is damaged.
+    Raises BadInput if the folder is not a session; Damaged if the configuration or the journal is damaged.
     """
     check_layout(folder)
     config, first_sum = read_config(folder)

@@ -114,18 +114,13 @@ class Session:
         today: Today = utc_now,
         disk: Disk | None = None,
     ) -> Session:
-        """Create a session in a new folder inside `root`, atomically.
+        """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
         Parameters
         ----------
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
         clock : the bench's, for the times of exposures and transcripts
         seed : of all random numbers in it
-
-        Raises
-        ------
-        NotKept
-            If the disk refuses.
         """
         disk = disk or Disk()
         began = today()
@@ -160,20 +155,12 @@ class Session:
 
         `state.notices` lists what was repaired and which exposures must be repeated.
 
+        Raises BadInput if the folder is not a session; Busy if another program has it open; Damaged if a photograph,
+        the journal or the configuration is damaged; NotKept if the disk refuses.
+
         Parameters
         ----------
         without : numbers of shots whose photographs are permanently lost; they no longer count
-
-        Raises
-        ------
-        BadInput
-            If the folder is not a session.
-        Busy
-            If another program has it open.
-        Damaged
-            If a photograph, the journal or the configuration is damaged.
-        NotKept
-            If the disk refuses.
         """
         check_layout(folder)
         lock = Lock(folder)
@@ -263,15 +250,9 @@ class Session:
     def adopt(self, exposure: ExposedFile, *, step: str, purpose: str, snapshot: Mapping[str, Any]) -> SessionShot:
         """Adopt a photograph: a verified read-only copy in originals/, recorded in the journal.
 
-        The file also stays where the camera's software put it. On a full disk it stays only there; once there is
-        room, calling this again for it, or opening the session, continues.
-
-        Raises
-        ------
-        Changed
-            If the file has changed since its exposure.
-        NotKept
-            If the disk refuses.
+        The file also stays where the camera's software put it. On a full disk it stays only there; once there is room,
+        calling this again for it, or opening the session, continues. Raises Changed if the file has changed since its
+        exposure; NotKept if the disk refuses.
         """
         with self._guard:
             pending = self.state.adopting
@@ -335,14 +316,9 @@ class Session:
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> DerivedResult:
         """Confirm the files in `result_folder()` as the result of a step, computed from these shots.
 
-        If the last result still stands and has the same files, it is kept and the new one removed: a step that
-        was interrupted after its result yields no second one. If a result that is not in the journal has
-        the same files, that one is confirmed.
-
-        Raises
-        ------
-        NotKept
-            If the disk refuses.
+        If the last result still stands and has the same files, it is kept and the new one removed: a step that was
+        interrupted after its result yields no second one. If a result that is not in the journal has the same files,
+        that one is confirmed. Raises NotKept if the disk refuses.
         """
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing

@@ -61,10 +61,8 @@ class Layouts:
 
     Attributes
     ----------
-    maps : (n, 3, 3) float64
-        Homographies from cells to pixels.
-    hits : (n, 12) bool
-        Mask of the x-corners that have a saddle, in the order of RIM.
+    maps : (n, 3, 3) homographies from cells to pixels
+    hits : (n, 12) bool mask of the x-corners that have a saddle, in the order of RIM
     """
 
     maps: Array
@@ -165,8 +163,7 @@ def find_layouts(saddles: Saddles) -> Layouts:
 
     Parameters
     ----------
-    saddles : Saddles
-        Saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
+    saddles : saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels
     """
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:

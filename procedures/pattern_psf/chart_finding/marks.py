@@ -57,12 +57,9 @@ class Saddles:
 
     Attributes
     ----------
-    points : (n,) complex128
-        x + iy in pixels of the level.
-    axes : (n,) complex128
-        Unit complex numbers with twice the angle of the dark axis (an axis has no sign).
-    strengths : (n,) float64
-        Curvature difference, in grey levels per squared pixel.
+    points : (n,) complex128 x + iy in pixels of the level
+    axes : (n,) complex128 unit complex numbers with twice the angle of the dark axis (an axis has no sign)
+    strengths : (n,) curvature difference, in grey levels per squared pixel
     """
 
     points: Complex
@@ -117,8 +114,7 @@ def find_saddles(image: Picture) -> Saddles:
 
     Parameters
     ----------
-    image : (rows, columns) float32
-        Grey levels, at any positive scale.
+    image : (rows, columns) float32 grey levels, at any positive scale
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)

@@ -25,12 +25,9 @@ def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> fl
 
     Parameters
     ----------
-    equations : NormalEquations
-        Normal equations of a chart from black -1/2 to white 1/2.
-    constant : int
-        Index of the nuisance column that is 1 for every sample.
-    weight : (m,) float64
-        Reciprocal of each sample's noise.
+    equations : normal equations of a chart from black -1/2 to white 1/2
+    constant : index of the nuisance column that is 1 for every sample
+    weight : (m,) reciprocal of each sample's noise
     """
     # adding 1/2 to every entry of A adds l 1' + 1 l' + c, of rank 2, to A'A; Woodbury's identity gives the inverse
     squares = float(weight @ weight)

@@ -30,12 +30,9 @@ class NoiseRegionView:
 
     Attributes
     ----------
-    s_over_t : float
-        Samples of the PSF per cell of the chart.
-    pixels : int
-        Pixels of the plane along one side.
-    gamma, bound : float
-        gamma of this view, and its lower bound for as many pixels.
+    s_over_t : samples of the PSF per cell of the chart
+    pixels : pixels of the plane along one side
+    gamma, bound : gamma of this view, and its lower bound for as many pixels
     """
 
     s_over_t: float

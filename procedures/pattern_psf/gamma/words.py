@@ -22,12 +22,9 @@ def gamma_diagram(
 
     Parameters
     ----------
-    s, k : int
-        Sampling of the PSF.
-    aim : float
-        Target s/t.
-    diffraction : Diffraction, optional
-        If given, its cutoff is compared with the band of s.
+    s, k : sampling of the PSF
+    aim : target s/t
+    diffraction : if given, its cutoff is compared with the band of s
     """
     curve = gamma_curve(s, k)
     sentences = [_comparison(curve, optics, s, k, aim)]

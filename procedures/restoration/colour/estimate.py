@@ -38,10 +38,7 @@ def in_colour(
     restoration : of the same photographs' planes, stacked in the order R, G1, G2, B; photographs : the planes of each;
     masks : of each photograph, as functions of w in pixels of the sensor.
 
-    Raises
-    ------
-    BadInput
-        If the photographs are no mosaics of one layout.
+    Raises BadInput if the photographs are no mosaics of one layout.
     """
     mosaic = mosaics(photographs, restoration.light)
     names = list(photographs[0])

@@ -71,7 +71,6 @@ class BlurOperator:
 
     Parameters
     ----------
-    stack : MaskStack
     shape : (H, W) of the photograph; w is (H + 2R, W + 2R), u is (..., H + 2R, W + 2R).
     dtype : float32 or float64, of all arrays.
     """

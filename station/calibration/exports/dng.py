@@ -35,19 +35,13 @@ def export_dng(
 ) -> DngExport:  # fmt: skip
     """A copy of a DNG with the opcodes of a camera and of its vignetting.
 
+    Raises BadParameter if there is nothing to write, or the photograph differs in size from the camera; BadInput if the
+    file is no DNG.
+
     Parameters
     ----------
-    size : (columns, rows)
-        Of the photograph in the file.
-    shading : mapping of plane to its vignetting and its first pixel (x, y), optional
-        Instead of `vignetting`: a gain map for each plane of the mosaic.
-
-    Raises
-    ------
-    BadParameter
-        If there is nothing to write, or the photograph differs in size from the camera.
-    BadInput
-        If the file is no DNG.
+    size : (columns, rows) of the photograph in the file
+    shading : instead of `vignetting`: a gain map for each plane of the mosaic
     """
     corrections = [vignette_opcode(vignetting, *size)] if vignetting is not None else []
     corrections += [warp_opcode(stored, size)] if stored is not None else []

@@ -47,12 +47,7 @@ class CameraExport:
 def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
 
-    Raises
-    ------
-    BadInput
-        If there is no such result, or it has no camera.
-    BadParameter
-        If it does not have the plane.
+    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane.
     """
     with stored_record(result, "geometry", _GIVE) as stored:
         name, entry = plane_entry(stored.data["planes"], plane, stored.path)

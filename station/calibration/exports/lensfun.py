@@ -42,10 +42,7 @@ class LensNames:
 
     Attributes
     ----------
-    maker, lens, camera : str
-    focal_mm, f_number : float
-    pitch_um : float
-        Of the sensor's pixels.
+    pitch_um : of the sensor's pixels
     """
 
     maker: str
@@ -70,10 +67,7 @@ class GivenNames:
     def completed(self, exposure: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
         """Completed by the exposure of the field's photographs; focal length and pitch follow from each other.
 
-        Raises
-        ------
-        BadParameter
-            If neither of these two is known, or vignetting has no f-number.
+        Raises BadParameter if neither of these two is known, or vignetting has no f-number.
         """
         known = exposure or Exposure()
         focal = self.focal_mm or known.focal_length_mm
@@ -108,19 +102,12 @@ def export_lensfun(
     colours: Mapping[str, LateralColour] | None = None,
     vignetting: LightSurface | None = None,
 ) -> LensfunExport:
-    """The entry of a calibrated camera.
+    """The entry of a calibrated camera. Raises BadParameter if a field or vignetting is of another frame.
 
     Parameters
     ----------
-    colours : mapping of plane to LateralColour, optional
-        Of R and B.
-    vignetting : LightSurface, optional
-        Of one plane, best green.
-
-    Raises
-    ------
-    BadParameter
-        If a field or vignetting is of another frame.
+    colours : of R and B
+    vignetting : of one plane, best green
     """
     camera = stored.camera
     radial = best_radial(stored)
@@ -169,10 +156,7 @@ def lateral_terms(
 ) -> tuple[dict[str, str], list[str]]:
     """tca's poly3 of red and blue: r (v + c r + b r^2), and its residual in sensor pixels.
 
-    Raises
-    ------
-    BadParameter
-        If the field is of another frame.
+    Raises BadParameter if the field is of another frame.
     """
     terms: dict[str, str] = {}
     lost, unit = [], unit_px(columns, rows)

@@ -43,10 +43,7 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 def read_imu(path: Path) -> ImuRecord:
     """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
 
-    Raises
-    ------
-    BadInput
-        If it cannot be read, a column is missing, or a row does not hold numbers.
+    Raises BadInput if it cannot be read, a column is missing, or a row does not hold numbers.
     """
     values = _table(path, COLUMNS)
     return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
@@ -56,11 +53,8 @@ def read_poses(path: Path) -> Poses:
     """Read the camera's poses during an exposure from a CSV file with the columns `POSE_COLUMNS`, named in its first
     row.
 
-    Raises
-    ------
-    BadInput
-        If it cannot be read, a column is missing, a row does not hold numbers, there are fewer than two rows, or times
-        do not increase.
+    Raises BadInput if it cannot be read, a column is missing, a row does not hold numbers, there are fewer than two
+    rows, or times do not increase.
     """
     values = _table(path, POSE_COLUMNS)
     return poses_at(values[:, 0], values[:, 1:4], values[:, 4:])
