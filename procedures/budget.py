@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.quality import KNOTS, Quality, assess
 
-Array = npt.NDArray[np.float64]
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
 

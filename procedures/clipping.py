@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.ordered import distinct, quantile
-
-Array = npt.NDArray[np.float64]
 
 NOMINAL = 0.998
 """Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_density, tail_kernels, tail_spectra, tail_sums
 from procedures.numerics.solvers import SOLVERS
 from procedures.outcome import BadParameter
@@ -17,7 +18,6 @@ from procedures.outcome import BadParameter
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
 
 MOST_PER_PX, MOST_SAMPLES = 16, 101
 """Largest s and k: the covariance of 101 x 101 samples takes 0.8 GB."""

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.outcome import BadParameter
@@ -27,8 +28,6 @@ from procedures.psf import Psf
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

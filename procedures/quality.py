@@ -25,6 +25,7 @@ from procedures.numbers import (
     frequency_of,
     name_at,
 )
+from procedures.numerics.arrays import Array, Complex
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
@@ -47,8 +48,6 @@ from procedures.transfer_function import NYQUIST, curve_numbers, first_crossing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
 
 STEPS_PER_CYCLE = 50

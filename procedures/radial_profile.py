@@ -8,10 +8,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import tail_border, tail_kernels
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
 
 STEPS_PER_SAMPLE = 2
 """Circles per sample inside the support."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 TABLE = 513
 """Number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6."""

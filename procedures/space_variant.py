@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import oaconvolve
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.psf import extended
 from procedures.psf_field import PsfField
 
-Array = npt.NDArray[np.float64]
 CHUNK = 1 << 16
 """Number of samples whose coefficients are predicted at a time."""
 

@@ -21,9 +21,9 @@ from procedures.numbers import (
     FWHM_HORIZONTAL,
     FWHM_VERTICAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 OVERSAMPLING = 4

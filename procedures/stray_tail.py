@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.bessel import j0
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
 
 ROUGHNESS = 0.25
 """Relative deviation of a true tail's density from the fitted one: rings of a small aperture, spikes of an iris. For

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, name_at
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import tail_spectra
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
 
-Array = npt.NDArray[np.float64]
 Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 

@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from procedures.corruption.family import threshold
 from procedures.numerics import transforms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 MAX_LAG = 5
 """Greatest distance of a pair, in pixels."""

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SQUARE = 7
 """Side in pixels of the squares that are tested for flatness."""

@@ -11,13 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption.family import threshold
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
+from procedures.numerics.arrays import Array, Array32, Indices
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.cross_check.surroundings import without_surroundings
 from procedures.numbers import EDGE_MTF50
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeMtf
     from procedures.slanted_edge.strip import EdgeLine, Strip
 
-Array = npt.NDArray[np.float64]
 
 MARGIN_PX = 2.5
 """Margin in pixels excluded next to other printed areas, for the PSF's width."""

@@ -7,14 +7,11 @@ area ends: a few thousandths of the contrast, which would be mistaken for the ed
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import transforms
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.ordered import quantile
 from procedures.slanted_edge.strip import Strip
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 AROUND_PX = 64
 """Width of the surroundings included around a strip: the tail's light from beyond is uniform over it."""

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.maps import COLUMNS, FieldMap, grid, mesh, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
 from procedures.outcome import Refused
 from procedures.psf_field import Node, in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 6
 DEGREES = (1, 2, 3)

@@ -8,11 +8,11 @@ from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.budget import Budget
 from procedures.field.interpolate import interpolate
 from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -25,8 +25,6 @@ from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import FrameLike, Plane, RawFrame, as_frame
 from procedures.sensor_model import SensorModel
-
-Array = npt.NDArray[np.float64]
 
 FIELD = PatternParameters(s=4)
 """Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need

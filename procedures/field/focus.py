@@ -11,17 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial.polynomial import polyder, polyroots, polyval
 
 from procedures.field.maps import COLUMNS, FieldMap, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import FIELD_CURVATURE, FOCUS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity, Refused
 from procedures.psf_field import Node, in_half_diagonals
 from procedures.quality import mtf_along
 
-Array = npt.NDArray[np.float64]
 Bracket = Mapping[float, Sequence[Node]]  # nodes of one plane by focus position
 FocusSeries = list[tuple[float, Node]]  # focus position and node, at one place of the frame
 

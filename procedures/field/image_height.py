@@ -14,11 +14,10 @@ import numpy.typing as npt
 
 from procedures.field.maps import propagated, radius_direction
 from procedures.field.photosite import WithoutPhotosite
+from procedures.numerics.arrays import Array
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
 from procedures.stray_tail import curve_model_error
-
-Array = npt.NDArray[np.float64]
 
 HEIGHTS = 9
 DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolated field

@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis
 from procedures.field.support import with_common_support
 from procedures.field.whitening import MAX_DIRECTIONS, WhitenedNodes
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 FEWEST = 6  # positions from which a PSF is interpolated: a quadratic surface has six coefficients

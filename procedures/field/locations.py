@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import monomials
 from procedures.outcome import BadParameter
-
-Array = npt.NDArray[np.float64]
 
 CANDIDATES = 25  # candidate positions along the longer side
 AHEAD: Array = np.array([0.0, 0.0, 1.0])

@@ -22,6 +22,7 @@ from procedures.numbers import (
     OF_PLACES,
     without_photosite,
 )
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 from procedures.psf_field import PsfField, in_half_diagonals
@@ -29,8 +30,6 @@ from procedures.quality import crossing_model_error, frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
 from procedures.stray_tail import tail_energy_uncertainty
 from procedures.transfer_function import first_crossing
-
-Array = npt.NDArray[np.float64]
 
 COLUMNS = 21  # positions of a map along the frame's longer side
 MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)  # maps of numbers derived from the PSF

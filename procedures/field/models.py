@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES
 from procedures.numerics.scattered import Smoother
-
-Array = npt.NDArray[np.float64]
 
 RING_SPACING = 1.3  # samples between the radial functions of each harmonic: closer ones are not resolved by the samples
 RIDGE = 1e-5

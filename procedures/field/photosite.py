@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.psf import Psf
 from procedures.quality import frequencies, mtf_along
-
-Array = npt.NDArray[np.float64]
 
 MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise and the error of its side
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.maps import grid, mesh
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial
 from procedures.psf import extended
 from procedures.psf_field import PsfField, in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 FIT_COLUMNS = 16  # positions along the longer side at which a polynomial is fitted and compared with the field
 MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial, monomials
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

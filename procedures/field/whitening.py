@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.models import AxialSymmetry, Optic, mirrored
+from procedures.numerics.arrays import Array
 from procedures.psf_field import Node, in_half_diagonals
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 MAX_DIRECTIONS = 24  # most principal directions kept

@@ -28,10 +28,10 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 State = TypeVar("State")
 
 MAX_ITERATIONS, MAX_REJECTIONS = 100, 10

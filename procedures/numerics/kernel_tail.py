@@ -15,10 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.bessel import integral_of_j0, j0, j1
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,

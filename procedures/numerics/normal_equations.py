@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.solvers import cholesky_inverse, cholesky_solve
 from procedures.numerics.triangular import inverse_lower, solve_factored
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-
-Array32 = npt.NDArray[np.float32]
+from procedures.numerics.arrays import Array32
 
 np.empty(31 << 20, np.uint8)
 # The C library (glibc) keeps twice as much freed memory as the largest freed block of up to 32 MiB: after this one, the

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 
 class Smoother(Protocol):

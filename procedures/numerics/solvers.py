@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.triangular import inverse_lower, solve_factored
-
-Array = npt.NDArray[np.float64]
 
 SOLVERS = ("ls", "clip", "nnls")
 MOST_EXCHANGES = 200

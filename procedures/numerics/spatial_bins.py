@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
+from procedures.numerics.arrays import Array, Complex, Indices
 
 
 class BinnedSaddles(NamedTuple):

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
+from procedures.numerics.arrays import Array, Array32
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 Complex64 = npt.NDArray[np.complex64]
 Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 CUBIC_EXPONENTS = tuple((i - j, j) for i in range(1, 4) for j in range(i + 1))
 """Exponents (of x, of y) of the monomials of degree one to three, lowest degree first."""

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import transforms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SUPERSAMPLING = 4  # points per sample of the s grid along each axis, for the antialiased mark
 

@@ -17,19 +17,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
 from procedures.budget import COMMON, TERMS, Budget, knot_budgets, with_parts
 from procedures.choice import Trial
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, Quality, assess
-
-Array = npt.NDArray[np.float64]
 
 UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
 """p-values of chi^2 below which the result is doubtful, and below which it is refused."""

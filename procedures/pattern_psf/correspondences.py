@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.ordered import quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import ChartFit
-
-Array = npt.NDArray[np.float64]
 
 BINS = 24
 """Bins along one side of the noise region."""

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.corruption.paper import NoiseMeasurement
 from procedures.corruption.ring import missing_light
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.outliers import ExcludedSamples
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
-
 
 OBSTRUCTED = 0.67
 """Relative excess of the far tail behind a central obstruction of 0.4 of the pupil: 1 / (1 - 0.4) - 1."""

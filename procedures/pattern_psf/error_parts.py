@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import Budget
+from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import NormalEquations
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, ChartFit
 from procedures.psf import Psf
 from procedures.quality import Quality
-
-Array = npt.NDArray[np.float64]
 
 GROUPS = {
     "light": slice(GEOMETRY, GEOMETRY + RESPONSE + 1),

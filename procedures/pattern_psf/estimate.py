@@ -29,6 +29,7 @@ from procedures.numbers import (
     RESIDUAL_STD,
     S_OVER_T,
 )
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Check, Outcome, Refused, Verdict, checked_type, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
@@ -68,8 +69,6 @@ from procedures.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 
 
 CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)

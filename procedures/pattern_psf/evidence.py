@@ -7,21 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
 from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_scores, mask_scores, texture_correlation
 from procedures.corruption.scores import SampleGroup, Strength, strengths
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import far_light
 from procedures.pattern import Chart
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.rasterise import band_limited_chart
 from procedures.pattern_psf.refine import TILES, ChartFit, linear_system
 from procedures.pattern_psf.whole_chart import WholeChart
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 MASK_RADII = (0.6, 1.0, 2.0)
 """Radii of the unsharp masks that are searched for in the noise, in pixels."""

@@ -7,15 +7,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.radiometry import LightLevels, quadratic
 from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
-Array = npt.NDArray[np.float64]
-
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which no noise explains a sample."""
 PATCH_PX = 9

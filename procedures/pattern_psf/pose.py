@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import homography_jacobian
 from procedures.pattern import CELLS
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.triangular import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int32]
 
 LINES = CELLS + 1

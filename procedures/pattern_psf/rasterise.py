@@ -8,12 +8,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32
 from procedures.numerics.splines import Band, CellSpectra, cell_image_spline, outline_spline, read_spline
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.registration import Registration
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import (
     DIFFERS,
     LEAST_TAIL,
@@ -39,9 +39,6 @@ from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.printed_edges import EdgeColumns, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD, TAIL = 11, 12, 13  # indices of beta, delta and the tail's first amplitude in the light parameters

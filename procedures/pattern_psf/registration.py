@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import CubicWarp, apply_homography, fit_homography, inverse
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

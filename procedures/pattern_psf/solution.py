@@ -17,8 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_prior import prior_covariance
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.pattern import CELLS
@@ -26,8 +26,6 @@ from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.refine import GEOMETRY, TAIL, ChartFit
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf, PsfTail
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

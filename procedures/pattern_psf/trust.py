@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import OPEN, Trial
 from procedures.corruption.family import threshold
@@ -19,8 +18,6 @@ from procedures.pattern_psf.refine import ChartFit
 from procedures.psf import Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 from procedures.sensor_model import SensorModel
-
-Array = npt.NDArray[np.float64]
 
 MIN_AGREEMENT = 0.3
 """Least share of the noise region's variance that the expected cells must explain."""

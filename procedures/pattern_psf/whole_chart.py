@@ -15,6 +15,7 @@ import numpy.typing as npt
 from procedures.corruption.directions import BORDER
 from procedures.corruption.scores import SampleGroup
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.warps import apply_homography, cubic_monomials, displacement_columns
@@ -23,10 +24,6 @@ from procedures.pattern_psf.radiometry import LightLevels, quadratic
 from procedures.pattern_psf.rasterise import Raster, Window
 from procedures.pattern_psf.refine import TAIL, ChartFit
 from procedures.pattern_psf.registration import block_size_px
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 CLEAR_PX = 1.5
 """Least distance of the frame's samples from the blocks of the x-corners, whose diagonals are stairs of cells here."""

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, checked_type, verdict_of
 from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import ModelFit, WhitenedPsf
@@ -19,8 +19,6 @@ from procedures.physics.pupil import TERMS
 from procedures.physics.sensor import Aperture
 from procedures.psf import Psf
 from procedures.quality import Diffraction
-
-Array = npt.NDArray[np.float64]
 
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4

@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from procedures.numerics.arrays import Array
 from procedures.physics.model import Grid, bounds_of, names_of, start_of
 from procedures.physics.sensor import ModelParts
-
-Array = npt.NDArray[np.float64]
 
 RANK = 1e-9
 """Fraction of the covariance's largest eigenvalue below which a direction is taken as free of noise.

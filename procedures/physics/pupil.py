@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from procedures.numerics.arrays import Array, Complex
 
 TERMS = (
     "defocus", "astigmatism_oblique", "astigmatism", "coma_y", "coma_x", "trefoil_y", "trefoil_x", "spherical",

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from procedures.numerics.arrays import Array, Complex
 
 
 class Aperture(StrEnum):

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.restoration.first_depth.initial_depth import cost_volume, levels_of
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.thin_lens import CameraSetting
-
-Array = NDArray[np.float64]
 
 FRONT, BEHIND = "front", "behind"
 UNDETERMINED_PX = 0.5

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.numbers import DEPTH_OF_FIELD_FAR, DEPTH_OF_FIELD_NEAR
+from procedures.numerics.arrays import Array
 from procedures.numerics.compiled import jitted
 from procedures.outcome import BadParameter, Quantity
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import CameraUncertainty
-
-Array = NDArray[np.float64]
 
 VIEWS_PER_PX, FEWEST, MOST = 16.0, 1024, 8192
 """Views per pixel of the largest blur circle, and the bounds of their number."""

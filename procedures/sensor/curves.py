@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.recording import SensorRecording, column
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, subtracted, unrounded
 from procedures.sensor.uniformity import core_variance
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 1000  # sufficient for standard uncertainties to 2 %
 

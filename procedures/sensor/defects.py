@@ -12,11 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
+from procedures.numerics.arrays import Array, Mask
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.stacks import FrameStack, slow_part
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 EXPECTED = 0.01  # expected false positives of a sensor without defects
 MAD = 1.4826  # standard deviation over median absolute deviation, of a normal distribution

@@ -19,13 +19,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.noise_power import NEIGHBOURS, NoisePower
-
-Array = npt.NDArray[np.float64]
 
 SCENE = 1 / 3
 """Variance of the scene over the square of its mean: independent pixels with uniformly distributed levels from black to

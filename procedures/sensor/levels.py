@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 Numbers = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 
 SIGNIFICANT = 4.0  # standard errors from which a correlation of the noise along rows or columns is significant

@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LINEARITY_ERROR, LINEARITY_ERROR_MAX, LINEARITY_ERROR_MIN
+from procedures.numerics.arrays import Array
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
-
-Array = npt.NDArray[np.float64]
 
 RANGE = (0.05, 0.95)  # range of the fit, relative to the signal at saturation
 LEAST_LEVELS = 5  # minimum number of levels in that range, for a line and its residual

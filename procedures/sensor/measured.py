@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity
-
-Array = npt.NDArray[np.float64]
 
 CONFIDENT = 1.96  # half width of the 95 % interval of a normal distribution, in standard uncertainties
 

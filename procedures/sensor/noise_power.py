@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.levels import Numbers
-
-Array = npt.NDArray[np.float64]
 
 BLOCK = 32  # side of a block in pixels: number of frequencies along each axis
 LEAST_SIDE = 5  # minimum side of a spectrum: two different frequencies on each side of 0

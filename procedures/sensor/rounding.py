@@ -19,9 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 NEGLIGIBLE = 0.5
 """Temporal variance, in squared digital numbers, above which rounding adds 1/12 to 1e-3."""

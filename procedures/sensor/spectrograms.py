@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.stacks import FrameStack
-
-Array = npt.NDArray[np.float64]
 
 FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise
 FLOOR_BINS = 101  # neighbouring frequencies whose median power is the noise floor

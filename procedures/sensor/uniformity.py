@@ -10,16 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import DSNU, PRNU
+from procedures.numerics.arrays import Array, Mask
 from procedures.sensor.defects import find_defects
 from procedures.sensor.measured import IntervalNumber, root, with_share
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, unrounded
 from procedures.sensor.stacks import FrameStack, least_spread
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 LEAST_SLOPE = 0.1
 """Least slope of the pixels' rounded means over their true ones by which a pattern of lines is divided."""

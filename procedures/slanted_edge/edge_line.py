@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import EdgeLine, Strip
-
-Array = npt.NDArray[np.float64]
 
 CENTROID_ORDER = 2
 """Degree of the polynomial. Centroids depend on the edge's phase on the pixels, by hundredths of a pixel in a sharp

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.budget import Budget, combined
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -35,7 +35,6 @@ from procedures.slanted_edge.trust import MAX_OVERSHOOT, check_clipping, check_c
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
 
 WIDENINGS = (3.2, 1.8, 1.0)
 """Widths of the windows tried, relative to the narrowest."""

@@ -10,19 +10,16 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.clipping import step_of
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, EdgeProfile, filled, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 MASK_RADII = (0.6, 1.0, 2.0)
 """Radii of the unsharp masks that are searched for in the noise, in pixels."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import Refused
-from procedures.slanted_edge.strip import Array, Array32, EdgeLine, Roi, Strip, strip_of
+from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 
 MIN_LENGTH_PX = 24.0
 MIN_ANGLE_DEG, MAX_ANGLE_DEG = 2.0, 43.0

@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
+from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
-
-Array = npt.NDArray[np.float64]
 
 BINS = 4
 """Bins per pixel, as in ISO 12233:2023."""

@@ -7,14 +7,12 @@ weights instead of repetitions leave no bin empty.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS, EdgeProfile, filled, solve_light
 from procedures.slanted_edge.tail import with_tail
 from procedures.slanted_edge.transfer import mtf_of, noise_gain
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 300
 SEED = 12233

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadParameter
 from procedures.slanted_edge.tail import Tail
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 MIN_SIDE = 8
 """Least side of a rectangle, in pixels."""

@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.transfer import HIGHEST
-
-Array = npt.NDArray[np.float64]
 
 MAX_CLIPPED = 0.01
 MAX_OVERSHOOT = 0.01

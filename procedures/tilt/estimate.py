@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
 from procedures.field.focus import FREQUENCY, PlaceFocus, best_focus
@@ -21,13 +20,12 @@ from procedures.numbers import (
     TILT_HORIZONTAL,
     TILT_VERTICAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
 from procedures.tilt.plane import TiltedPlane, fit_plane
 from procedures.tilt.positions import Positions, behind_lens_um, magnification
 from procedures.tilt.screws import Screws, Turns, turns_for
-
-Array = npt.NDArray[np.float64]
 
 UNLIKELY = 0.001  # probability of larger residuals below which they are not noise alone
 LARGE_UM = 5.0  # uncertainty of the tilt over the frame above which it is doubtful

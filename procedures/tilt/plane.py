@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, stats
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 7  # places: one more than the coefficients of a quadratic, for a degree of freedom
 SINGULAR = 1e3  # condition of the design above which plane and curvature are not separated

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Quantity
 from procedures.tilt.plane import TiltedPlane
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 2000
 SURE = 0.9  # probability of improvement from which a turn is advised

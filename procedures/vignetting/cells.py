@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 from procedures.raw import Plane
-
-Array = npt.NDArray[np.float64]
 
 COLUMNS = 32  # cells along the longer side: vignetting is smooth over many of them
 LEAST_SIDE = 4  # minimum number of samples along a cell's side

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.numbers import (
@@ -18,12 +17,11 @@ from procedures.numbers import (
     VIGNETTING_K,
     VIGNETTING_NOT_RADIAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
 from procedures.vignetting.cells import LightCells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
-
-Array = npt.NDArray[np.float64]
 
 REFERENCE = "G1"
 GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas

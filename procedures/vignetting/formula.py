@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import monomials
 from procedures.psf_field import in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
+from procedures.numerics.arrays import Array
 from procedures.psf_field import in_half_diagonals
 from procedures.vignetting.cells import LightCells
 from procedures.vignetting.formula import LightSurface, design_of, terms_of
-
-Array = npt.NDArray[np.float64]
 
 DEGREES = (2, 4, 6, 8)
 OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
 from station.common.uncertainty_text import stated
@@ -15,8 +15,6 @@ from station.reports.report import DriftLine
 from station.results.environment import temperature_during
 from station.results.plane_result import PlaneResult
 from station.sessions.state import SessionShot, SessionState
-
-Array = npt.NDArray[np.float64]
 
 PLANES = ("G1", "Y")
 """Planes whose drift is given, in order of preference."""

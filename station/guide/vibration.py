@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.interfaces import Imu, ImuBlock
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

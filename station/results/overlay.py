@@ -10,15 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.text import read_rows
 from station.common.sanitise import printable
 from station.results.result_files import RECORD
 from station.results.units import Unit, unit_in
 
-Array = npt.NDArray[np.float64]
 REMEDY = "name the folder of a result of station psf or station mtf, or a session with one"
 
 

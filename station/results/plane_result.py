@@ -6,10 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
 from procedures.reading.exposure import Exposure
@@ -24,8 +22,6 @@ if TYPE_CHECKING:
     from procedures.quality import Diffraction, Quality
     from procedures.sensor.information import Information
     from station.results.comparison import Comparison
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

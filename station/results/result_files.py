@@ -39,8 +39,6 @@ SEAL = "sha256"
 CANDIDATES = 5
 """Physical models in a record, the best first."""
 
-Array = npt.NDArray[np.float64]
-
 
 class ResultFolder:
     """A folder that receives one result, whole.

@@ -10,14 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import numpy as np
-import numpy.typing as npt
-
 from procedures.numbers import frequency_of, name_at
 from procedures.outcome import BadParameter, Quantity
 from procedures.raw import RawFrame
-
-Array = npt.NDArray[np.float64]
 
 
 class Unit(StrEnum):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.compiled import compiled, vectorised
 
 Picture = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
-Array = npt.NDArray[np.float64]
 
 
 @vectorised

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Complex, Indices
 from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
@@ -48,9 +49,6 @@ MOST_INSIDE = 3
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
 """The x-corners in cells, (12, 2)."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import apply_homography, homography_jacobian
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
@@ -49,7 +50,6 @@ SMALLEST_LEVEL = 48
 """Least side of a level of the pyramid."""
 MIDDLE = np.full(2, CELLS / 2)
 Image = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

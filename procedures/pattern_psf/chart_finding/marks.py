@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Complex
 from procedures.numerics.ordered import quantile
 from procedures.numerics.spatial_bins import field_of
 
@@ -47,8 +48,6 @@ PRESELECTION_FACTOR = 4
 NOISE_BAND_DISTANCE = 128
 """Distance between the bands of rows in which noise is measured."""
 Picture = npt.NDArray[np.float32]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

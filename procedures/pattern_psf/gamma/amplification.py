@@ -13,11 +13,9 @@ Delbracio's thesis, section 2.3: equation of gamma in 2.3.1, Proposition 1 in 2.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import NormalEquations
-
-Array = npt.NDArray[np.float64]
 
 
 def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:

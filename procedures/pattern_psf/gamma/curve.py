@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from procedures.numerics.arrays import Array
 from procedures.pattern import CELLS
 from procedures.pattern_psf.gamma.amplification import gamma_bound
-
-Array = npt.NDArray[np.float64]
 
 RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)
 """Sampling ratios of the curve."""

@@ -17,11 +17,11 @@ from scipy.ndimage import (
     watershed_ift,
 )
 
+from procedures.numerics.arrays import Mask
 from procedures.restoration.first_depth.planes import fit_planes
 from procedures.restoration.masks.blur_operator import Array
 
 Labels = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 
 JUMP_PX = 0.28

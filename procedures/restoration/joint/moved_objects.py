@@ -7,13 +7,10 @@ own contrast, in one place.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import find_objects, label, uniform_filter
 
+from procedures.numerics.arrays import Mask
 from procedures.restoration.masks.blur_operator import Array
-
-Mask = NDArray[np.bool_]
-
 
 WINDOW = 15
 """Side of a place, pixels."""

@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from procedures.numerics.arrays import Mask
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, half_size_at
-
-Mask = NDArray[np.bool_]
-
 
 # Criteria for proximity to a depth edge, and the uncertainty there, from ray-traced scenes of two planes.
 QUANTILE, BEYOND = 0.95, 1

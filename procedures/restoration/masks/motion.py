@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
-
-Array = NDArray[np.float64]
 
 
 def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:

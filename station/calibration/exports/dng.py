@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.conversion import as_radial
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers
 from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import PLACES, pitch_of
 from station.calibration.vignetting import StoredVignetting
-
-Array = npt.NDArray[np.float64]
 
 VIGNETTE_TERMS = 5
 

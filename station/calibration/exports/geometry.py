@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, CameraModel, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
 from procedures.reading.guard import decoding
 from station.calibration.stored_results import stored_record
 from station.results.geometry_planes import plane_entry
 
-Array = npt.NDArray[np.float64]
 Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
 
 _GIVE = "name the folder that `station geometry` wrote"

@@ -13,16 +13,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.chromatic import LateralColour
 from procedures.geometry.conversion import RadialCamera, as_radial
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
 from station.calibration.exports.geometry import EXACT, StoredCamera, best_fit
-
-Array = npt.NDArray[np.float64]
 
 MODELS = ("poly3", "poly5", "ptlens")
 """Distortion models, by number of coefficients."""

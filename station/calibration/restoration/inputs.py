@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import ImuRecord
 from procedures.reading.arrays import checked_array, read_npy
@@ -20,7 +20,6 @@ from procedures.restoration.masks.psf_shapes import measured_field, measured_hei
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 from procedures.restoration.photograph_blur import Shape
 
-Array = npt.NDArray[np.float64]
 Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
