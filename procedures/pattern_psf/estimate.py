@@ -39,7 +39,7 @@ from procedures.pattern_psf.corruptions import corruption_checks, modes_of
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.evidence import examine
-from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
+from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
 from procedures.pattern_psf.outliers import (
     ExcludedSamples,

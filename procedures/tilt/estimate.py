@@ -23,8 +23,7 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
-from procedures.tilt.plane import TiltedPlane, fit_plane
-from procedures.tilt.positions import Positions, behind_lens_um, magnification
+from procedures.tilt.plane import Positions, TiltedPlane, behind_lens_um, fit_plane, magnification
 from procedures.tilt.screws import Screws, Turns, turns_for
 
 UNLIKELY = 0.001  # probability of larger residuals below which they are not noise alone

@@ -15,7 +15,7 @@ from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import OperatorActions
 from station.guide.frontend import Event, Frontend, ProblemEvent, ProgressEvent, Stopped
-from station.sessions.given_files import is_given
+from station.sessions.layout import is_given
 from station.sessions.session import Session
 
 T = TypeVar("T")

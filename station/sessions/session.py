@@ -47,7 +47,6 @@ from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
 from station.sessions.creation import furnish, settle
-from station.sessions.given_files import copied
 from station.sessions.journal import Journal, JournalLine
 from station.sessions.layout import (
     DERIVED,
@@ -57,6 +56,7 @@ from station.sessions.layout import (
     WIRE,
     Lock,
     check_layout,
+    copied,
     free_original,
     inside,
     own,

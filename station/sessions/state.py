@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procedures.plan import Fact
-from station.sessions.given_files import is_given
 from station.sessions.journal import Damaged, JournalLine
+from station.sessions.layout import is_given
 
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
 DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")

@@ -21,8 +21,8 @@ from procedures.reading.arrays import SMALLEST, checked_array, checked_number
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
+from procedures.restoration.masks.line_rasterisation import path_mask
 from procedures.restoration.masks.mask_fields import MaskField, positions
-from procedures.restoration.masks.motion import path_mask
 
 FLIPPED = np.array([1.0, -1.0, -1.0])
 """From an inertial unit's axes, x right and y up, to the picture's, y down and z ahead."""

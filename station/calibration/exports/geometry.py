@@ -16,8 +16,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
 from procedures.reading.guard import decoding
-from station.calibration.stored_results import stored_record
-from station.results.geometry_planes import plane_entry
+from station.calibration.stored_results import plane_entry, stored_record
 
 Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
 
