@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import NormalEquations
@@ -139,6 +138,8 @@ def expected_gamma(s_over_t: float, k: int, m: int) -> float:
     limited to the band. The inverse of a sum of m products is larger than that of its mean by m / (m - k^2 - 1) for
     independent samples. Source: thesis, section 2.3.2, whose cells are one sample wide and not band-limited.
     """
+    import scipy.linalg  # now: it is slow to load, and a PSF needs none of it
+
     inverse = scipy.linalg.inv(scipy.linalg.toeplitz(_covariance(s_over_t, k)))
     level = inverse.sum(axis=0)
     spread = 4 * float(np.trace(inverse)) ** 2

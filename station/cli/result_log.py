@@ -36,7 +36,7 @@ def log_result(record: PlaneResult) -> None:
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
     from station.results.comparison import measurement_words
-    from station.results.plane_result import line_numbers
+    from station.results.line_numbers import line_numbers
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []

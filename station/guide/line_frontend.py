@@ -29,7 +29,7 @@ from station.guide.frontend import (
     Stopped,
 )
 from station.results.comparison import measurement_words, specification_words
-from station.results.plane_result import line_numbers
+from station.results.line_numbers import line_numbers
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS, RADIAL, Group, frequency_of, in_group, label
+from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
 from procedures.numerics.arrays import Array
 from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
 from procedures.reading.exposure import Exposure
-from station.common.uncertainty_text import stated
 from station.results.exports import gaussian_radius
 from station.results.units import Pixels, Unit, convert_name, convert_numbers, convert_quantity
 
@@ -163,17 +162,3 @@ def curves_of(quality: Quality) -> dict[str, Array]:
         "radial": quality.mtf_radial,
         "radial_uncertainty": quality.uncertainty("radial"),
     }
-
-
-# --- numbers in one line ---------------------------------------------------------------------------------------------
-
-
-def line_numbers(plane: PlaneResult) -> list[str]:
-    """The numbers of the group LINE and the MTF at requested frequencies: "MTF50 0.412 ± 0.003 cycles/pixel"."""
-    requested = [name for name in plane.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
-    lines = []
-    for name in (*in_group(Group.LINE, {**plane.numbers, **plane.values}), *requested):
-        if (number := plane.quantity(name)) is not None:
-            words = f"{label(name, plane.unit)} {stated(number.value, number.uncertainty)}"
-            lines.append(f"{words} {number.unit}" if number.unit != "1" else words)
-    return lines

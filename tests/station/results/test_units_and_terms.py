@@ -16,7 +16,8 @@ from station.calibration.stored_results import plane_entry, table_prefix
 from station.results.comparison import Comparison, Compliance
 from station.results.environment import condition_words, environment_of, temperature_during
 from station.results.limits import Place, Specification
-from station.results.plane_result import PlaneResult, line_numbers
+from station.results.line_numbers import line_numbers
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_record
 from station.results.result_seal import damage, is_sealed
 from station.results.specification_file import parse_specification, read_specification
