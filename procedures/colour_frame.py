@@ -17,10 +17,8 @@ from procedures.reading.grey_image import read_colours
 def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = None) -> RawFrame:
     """Read planes R, G and B of a TIFF or PNG of 16 bits with three channels. Raises BadInput if it is not such a file.
 
-    Parameters
-    ----------
-    encoding : "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted
-    data : content of the file, if already read
+    encoding : "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted; data : content of the
+    file, if already read.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data

@@ -340,9 +340,7 @@ def crossing_model_error(
 ) -> float:
     """Standard uncertainty of the frequency where a curve crosses a level, by the model error of the tail.
 
-    Parameters
-    ----------
-    curve : values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`
+    curve : values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
     """
     f = frequency + np.array([-STEP, 0, STEP])
     value, slope = curve(f)

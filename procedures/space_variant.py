@@ -24,10 +24,8 @@ class SpaceVariantBlur:
     With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u). h is the whole
     PSF within the range of its tail's shapes, normalised to sum 1, which is exact where the image is flat.
 
-    Attributes
-    ----------
     samples_per_px : samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first
-        pixel.
+    pixel.
     """
 
     field: PsfField

@@ -106,10 +106,7 @@ def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[fl
 def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> tuple[float, Array] | None:
     """First frequency below one half, as `crossing`, computing the curve no farther than that.
 
-    Parameters
-    ----------
-    f : (n,) equally spaced frequencies
-    curve : values (m,) and slopes (m, p) at a range of these
+    f : (n,) equally spaced frequencies; curve : values (m,) and slopes (m, p) at a range of these.
     """
     parts: list[tuple[Array, Array]] = []
     for first in range(0, len(f), CHUNK):

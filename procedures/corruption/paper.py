@@ -27,10 +27,8 @@ OVERLAP = 9 / 4
 class NoiseMeasurement:
     """Traces of a camera's processing in the noise.
 
-    Attributes
-    ----------
-    finest : noise variance at the paper's finest detail, which no lens passes, over that expected there
-    uncertainty : standard uncertainty of `finest` by the number of pixels
+    finest : noise variance at the paper's finest detail, which no lens passes, over that expected there; uncertainty :
+    standard uncertainty of `finest` by the number of pixels.
     """
 
     sharpening: Sharpening

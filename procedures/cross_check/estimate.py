@@ -41,9 +41,7 @@ MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
 class EdgeCheck:
     """Comparison at one printed edge: MTF50 across it, and MTF50 of the PSF along its normal, both including the tail.
 
-    Attributes
-    ----------
-    by_edge, by_psf : in cycles per pixel of the plane
+    by_edge, by_psf : in cycles per pixel of the plane.
     """
 
     edge: EdgeMtf

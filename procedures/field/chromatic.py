@@ -69,11 +69,7 @@ def lateral_colour(
 ) -> LateralColour:
     """Lateral colour from two planes' nodes, matched by photograph and chart.
 
-    Raises Refused if fewer than six charts were measured in both planes.
-
-    Parameters
-    ----------
-    pitch : sensor pixels per pixel of a plane
+    pitch : sensor pixels per pixel of a plane. Raises Refused if fewer than six charts were measured in both planes.
     """
     known = {(node.source, node.number): node for node in against}
     pairs = [(node, known[node.source, node.number]) for node in nodes if (node.source, node.number) in known]

@@ -91,13 +91,7 @@ def mean_budgets(charts: Sequence[MeasuredChart]) -> dict[str, dict[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class FrameNodes:
-    """Results of one photograph, by plane.
-
-    Attributes
-    ----------
-    shapes : rows and columns
-    misses : charts without a result
-    """
+    """Results of one photograph, by plane. shapes : rows and columns; misses : charts without a result."""
 
     nodes: Mapping[str, Sequence[Node]]
     shapes: Mapping[str, tuple[int, int]]

@@ -88,10 +88,8 @@ class FocusSurface:
 class FocusOptimum:
     """Focus position of the greatest MTF along one direction.
 
-    Attributes
-    ----------
-    at, variance : focus position, and its variance by the noise of the PSFs
-    sensitivities : derivatives of `at` by the positions of the photographs, of sum 1
+    at, variance : focus position, and its variance by the noise of the PSFs; sensitivities : derivatives of `at` by the
+    positions of the photographs, of sum 1.
     """
 
     at: float

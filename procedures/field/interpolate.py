@@ -95,12 +95,8 @@ class Interpolation:
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
     """The PSF over the frame from its nodes, by the model with the smallest cross-validation error.
 
-    Raises Refused if there are fewer than six nodes, they lie on a line, or have different samplings
-    (`with_common_support`).
-
-    Parameters
-    ----------
-    shape : rows and columns of the plane
+    shape : rows and columns of the plane. Raises Refused if there are fewer than six nodes, they lie on a line, or have
+    different samplings (`with_common_support`).
     """
     nodes, data = _prepared(plane, shape, nodes)
     folds = _folds(data.places)

@@ -68,10 +68,8 @@ def _boustrophedon(places: Array) -> Array:
 def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
     """Unit vector (3,) from the camera to a position of its frame: x right, y down, z ahead.
 
-    Parameters
-    ----------
-    shape : rows and columns of the sensor or of a plane
-    principal_px : distance of the image from the lens in the same pixels: focal length over pitch
+    shape : rows and columns of the sensor or of a plane; principal_px : distance of the image from the lens in the same
+    pixels: focal length over pitch.
     """
     x, y = location.in_pixels(shape)
     towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
@@ -95,10 +93,7 @@ def pan_tilt_deg(
     t = R^-1 d. Rotated back by the tilt, t keeps its x; rotated by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
     is two equations, in x for the pan and in y for the tilt.
 
-    Parameters
-    ----------
-    shape, principal_px : as in `ray`
-    towards : (3,) direction of the chart's centre, in the axes of a head at rest
+    shape, principal_px : as in `ray`; towards : (3,) direction of the chart's centre, in the axes of a head at rest.
     """
     t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
     pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))

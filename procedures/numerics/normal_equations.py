@@ -107,10 +107,7 @@ class Products:
     def with_joined(self, count: int, precision: Array, pull: Array) -> Products:
         """Move the last nuisance columns to A, as its last columns.
 
-        Parameters
-        ----------
-        count : number of columns
-        precision, pull : (c,) prior of the last c of them, as in `with_prior`
+        count : number of columns; precision, pull : (c,) prior of the last c of them, as in `with_prior`.
         """
         joined, others = self.AZ[:, -count:], self.AZ[:, :-count]
         block, right = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()

@@ -34,12 +34,8 @@ def monomials(points: Array, degree: int) -> Array:
 class Polynomial:
     """Weighted least squares by a polynomial of total degree `degree`.
 
-    Raises ValueError if the places do not determine the coefficients.
-
-    Attributes
-    ----------
-    places : (N, 2) best within [-1, 1], for the condition of the monomials
-    trust : (N,) one over the variance of each value, in any unit
+    places : (N, 2) best within [-1, 1], for the condition of the monomials; trust : (N,) one over the variance of each
+    value, in any unit. Raises ValueError if the places do not determine the coefficients.
     """
 
     places: Array

@@ -20,10 +20,7 @@ Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 class CellSpectra:
     """Spectra of a lattice of cells and of the steps between cells, each (n, n) complex64.
 
-    Attributes
-    ----------
-    cells : of the cells' values
-    left, upper : of the step heights at each cell's left and upper edge
+    cells : of the cells' values; left, upper : of the step heights at each cell's left and upper edge.
     """
 
     cells: Complex64

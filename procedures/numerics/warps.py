@@ -152,10 +152,8 @@ def displacement_columns(slopes: Array, monomials: Array) -> Array:
 
     The mean of the monomials is subtracted, so that the columns move no centre.
 
-    Parameters
-    ----------
-    slopes : (m, 2) change of every sample per unit of displacement along x and y
-    monomials : (m, 9) from `CubicWarp.monomials`
+    slopes : (m, 2) change of every sample per unit of displacement along x and y; monomials : (m, 9) from
+    `CubicWarp.monomials`.
     """
     centred = monomials - monomials.mean(axis=0)
     return np.hstack([centred * slopes[:, :1], centred * slopes[:, 1:]])

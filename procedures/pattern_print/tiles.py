@@ -46,10 +46,8 @@ class SheetTile:
 class Tiling:
     """A chart on several sheets.
 
-    Attributes
-    ----------
-    paper : paper in portrait or landscape orientation
-    columns, rows : starts of the tiles and the end of the last one, in cells from the top left of the white margin
+    paper : paper in portrait or landscape orientation; columns, rows : starts of the tiles and the end of the last one,
+    in cells from the top left of the white margin.
     """
 
     size: Size

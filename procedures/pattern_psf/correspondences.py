@@ -56,9 +56,7 @@ def bin_centres() -> Array:
 def correspondences(fit: ChartFit) -> Correspondences:
     """Measure the positions of the bins from the residual of the joint fit in each of them.
 
-    Parameters
-    ----------
-    fit : a completed refinement: its slopes are those of its samples
+    fit : a completed refinement: its slopes are those of its samples.
     """
     if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))

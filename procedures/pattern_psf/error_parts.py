@@ -56,10 +56,8 @@ class Variation:
 class ErrorParts:
     """Uncertainty budgets of the numbers, and their scatter over the chart.
 
-    Attributes
-    ----------
-    mismatch : variance of the numbers by the tiles' scatter, over that by white noise
-    variations : requested numbers, left against right, top against bottom, centre against rim
+    mismatch : variance of the numbers by the tiles' scatter, over that by white noise; variations : requested numbers,
+    left against right, top against bottom, centre against rim.
     """
 
     parts: Mapping[str, Budget]
@@ -76,10 +74,7 @@ def error_parts(
 ) -> ErrorParts:
     """Split the uncertainties of all numbers, and of the curves at their knots, into their parts.
 
-    Parameters
-    ----------
-    checked : names of the numbers whose variation over the chart is reported
-    groups : GROUPS, or CALIBRATED
+    checked : names of the numbers whose variation over the chart is reported; groups : GROUPS, or CALIBRATED.
     """
     names = list(quality.gradients)
     by_psf = np.array([quality.gradients[name] for name in names])

@@ -67,10 +67,8 @@ def observe(
 ) -> Observation:
     """The samples of the noise region, scaled between black and white, with their weights.
 
-    Parameters
-    ----------
     margin_px : width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not
-        known
+    known.
     """
     rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)

@@ -32,10 +32,8 @@ MAX_REFITS = 3
 class ExcludedSamples:
     """Samples excluded from a fit.
 
-    Attributes
-    ----------
-    connected : share of the samples excluded together with a neighbour: something covers the chart
-    stray : number of isolated samples excluded: hot or dead pixels
+    connected : share of the samples excluded together with a neighbour: something covers the chart; stray : number of
+    isolated samples excluded: hot or dead pixels.
     """
 
     connected: float

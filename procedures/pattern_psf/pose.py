@@ -20,10 +20,8 @@ from procedures.pattern import CELLS
 class ImagingGeometry:
     """Data of camera and print that relate sizes to distances.
 
-    Attributes
-    ----------
-    plane_pitch_um : distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane)
-    cell_mm : side of a printed cell
+    plane_pitch_um : distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane); cell_mm :
+    side of a printed cell.
     """
 
     focal_length_mm: float

@@ -38,10 +38,8 @@ CORE_SHARE = 0.03
 class EdgeColumns:
     """Sparse matrix C (m, 514), the derivative of the samples by the lines' offsets.
 
-    Attributes
-    ----------
-    vertical, horizontal : (m, w) float32 the values of the lines around each sample
-    first_vertical, first_horizontal : (m,) int32 the first of those lines
+    vertical, horizontal : (m, w) float32 the values of the lines around each sample; first_vertical, first_horizontal :
+    (m,) int32 the first of those lines.
     """
 
     vertical: Array32

@@ -116,11 +116,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 def with_sensor(light: LightLevels, sensor: SensorModel, plane: Plane) -> LightLevels:
     """Replace the noise by that of the sensor's calibration at black and white.
 
-    Raises Refused if white lies where the sensor saturates.
-
-    Parameters
-    ----------
-    plane : samples linearised by `straighten`
+    plane : samples linearised by `straighten`. Raises Refused if white lies where the sensor saturates.
     """
     levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
     straight = levels / plane.quantisation + plane.black - sensor.dark_level

@@ -133,10 +133,8 @@ class ChartFit:
 class TailPrior:
     """Prior of the mean far tail from diffraction.
 
-    Attributes
-    ----------
-    density_px : a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels
-    share : relative standard uncertainty
+    density_px : a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels; share : relative standard
+    uncertainty.
     """
 
     density_px: float

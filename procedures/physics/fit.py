@@ -48,10 +48,8 @@ class WhitenedPsf:
 class ModelFit:
     """A fitted model.
 
-    Attributes
-    ----------
-    p : (n,) parameters in the order of `model.names_of`
-    covariance : (n, n) scaled by the reduced chi-square where that exceeds 1
+    p : (n,) parameters in the order of `model.names_of`; covariance : (n, n) scaled by the reduced chi-square where
+    that exceeds 1.
     """
 
     parts: ModelParts

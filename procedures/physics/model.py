@@ -22,12 +22,7 @@ LARGEST_SHIFT_PX = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Sampling of the PSF, and the known properties of the camera.
-
-    Attributes
-    ----------
-    pitch : sensor pixels per pixel of the plane
-    """
+    """Sampling of the PSF, and the known properties of the camera. pitch : sensor pixels per pixel of the plane."""
 
     psf: Psf
     diffraction: Diffraction

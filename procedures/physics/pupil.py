@@ -23,10 +23,8 @@ SUBSAMPLES = 8
 class Pupil:
     """A round pupil on a grid, with its autocorrelation at frequencies `step` apart, up to `highest`.
 
-    Attributes
-    ----------
-    cutoff : cutoff frequency, cycles per pixel
-    step, highest : spacing and maximum of the frequencies, cycles per pixel
+    cutoff : cutoff frequency, cycles per pixel; step, highest : spacing and maximum of the frequencies, cycles per
+    pixel.
     """
 
     cutoff: float

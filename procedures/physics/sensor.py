@@ -41,10 +41,7 @@ class LowPass(StrEnum):
 class ModelParts:
     """The parts of a model, besides diffraction and a shift.
 
-    Attributes
-    ----------
-    diffusion : whether charge diffuses, as a Gaussian
-    aberrations : indices of `pupil.TERMS` that are free
+    diffusion : whether charge diffuses, as a Gaussian; aberrations : indices of `pupil.TERMS` that are free.
     """
 
     aperture: Aperture = Aperture.SQUARE

@@ -71,9 +71,7 @@ def ambiguity(photographs: Sequence[Array], masks: Sequence[Masks], w: Array, no
     of each level, squares of whitened differences (8.1) over a window, defines its likelihood; where none fits, as at
     depth edges, the smallest cost is taken as typical.
 
-    Parameters
-    ----------
-    photographs : (C, H, W) each, registered; noise : their standard deviation
+    photographs : (C, H, W) each, registered; noise : their standard deviation.
     """
     z, levels = np.stack([np.asarray(one, np.float64) for one in photographs]), levels_of(masks)
     cost = cost_volume(z, masks, np.full(len(z), max(noise, 1e-5)), levels, WINDOW)
@@ -98,12 +96,8 @@ def distances_of(
 ) -> Distances:
     """Distances from w (H, W), the radius of the first photograph's blur circle in pixels, and its uncertainty.
 
+    setting : of the first photograph; side : "front" or "behind": position of the scene relative to the plane of focus.
     Raises BadParameter if the side is unknown, or the scene is behind a plane of focus at infinity.
-
-    Parameters
-    ----------
-    setting : of the first photograph
-    side : "front" or "behind": position of the scene relative to the plane of focus
     """
     uncertainty = uncertainty or CameraUncertainty()
     if side not in (FRONT, BEHIND):

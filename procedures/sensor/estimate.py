@@ -50,10 +50,7 @@ DIRECTIONS = ("horizontal", "vertical")
 class FixedPattern:
     """Structure of a mean picture; amplitudes in digital numbers, or per cent of the signal.
 
-    Attributes
-    ----------
-    spectrograms : along rows, along columns
-    periods : sinusoids common to all rows or all columns
+    spectrograms : along rows, along columns; periods : sinusoids common to all rows or all columns.
     """
 
     unit: str
@@ -109,9 +106,7 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
 def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
     """The model of a calibrated sensor for other procedures.
 
-    Parameters
-    ----------
-    step : numbers of the file per digital number of the result
+    step : numbers of the file per digital number of the result.
     """
     gain, response = result.numbers[SYSTEM_GAIN_AT_DARK], result.response
     dsnu = result.numbers.get(non_uniformity(DSNU, "_pixel", WITHOUT_DEFECTS, "_dn"))

@@ -56,10 +56,7 @@ class Information:
 def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Information:
     """NEQ, noise-equivalent MTF and information capacity, with the uncertainties of PSF and noise.
 
-    Parameters
-    ----------
-    psf : in pixels of the plane in which the noise was measured
-    rng : for draws of the PSF
+    psf : in pixels of the plane in which the noise was measured; rng : for draws of the PSF.
     """
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)

@@ -26,10 +26,8 @@ DEGREE = 2  # degree of the polynomial signal / light
 class Response:
     """The signal as a polynomial of the light without a constant, for the measured curve and all draws.
 
-    Attributes
-    ----------
-    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`
-    scale : light at saturation
+    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`; scale :
+    light at saturation.
     """
 
     coefficients: Array
@@ -116,9 +114,7 @@ def _solved(design: Array, values: Array) -> Array:
 def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
     """Linearity error, and the largest deviations to either side, in per cent.
 
-    Parameters
-    ----------
-    alternatives : with saturation at other possible levels
+    alternatives : with saturation at other possible levels.
     """
     deviation = 100 * linearity.deviation[:, linearity.used]
     spread = np.std(deviation[1:], axis=0)

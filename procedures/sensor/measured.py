@@ -25,10 +25,8 @@ def measured(
 ) -> IntervalNumber:
     """A number with a normally distributed error.
 
-    Parameters
-    ----------
-    least : lower bound of the number and of its interval
-    lower : possible bias of the value by noise, by which the interval is extended downwards
+    least : lower bound of the number and of its interval; lower : possible bias of the value by noise, by which the
+    interval is extended downwards.
     """
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))

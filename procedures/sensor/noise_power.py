@@ -42,12 +42,7 @@ class NoisePower:
 
 
 def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int = BLOCK) -> NoisePower | None:
-    """NPS of pairs of pictures (rows, columns); None where no block fits into them.
-
-    Parameters
-    ----------
-    signal : mean less dark
-    """
+    """NPS of pairs of pictures (rows, columns); None where no block fits into them. signal : mean less dark."""
     window = np.hanning(block + 1)[:-1]
     taper = window[:, None] * window[None, :]
     total, count = np.zeros((block, block)), 0

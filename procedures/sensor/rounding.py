@@ -50,10 +50,8 @@ LEAST_UNCERTAINTY = 1e-4
 class Unrounded:
     """Statistics before rounding, (1 + draws,): the estimate, and draws consistent with what was measured.
 
-    Attributes
-    ----------
-    mean, temporal, spatial : mean, temporal variance and variance of the pixels' means
-    slope : mean slope of the pixels' rounded means over their true ones
+    mean, temporal, spatial : mean, temporal variance and variance of the pixels' means; slope : mean slope of the
+    pixels' rounded means over their true ones.
     """
 
     mean: Array
@@ -65,10 +63,8 @@ class Unrounded:
 def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Array, Array]:
     """Mean, temporal variance, spatial variance and slope after rounding, (n,) each.
 
-    Parameters
-    ----------
     mean, sigma, pixels : (n,) mean, standard deviation of the temporal noise, and of the pixels' means, in digital
-        numbers
+    numbers.
     """
     k = np.arange(1, HARMONICS + 1)
     both = np.arange(2 * HARMONICS + 1)[:, None]  # sums and differences of two harmonics

@@ -27,9 +27,7 @@ PARTS = ("total", "row", "column", "pixel")
 class Variances:
     """Spatial variances of a mean picture without temporal noise, and their standard uncertainties.
 
-    Attributes
-    ----------
-    value, uncertainty : DN^2; a value may be negative where the pattern is below the noise
+    value, uncertainty : DN^2; a value may be negative where the pattern is below the noise.
     """
 
     value: Mapping[str, float]
@@ -164,10 +162,8 @@ def response_numbers(
 ) -> Mapping[str, IntervalNumber]:  # fmt: skip
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 
-    Parameters
-    ----------
-    rounding : of the dark and of the flat stack
-    curvature : relative standard uncertainty by the curvature of the response at the flat stack's signal
+    rounding : of the dark and of the flat stack; curvature : relative standard uncertainty by the curvature of the
+    response at the flat stack's signal.
     """
     in_dark = variances_before(dark, rounding[0], excluded)
     in_flat = variances_before(flat, rounding[1], excluded)

@@ -64,10 +64,8 @@ class TiltParameters:
 class Tilt:
     """The sensor relative to the surface of best focus, and its correction.
 
-    Attributes
-    ----------
-    astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um
-    with_focus : whether the nominal position is known, so that the offset is meaningful
+    astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um; with_focus : whether
+    the nominal position is known, so that the offset is meaningful.
     """
 
     sensor: TiltedPlane

@@ -182,10 +182,7 @@ def _noise(one: PlaneVignetting) -> Array:
 class JointFormula:
     """Centre, relative to the frame's, and coefficients of every plane.
 
-    Attributes
-    ----------
-    values : (5 planes,), in the order of `NAMES`, plane by plane
-    covariance : (5 planes, 5 planes) float64
+    values : (5 planes,), in the order of `NAMES`, plane by plane; covariance : (5 planes, 5 planes) float64.
     """
 
     planes: tuple[str, ...]

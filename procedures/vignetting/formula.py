@@ -15,11 +15,8 @@ from procedures.psf_field import in_half_diagonals
 class LightSurface:
     """Log light as a polynomial of the position.
 
-    Attributes
-    ----------
-    shape : (rows, columns) of the plane
-    coefficients : (c,) coefficients of the monomials of the position in half diagonals from the frame's centre, without
-        the constant
+    shape : (rows, columns) of the plane; coefficients : (c,) coefficients of the monomials of the position in half
+    diagonals from the frame's centre, without the constant.
     """
 
     shape: tuple[int, int]

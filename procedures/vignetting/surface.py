@@ -84,12 +84,7 @@ class RadialFalloff:
 
 
 def fit_falloff(flats: Sequence[LightCells], shape: tuple[int, int]) -> Falloff:
-    """The surface of the degree with the least Schwarz criterion.
-
-    Parameters
-    ----------
-    flats : of one plane, the same cells in all
-    """
+    """The surface of the degree with the least Schwarz criterion. flats : of one plane, the same cells in all."""
     return min((_fitted(flats, shape, degree) for degree in DEGREES), key=lambda fit: fit[0])[1]
 
 

@@ -32,9 +32,7 @@ def photographs_in(folder: Path) -> set[Path]:
 class Item:
     """The input of one estimate: one photograph, or several that belong together.
 
-    Attributes
-    ----------
-    trouble, remedy : why it cannot be estimated, or ""; and the remedy
+    trouble, remedy : why it cannot be estimated, or ""; and the remedy.
     """
 
     paths: tuple[Path, ...]

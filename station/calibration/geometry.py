@@ -98,11 +98,8 @@ def measure_views(
 ) -> list[GeometryPhotographs]:
     """The views of all photographs in each plane, several photographs at a time; failures are recorded.
 
-    Raises BadInput if photographs differ in size or planes, and thus in camera.
-
-    Parameters
-    ----------
-    plane : the colour plane, or "all"; None for green of RAW files, the only plane of grey images
+    plane : the colour plane, or "all"; None for green of RAW files, the only plane of grey images. Raises BadInput if
+    photographs differ in size or planes, and thus in camera.
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     measured: list[_Measured] = []

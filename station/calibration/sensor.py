@@ -36,10 +36,8 @@ SEED = 1288
 class SensorPlane:
     """The outcome of one plane.
 
-    Attributes
-    ----------
-    step : step of the file's values per digital number (left-aligned samples)
-    noise : spectrum of the temporal noise at the signal of the flat stack
+    step : step of the file's values per digital number (left-aligned samples); noise : spectrum of the temporal noise
+    at the signal of the flat stack.
     """
 
     name: str

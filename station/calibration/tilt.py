@@ -28,9 +28,7 @@ def measure_tilt(
 ) -> Outcome[Tilt]:
     """The tilt from the nodes of photographs with known positions; refused where there are none.
 
-    Parameters
-    ----------
-    positions : mapping of names of photographs to positions in mm
+    positions : mapping of names of photographs to positions in mm.
     """
     bracket: dict[float, list[Node]] = {}
     for node in measured.nodes.get(plane, ()):

@@ -50,10 +50,7 @@ STYLE: dict[Any, Any] = {
 def svg(figure: Figure, name: str, description: str) -> Markup:
     """A figure as an SVG element as wide as its container, with identifiers that are unique in the page.
 
-    Parameters
-    ----------
-    name : unique in the page
-    description : alternative text
+    name : unique in the page; description : alternative text.
     """
     _write_powers_plainly(figure)
     text = io.StringIO()

@@ -177,12 +177,8 @@ class Conversation:
     ) -> T:
         """The value of `work()`. After a failure the operator decides; `recover` runs before each further attempt.
 
-        Raises Skipped if the operator continues without it; Stopped if the operator stops, or the emergency stop was
-        pressed.
-
-        Parameters
-        ----------
-        always : run it even if the operator has asked to stop, to keep a file that was begun
+        always : run it even if the operator has asked to stop, to keep a file that was begun. Raises Skipped if the
+        operator continues without it; Stopped if the operator stops, or the emergency stop was pressed.
         """
         failure: Exception | None = None
         while True:

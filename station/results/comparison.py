@@ -38,9 +38,7 @@ class Judgement:
 class Comparison:
     """A plane against its specification.
 
-    Attributes
-    ----------
-    judged : the worst of its limits; undecided where the plane was refused; None where no limit holds for it
+    judged : the worst of its limits; undecided where the plane was refused; None where no limit holds for it.
     """
 
     judged: Compliance | None = None

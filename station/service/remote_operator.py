@@ -63,10 +63,7 @@ class RunStatus:
 class RemoteOperator:
     """Answers by given answers or by defaults; all other questions wait for `reply`.
 
-    Parameters
-    ----------
-    answers : by key
-    by_default : whether a question with a default is answered by it, unless a person must answer
+    answers : by key; by_default : whether a question with a default is answered by it, unless a person must answer.
     """
 
     def __init__(self, answers: Mapping[str, Fact], by_default: bool, show: Callable[[Plane], None]) -> None:

@@ -45,12 +45,7 @@ class OpenSession(Protocol):
 def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
     """Clean up, report incomplete or lost lines, complete announced photographs, and list missing or unknown files.
 
-    Raises NotKept if the disk refuses.
-
-    Parameters
-    ----------
-    record : the session as read
-    without : shots to give up
+    record : the session as read; without : shots to give up. Raises NotKept if the disk refuses.
     """
     _sweep(session.folder)
     if record.gap.lines:

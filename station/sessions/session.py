@@ -158,9 +158,7 @@ class Session:
         Raises BadInput if the folder is not a session; Busy if another program has it open; Damaged if a photograph,
         the journal or the configuration is damaged; NotKept if the disk refuses.
 
-        Parameters
-        ----------
-        without : numbers of shots whose photographs are permanently lost; they no longer count
+        without : numbers of shots whose photographs are permanently lost; they no longer count.
         """
         check_layout(folder)
         lock = Lock(folder)

@@ -57,10 +57,8 @@ class Layouts:
 
     The orientation, one of the square's eight symmetries, is not determined here.
 
-    Attributes
-    ----------
-    maps : (n, 3, 3) homographies from cells to pixels
-    hits : (n, 12) bool mask of the x-corners that have a saddle, in the order of RIM
+    maps : (n, 3, 3) homographies from cells to pixels; hits : (n, 12) bool mask of the x-corners that have a saddle, in
+    the order of RIM.
     """
 
     maps: Array
@@ -159,9 +157,7 @@ def _distinct(field: BinnedSaddles, hits: Indices) -> Indices:
 def find_layouts(saddles: Saddles) -> Layouts:
     """Find the sets of saddles in the layout of a chart's x-corners, those with the most hits first.
 
-    Parameters
-    ----------
-    saddles : saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels
+    saddles : saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
     """
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:

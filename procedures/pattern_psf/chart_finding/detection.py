@@ -192,11 +192,8 @@ def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
 def find_charts(image: npt.NDArray[np.floating]) -> list[ChartSighting]:
     """Detect the charts in a photograph, the best first; also mirrored, partly hidden and cut ones.
 
-    Raises BadInput if the image is not two-dimensional.
-
-    Parameters
-    ----------
-    image : (rows, columns) one linear grey plane, black 0, white 1; any positive scale is valid
+    image : (rows, columns) one linear grey plane, black 0, white 1; any positive scale is valid. Raises BadInput if the
+    image is not two-dimensional.
     """
     if image.ndim != 2:
         raise BadInput(f"detection requires one grey plane; got an array of shape {image.shape}", "choose one plane")

@@ -111,9 +111,7 @@ def find_saddles(image: Picture) -> Saddles:
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
     size and opposite sign, as between two black and two white quadrants.
 
-    Parameters
-    ----------
-    image : (rows, columns) float32 grey levels, at any positive scale
+    image : (rows, columns) float32 grey levels, at any positive scale.
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)

@@ -156,9 +156,7 @@ class FieldBlur:
 
     Same methods as `BlurOperator`. Each node acts on its neighbourhood only.
 
-    Parameters
-    ----------
-    stacks : rows of columns of MaskStack of equal R and step, at equal distances over the frame, corners included.
+    stacks : rows of columns of MaskStack of equal R and step, at equal distances over the frame, corners included;
     shape : (H, W) of the photograph.
     """
 

@@ -33,13 +33,9 @@ def export_dng(
 ) -> DngExport:  # fmt: skip
     """A copy of a DNG with the opcodes of a camera and of its vignetting.
 
-    Raises BadParameter if there is nothing to write, or the photograph differs in size from the camera; BadInput if the
-    file is no DNG.
-
-    Parameters
-    ----------
-    size : (columns, rows) of the photograph in the file
-    shading : instead of `vignetting`: a gain map for each plane of the mosaic
+    size : (columns, rows) of the photograph in the file; shading : instead of `vignetting`: a gain map for each plane
+    of the mosaic. Raises BadParameter if there is nothing to write, or the photograph differs in size from the camera;
+    BadInput if the file is no DNG.
     """
     corrections = [vignette_opcode(vignetting, *size)] if vignetting is not None else []
     corrections += [warp_opcode(stored, size)] if stored is not None else []

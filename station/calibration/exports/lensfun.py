@@ -36,12 +36,7 @@ PLACES = 41
 
 @dataclass(frozen=True)
 class LensNames:
-    """Names of the entry, and the photographs to which it applies.
-
-    Attributes
-    ----------
-    pitch_um : of the sensor's pixels
-    """
+    """Names of the entry, and the photographs to which it applies. pitch_um : of the sensor's pixels."""
 
     maker: str
     lens: str
@@ -102,10 +97,7 @@ def export_lensfun(
 ) -> LensfunExport:
     """The entry of a calibrated camera. Raises BadParameter if a field or vignetting is of another frame.
 
-    Parameters
-    ----------
-    colours : of R and B
-    vignetting : of one plane, best green
+    colours : of R and B; vignetting : of one plane, best green.
     """
     camera = stored.camera
     radial = best_radial(stored)
