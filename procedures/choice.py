@@ -39,8 +39,6 @@ T = TypeVar("T")
 class Trial:
     """Trial of s and k, with its assessment.
 
-    Attributes
-    ----------
     mtf50 : along x and along y, None where the MTF stays above one half
     uncertainty : noise of the OTF, the mean of its standard uncertainties along x and y where the MTF is one half or at
         Nyquist
@@ -135,8 +133,6 @@ def choose(
 ) -> tuple[T, tuple[Trial, ...]]:
     """Choose s and k; returns the result and the trials.
 
-    Parameters
-    ----------
     attempt : function from s and k to a result
     psf_of : function from a result to its PSF
     samples : number of samples of the estimate

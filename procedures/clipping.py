@@ -56,8 +56,6 @@ def find_clipping(
 ) -> Clipping:
     """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.
 
-    Parameters
-    ----------
     samples : of any shape, black 0 and nominal white 1
     quantisation : one digital number in these units; larger steps are detected
     dark_noise, bright_noise : standard deviations of the noise in dark and bright parts, in these units; 0 if not known

@@ -128,8 +128,6 @@ SYMPTOM = 0.3
 class Check:
     """A statistic compared with its threshold: one line of a verdict.
 
-    Attributes
-    ----------
     name : what is checked. Of the failed checks of one name only the first by severity and evidence is reported.
     statistic, threshold : the check fails where the statistic exceeds the threshold. A threshold of 0 marks a fact,
         true or false. Both are linear in the effect, so that ratios compare: standard deviations, not variances;

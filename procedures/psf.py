@@ -27,8 +27,6 @@ MOST_PER_PX, MOST_SAMPLES = 16, 101
 class Sampling:
     """Sampling of a PSF, and solver. Raises BadParameter if one of them is out of range.
 
-    Attributes
-    ----------
     s : samples per pixel of the plane, 2 or more; None: automatic
     k : samples along one side of the support, odd; None: automatic
     solver : "ls" least squares, "clip" with its negative part set to 0, "nnls" non-negative least squares (with the
@@ -74,8 +72,6 @@ class Sampling:
 class PsfTail:
     """Tail of a PSF outside its support: amplitudes of the shapes of `numerics.kernel_tail`, for samples of sum 1.
 
-    Attributes
-    ----------
     amplitudes : (q,) amplitudes of the first q shapes; the first is the energy of the mean tail over that inside the
         support
     covariance : (q, q) float64

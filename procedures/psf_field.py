@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 class Node:
     """A measured PSF and its position in the frame.
 
-    Attributes
-    ----------
     position : (2,) (x, y) of the PSF's centre in pixels of the plane
     position_covariance : (2, 2) covariance of `position`, in squared pixels of the plane
     sensor_position : (2,) position in pixels of the sensor

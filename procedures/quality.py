@@ -72,8 +72,6 @@ WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
 class Quality:
     """Curves and numbers of one PSF.
 
-    Attributes
-    ----------
     frequencies : (n,) 0 to s/2 cycles/pixel
     mtf_horizontal, mtf_vertical, mtf_radial : (n,) |OTF| along x, along y, and its mean over directions
     curve_budgets : uncertainty budget of each curve: "horizontal", "vertical", "radial"

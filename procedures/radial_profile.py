@@ -25,8 +25,6 @@ OVERSAMPLING = 4
 class RadialProfile:
     """Mean of a PSF over directions about its centre, and encircled energy, with standard uncertainties.
 
-    Attributes
-    ----------
     radius : (n,) in pixels of the plane, from 0
     density, density_uncertainty : (n,) energy per square pixel on each circle, for total energy 1
     energy, energy_uncertainty : (n,) share of the total energy inside each circle

@@ -20,8 +20,6 @@ class SensorModel:
     The signal y - dark of light x, 1 where the temporal variance is largest, is
     `signal_at_saturation` (x + c1 x^2 + c2 x^3): `bend` is (c1, c2).
 
-    Attributes
-    ----------
     gain : gain K of small signals, digital numbers per electron
     gain_uncertainty : standard uncertainty of the gain
     dark_level, dark_variance : mean and temporal variance without light, rounding included

@@ -184,8 +184,6 @@ def _noise_of_energy(psf: Psf, edge: float) -> float:
 class _FineGrid:
     """Oversampled grid of an image, `OVERSAMPLING` points per sample, each representing a square.
 
-    Attributes
-    ----------
     M : (n, size) band-limited interpolation along one axis
     r : (n^2,) distances from the centre, in pixels
     order : (n^2,) int permutation that sorts the distances
@@ -238,8 +236,6 @@ def _fine_grid(size: int, s: int) -> _FineGrid:
 class Circle:
     """Circle about the PSF's centre that encloses a share of the total energy; NaN where there is none.
 
-    Attributes
-    ----------
     radius : radius in pixels
     density : derivative of the share by the radius, per pixel
     size : side of the central square of samples used

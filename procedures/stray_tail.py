@@ -66,8 +66,6 @@ def curve_model_error(psf: Psf, f: Array, mtf: Array, slope: Array, passed: Arra
     Three independent parts: the tail's roughness, its rings, and the energy outside the support, by which the OTF is
     normalised. All vanish at frequency 0.
 
-    Parameters
-    ----------
     f : (n,) in cycles/pixel
     mtf : (n,) the PSF's MTF
     slope : (n, k^2 + q or more); derivative of the curve by the PSF's parameters

@@ -70,8 +70,6 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[DrawnNumber]:
     """Numbers of one curve.
 
-    Parameters
-    ----------
     f, mtf : (n,) cycles per pixel, equally spaced from 0, and the moduli
     slope : (n, m) derivative of the moduli by the PSF's parameters
     name : name of the direction

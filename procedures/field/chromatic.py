@@ -26,8 +26,6 @@ DEGREES = (1, 2, 3)
 class LateralColour:
     """Displacement of a plane's image relative to a reference, in pixels of the sensor.
 
-    Attributes
-    ----------
     shape : rows and columns of a plane
     positions : (N, 2), positions of the charts, in pixels of the plane
     shift : (N, 2), covariance : (N, 2, 2); measured (x, y)

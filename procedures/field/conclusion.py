@@ -36,8 +36,6 @@ outweighs."""
 class PlaneField:
     """Results of one plane.
 
-    Attributes
-    ----------
     centre, quality : the PSF at the frame's centre, and its numbers
     numbers : of the whole field: the axis of the lens, and the median of each map
     pitch : sensor pixels per pixel of the plane
@@ -77,8 +75,6 @@ def conclude(
 
     Raises Refused if no photograph gave any node.
 
-    Parameters
-    ----------
     focus : mapping of photograph's name to focus position in mm; the field is then that of the sharpest position
     at : frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported
     photosite : sagittal and meridional MTF50 are also mapped without it

@@ -43,8 +43,6 @@ Job = tuple[Plane, int, ChartSighting]
 class MeasuredChart:
     """One chart in one plane of one photograph.
 
-    Attributes
-    ----------
     numbers : those of `HEADLINE` that the PSF has
     gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
     correspondences : in pixels of the plane
@@ -117,8 +115,6 @@ def measure_frame(
     The charts are detected in one plane, green where there is one, and have the same positions in the others. Raises
     Refused if there is no chart in it.
 
-    Parameters
-    ----------
     each : how the charts are processed; `map` takes one after the other
     sensors : their response is inverted, and their noise weights the samples
     """

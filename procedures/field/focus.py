@@ -37,8 +37,6 @@ COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 
 class FocusSurface:
     """Best focus over the frame, in the unit of the bracket's positions.
 
-    Attributes
-    ----------
     shape : (int, int)
     positions : (N, 2), measured places, in pixels of the plane
     best : (N, 2), variance : (N, 2); measured sagittal and meridional focus

@@ -27,8 +27,6 @@ DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolate
 class HeightCurve:
     """MTF at one frequency as a function of the image height.
 
-    Attributes
-    ----------
     frequency : cycles per pixel of the plane
     heights : (n,), pixels of the plane from the frame's centre
     sagittal, meridional : (n,), means over the directions

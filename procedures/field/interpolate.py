@@ -56,8 +56,6 @@ class InterpolationCandidate:
 class Recipe:
     """How to build a model from nodes.
 
-    Attributes
-    ----------
     kind : "polynomial", "thin plate" or "symmetric lens"
     setting : degree, or stiffness of the plate
     axis : (x, y), axis of the symmetric lens, in half diagonals from the frame's centre
@@ -79,8 +77,6 @@ class Recipe:
 class Interpolation:
     """A field, and its choice.
 
-    Attributes
-    ----------
     recipe : of its model; with the number of components it is sufficient to rebuild the field from its nodes
     candidates : all tried interpolations, the best first
     axis : intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it

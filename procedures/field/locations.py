@@ -33,13 +33,9 @@ def chosen_locations(n: int, aspect: float = 1.5) -> list[Location]:
     They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
     highest degree that n determine; further ones are placed in the largest gaps.
 
-    Parameters
-    ----------
     aspect : width over height of the frame
 
-    References
-    ----------
-    Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
+    Source: Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
     """
     if n < 3:
         raise BadParameter(f"a surface needs three places or more; got {n}", "choose 6 or more")

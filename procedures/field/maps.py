@@ -42,8 +42,6 @@ ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)  # maps of the field's predicted err
 class FieldMap:
     """A number over the frame.
 
-    Attributes
-    ----------
     x : (nx,), y : (ny,); positions in pixels of the plane
     value : (ny, nx), NaN where the number is undefined
     uncertainty : (ny, nx) or None; None where the value is itself an uncertainty

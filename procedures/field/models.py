@@ -52,8 +52,6 @@ class Separate:
 class Optic:
     """The components as required by the symmetric model.
 
-    Attributes
-    ----------
     analysis, components : (r, p), as in `PsfField`
     whiten : (p, p), from a PSF's parameters to units of their noise
     norms : cache of the norms of each harmonic's rings in these units, shared by optics of one noise
@@ -125,14 +123,10 @@ class AxialSymmetry:
     r and the angle of x about the axis: the smooth functions with the symmetry of equation (4.20). b, the PSF on the
     axis, is free except for b(-s) = b(s): it contains what is fixed to the sensor (photosites, low-pass filter).
 
-    Attributes
-    ----------
     places : (N, 2), trust : (N,); as in `numerics.scattered`
     axis : (x, y), intersection of the axis with the frame, in the units of `places`
 
-    References
-    ----------
-    Sorel's thesis, 2007, section 4.4, equation (4.20).
+    Source: Sorel's thesis, 2007, section 4.4, equation (4.20).
     """
 
     places: Array

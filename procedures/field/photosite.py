@@ -19,8 +19,6 @@ MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise
 class Photosite:
     """A square photosite centred in its pixel. Raises BadParameter if the fill factor is impossible.
 
-    Attributes
-    ----------
     fill : effective area over the pixel's, including the microlens
     uncertainty : standard uncertainty of `fill`
     assumed : whether it was not measured
@@ -43,8 +41,6 @@ class Photosite:
 
         |sinc(a fx) sinc(a fy)|, a the root of the fill factor, sinc(x) = sin(pi x) / (pi x).
 
-        Parameters
-        ----------
         f : (n,), cycles per pixel of a plane
         angle : direction in which the detail repeats, radians from x towards y
         pitch : sensor pixels per pixel of the plane

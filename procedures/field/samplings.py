@@ -23,8 +23,6 @@ MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than th
 class PsfPolynomial:
     """Every sample of the PSF as a polynomial of the position.
 
-    Attributes
-    ----------
     images : (c, K, K), coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, .
     centre, scale : (x, y) and float; x is (column - centre) / scale, in pixels of the plane, likewise y
     lost : largest norm of the difference from the field over the PSF's norm, inside the nodes' hull

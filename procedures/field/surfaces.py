@@ -15,8 +15,6 @@ from procedures.numerics.scattered import Polynomial, monomials
 class Surface:
     """A polynomial in each component of a measured vector.
 
-    Attributes
-    ----------
     values : (N, m), covariances : (N, m, m); measured values and covariances of their noise
     lack : (m,), upper estimate of the variance of the model error, per position
     """
@@ -59,8 +57,6 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
 
     Raises ValueError if the places do not determine the lowest.
 
-    Parameters
-    ----------
     places : (N, 2), values : (N, m), covariances : (N, m, m)
     degrees : candidates; those that the places do not determine are skipped
     """

@@ -10,10 +10,8 @@ length L: curves with two derivatives. a, R and L maximise the likelihood of the
 smoothness and narrowness are assumed only as far as they show above the noise, and at low noise the prior has almost
 no effect.
 
-References
-----------
-Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sections 4.2 and 5.4.1; Gilmour, Thompson, Cullis,
-Biometrics 51 (1995) 1440-1450 (average information).
+Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sections 4.2 and 5.4.1; Gilmour, Thompson,
+Cullis, Biometrics 51 (1995) 1440-1450 (average information).
 """
 
 from __future__ import annotations
@@ -44,8 +42,6 @@ changes by less than its noise."""
 def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     """Covariance (n, n) of the most likely prior of a kernel, given its estimate.
 
-    Parameters
-    ----------
     h : (n,) the kernel's k x k values row by row, with errors, of a sum near 1
     errors : (n, n) their covariance
     s : samples per pixel

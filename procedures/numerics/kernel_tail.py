@@ -96,8 +96,6 @@ def far_light(
 ) -> Array32:
     """Light from beyond the reach, for a mean tail of energy 1 within it: a picture filtered by 1/r^3, (rows, columns).
 
-    Parameters
-    ----------
     picture : (rows, columns) the scene at pixels. Details do not matter at that distance, so the photograph itself
         serves.
     corner : (x, y) first pixel of the window

@@ -16,8 +16,6 @@ from procedures.numerics.triangular import inverse_lower, solve_factored
 class NormalEquations:
     """Gram matrix and right-hand side of the kernel h with the nuisance columns Z projected out.
 
-    Attributes
-    ----------
     G : (n, n) A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included
     b : (n,) A'r - A'Z (Z'Z)^-1 Z'r
     L : (n, n) Cholesky's factor of G
@@ -74,8 +72,6 @@ def gram(A: Array32) -> Array:
 class Products:
     """Products from which the normal equations are formed.
 
-    Attributes
-    ----------
     AA : (n, n) A'A, or that of a matrix near A when h is an increment
     AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,) A'Z, Z'Z, A'r, Z'r
     pull : (p,) float64 or 0; prior part of Zr
@@ -95,8 +91,6 @@ class Products:
     def with_prior(self, precision: Array, pull: Array) -> Products:
         """Add a Gaussian prior of the nuisance parameters.
 
-        Parameters
-        ----------
         precision : (p,) one over the prior variance of each, in units where the data's noise is 1; 0 without prior
         pull : (p,) prior mean less the present value
         """

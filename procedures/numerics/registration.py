@@ -1,9 +1,7 @@
 """Affine registration of two photographs by their correlation, independent of their brightness.
 
-References
-----------
-Evangelidis, Psarakis, Parametric image alignment using enhanced correlation coefficient maximization, IEEE TPAMI 30
-(2008), in OpenCV's implementation.
+Source: Evangelidis, Psarakis, Parametric image alignment using enhanced correlation coefficient maximization, IEEE
+TPAMI 30 (2008), in OpenCV's implementation.
 """
 
 from __future__ import annotations

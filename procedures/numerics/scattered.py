@@ -62,15 +62,11 @@ class Polynomial:
 class ThinPlate:
     """Thin-plate spline with a linear part; interpolates the values where `stiffness` is 0.
 
-    Attributes
-    ----------
     places : (N, 2) float64, trust : (N,) float64; as in `Polynomial`; at least three places, not on a line
     stiffness : weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is
         minimised
 
-    References
-    ----------
-    Wahba, Spline Models for Observational Data, 1990, section 2.4.
+    Source: Wahba, Spline Models for Observational Data, 1990, section 2.4.
     """
 
     places: Array

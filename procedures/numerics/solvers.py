@@ -35,14 +35,10 @@ def non_negative_least_squares(G: Array, b: Array) -> Array:
     exchanges of the last infeasible variable guarantee termination. Raises numpy.linalg.LinAlgError if the pivots run
     out, as they can when G is numerically singular.
 
-    Parameters
-    ----------
     G : (n, n) symmetric positive definite: A'A of the least squares problem
     b : (n,) A'v
 
-    References
-    ----------
-    Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
+    Source: Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
     """
     n = len(b)
     passive = cholesky_solve(G, b) > 0
@@ -72,9 +68,7 @@ def solve_constrained(G: Array, b: Array, solver: str) -> Array:
 
     Raises ValueError if the solver is unknown.
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
     """
     if solver not in SOLVERS:
         raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")

@@ -12,8 +12,6 @@ from procedures.numerics.arrays import Array, Complex, Indices
 class BinnedSaddles(NamedTuple):
     """Saddles sorted by bins, one row of bins after the other.
 
-    Attributes
-    ----------
     points, axes : (n,) complex128 as in `marks.Saddles`
     merits : (n,) merit by which saddles compete: strength, for those of a chart
     starts : (rows columns + 1,) int64 index of the first saddle of each bin
@@ -35,8 +33,6 @@ class BinnedSaddles(NamedTuple):
 class LayoutRules(NamedTuple):
     """Limits that decide which saddles may be x-corners of one chart, for `loops.layouts`.
 
-    Attributes
-    ----------
     min_step, max_step : range of lattice steps, in pixels
     along_axis : least cosine of twice the angle between a lattice direction and the axes, or across them
     same_axis : least cosine of twice the angle between similar axes

@@ -39,8 +39,6 @@ class CellSpectra:
 class Band:
     """Frequencies f of a lattice whose image J'f lies in [-limit, limit]^2, as the target grid represents them.
 
-    Attributes
-    ----------
     n : cells along one side of the lattice
     per_cell : points of the splines' grid per cell, at (i + 1/2) / per_cell cells
     J : (2, 2) d(cells x, y) / d(target x, y)

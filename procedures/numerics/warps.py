@@ -88,8 +88,6 @@ class CubicWarp:
     The constant is absent because a translation of the map is equivalent to a shift of the kernel observed through it;
     something else must fix it.
 
-    Attributes
-    ----------
     H : (3, 3) homography, source points (x, y) -> target points
     centre : (2,) float64, radius : float; the polynomial's argument is (p - centre) / radius
     displacement : (2, 9) coefficients of d in units of the source, for x and y, in the order of `CUBIC_EXPONENTS`

@@ -86,8 +86,6 @@ class Size:
 class Sheet:
     """One printed page.
 
-    Attributes
-    ----------
     paper : "A4", or "special size" beyond A0
     corner_mm : top left corner of the chart's frame
     black : black areas of the chart, in cells: see `outline`

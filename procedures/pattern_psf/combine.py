@@ -41,8 +41,6 @@ CENTRE_PX = 0.05
 class CombinedPsf:
     """PSF of one plane from several shots.
 
-    Attributes
-    ----------
     shots : estimates from the single shots, in order
     chi_square : chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their
         uncertainties

@@ -29,8 +29,6 @@ MIN_INFORMATION = 0.25
 class Correspondences:
     """Image positions of the chart's bins.
 
-    Attributes
-    ----------
     index : (n,) int64 indices of the bins, row by row of `bin_centres`
     points : (n, 2) images of their centres, (x, y) in pixels of the plane
     covariance : (n, 2, 2) covariance of each point, in squared pixels

@@ -116,8 +116,6 @@ def diagnose(
 ) -> Diagnostics:
     """Compute the diagnostics of a fit.
 
-    Parameters
-    ----------
     psf : the normalised PSF
     corners : (12, 2) the detected marks, NaN where hidden
     marks_map : the map fitted to the marks alone

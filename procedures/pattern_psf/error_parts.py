@@ -39,8 +39,6 @@ CALIBRATED = {
 class Variation:
     """A number in two halves of the chart.
 
-    Attributes
-    ----------
     halves : "left" and "right", "top" and "bottom", or "centre" and "rim"
     values : (float, float)
     sigmas : difference of the values in standard uncertainties

@@ -1,8 +1,6 @@
 """PSF from one photograph of the noise chart: the whole estimation, with uncertainties and a verdict.
 
-References
-----------
-Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 and appendix A.1.
+Source: Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 and appendix A.1.
 """
 
 from __future__ import annotations
@@ -108,8 +106,6 @@ class PatternParameters(Sampling):
 class PatternPsf:
     """PSF of one plane at one position in the frame.
 
-    Attributes
-    ----------
     n : number of samples
     quality : MTF and the sharpness metrics derived from the PSF, with their uncertainty budgets
     diffraction : diffraction limit of the plane, where known

@@ -39,8 +39,6 @@ TEXTURES = (1.0, 2.0)
 class ChartEvidence:
     """Scores of a photograph.
 
-    Attributes
-    ----------
     masks : unsharp masks of `MASK_RADII` in the noise of paper and residual
     textured : masks of `SMOOTHING_RADII` where paper and residual may have textures, which the lens images
     strengths : by the directions of `procedures.corruption.directions`
@@ -126,8 +124,6 @@ HIDDEN = 2.5
 class WholeChart:
     """The chart's picture in a window.
 
-    Attributes
-    ----------
     prediction, value, weight : (rows, columns) black 0 and white 1: as predicted, as photographed; the reciprocal of
         the noise
     slopes : (rows, columns, 2) derivative of the prediction by a shift along x and y

@@ -58,8 +58,6 @@ def chart_of(seed: int) -> Chart:
 class PatternFacts(CameraFacts):
     """Facts of the plan with the chart.
 
-    Attributes
-    ----------
     paper : paper in the printer; None in sessions of earlier versions, which did not ask
     chart_width_mm : width of the print; None before it is chosen
     chart_seed : seed of the cells; the station's default if none was given

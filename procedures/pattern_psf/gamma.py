@@ -25,8 +25,6 @@ def gamma_diagram(
 ) -> Diagram:
     """Diagram of gamma for a lens and a print, with the corresponding distances.
 
-    Parameters
-    ----------
     s, k : sampling of the PSF
     aim : target s/t
     diffraction : if given, its cutoff is compared with the band of s
@@ -104,8 +102,6 @@ NODES = 200
 class NoiseRegionView:
     """Square view of the noise region.
 
-    Attributes
-    ----------
     s_over_t : samples of the PSF per cell of the chart
     pixels : pixels of the plane along one side
     gamma, bound : gamma of this view, and its lower bound for as many pixels
@@ -165,8 +161,6 @@ def _covariance(cell: float, k: int) -> Array:
 def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:
     """Compute gamma of a photograph, independent of the scale of its weights.
 
-    Parameters
-    ----------
     equations : normal equations of a chart from black -1/2 to white 1/2
     constant : index of the nuisance column that is 1 for every sample
     weight : (m,) reciprocal of each sample's noise

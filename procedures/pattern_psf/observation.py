@@ -19,8 +19,6 @@ from procedures.pattern_psf.registration import Registration
 class Observation:
     """Samples of the fit: their positions, and their values between black (0) and white (1).
 
-    Attributes
-    ----------
     rows, columns : (m,) int64 pixels, relative to the window
     points : (m, 2) positions (x, y) in the plane
     y : (m,) samples, black 0, white 1

@@ -98,8 +98,6 @@ def edge_columns(
 
     Each cell's segment of a line is split into pieces of at most half a pixel, each a point source at its middle.
 
-    Parameters
-    ----------
     whole : (320, 320) float32 the chart with its frame
     points : (m, 2) the samples' pixels (x, y)
     h : (k, k) the PSF, its sum the contrast

@@ -34,8 +34,6 @@ MIN_BEND_UNCERTAINTY = 1e-4
 class LightLevels:
     """Levels of black and white over the plane, and their noise.
 
-    Attributes
-    ----------
     black, white : (6,) coefficients of `quadratic` at the normalised coordinates of the registration, in samples of the
         plane
     variance_black, variance_white : variance of the samples about black and white, in samples squared
@@ -82,14 +80,10 @@ def quadratic(x: Array, y: Array) -> Array:
 def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> LightLevels:
     """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
-    Parameters
-    ----------
     samples : (rows, columns) float32 the plane
     quantisation : one digital number in the plane's units; rounding is a lower limit of the noise
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
     block_at = _block_reader(samples, registration, points, block, quantisation)

@@ -57,8 +57,6 @@ TOLERANCE_PX = 0.015  # convergence tolerance: the step is applied to first orde
 class ChartFit:
     """State of the refinement: map, PSF, light parameters, and residual.
 
-    Attributes
-    ----------
     h : (k^2,) PSF before normalisation; its sum is the contrast's correction
     light : (19,) a (6), b without its constant (5), beta, delta, the tail's amplitudes (6)
     prediction : (m,) the model at the samples
@@ -200,8 +198,6 @@ def refine(
 
     Coarse steps use a subset of the samples, fine steps all of them.
 
-    Parameters
-    ----------
     registration : map by the marks, or by another fit
     s, k : samples per pixel, and their number along the PSF's side
     far : (rows, columns) float32 light in the window from beyond the range of the tail's shapes, black -1/2 and white

@@ -29,15 +29,11 @@ class Registration(CubicWarp):
 def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:
     """Refine x-corners (n, 2) to subpixel accuracy, where the surrounding gradients are orthogonal to the rays.
 
-    Parameters
-    ----------
     plane : (rows, columns) float32
     corners : (n, 2) initial positions (x, y), accurate to about a pixel; NaN rows stay
     block_px : side of a block of the chart's frame, in pixels: the window must stay inside the block
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
     """
     half = max(2, int(0.25 * block_px))
     visible = np.isfinite(corners).all(axis=1)

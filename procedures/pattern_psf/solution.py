@@ -32,8 +32,6 @@ from procedures.psf import Psf, PsfTail
 class SharedErrors:
     """Covariances shared by PSF, centre and map of a chart; P is the number of the PSF's parameters.
 
-    Attributes
-    ----------
     centre : (P, 2) PSF's parameters with the image of the chart's centre, in pixels of the plane
     displacement : (18, P + 2) coefficients of the map's displacement with the PSF's parameters, then with that centre
     mark : (2, P + 2) mark offset of the PSF with the PSF's parameters, then with that centre

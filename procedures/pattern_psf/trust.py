@@ -60,8 +60,6 @@ MAX_VARIATION = 0.03
 class VerdictInputs:
     """Inputs of the verdict in addition to the diagnostics.
 
-    Attributes
-    ----------
     parameters : as requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
     chosen : whether the program chose s and k
     contradicted : violations of the diffraction limit, where f-number and pitch are known

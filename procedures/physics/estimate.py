@@ -31,8 +31,6 @@ EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
 class Physics:
     """The physical model of a PSF.
 
-    Attributes
-    ----------
     aperture, low_pass : the photosite's shape and the low-pass filter
     missing_corner_deg : direction of the missing corner of an L-shaped aperture, from x towards y, y down
     numbers : side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in

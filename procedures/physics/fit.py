@@ -85,8 +85,6 @@ def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, 
     Where the fit's residual exceeds the noise, the required rise is larger by the reduced chi-square. For a parameter
     whose effect begins with its square (defocus, diffusion) this is the only uncertainty at the bound.
 
-    Parameters
-    ----------
     fit : includes this parameter; its start is moved to the bound first
     inward : 1 or -1, direction from the bound into the range
     """

@@ -43,8 +43,6 @@ def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -
 
     Raises BadParameter if the sizes differ, or a blur circle would be wider than 128 pixels.
 
-    Parameters
-    ----------
     sharp : (C, H, W), linear
     metres : (H, W) distance from the lens; infinity is allowed
     setting : aperture and focus of the new picture

@@ -63,8 +63,6 @@ class FixedPattern:
 class SensorResult:
     """Characterisation of one plane.
 
-    Attributes
-    ----------
     curves, transfer, linearity, response : basis of the temporal numbers
     dark, light : structure of the mean dark picture, and of the response
     dark_level : mean of the dark pictures, in digital numbers

@@ -8,9 +8,7 @@ is the number of quanta per pixel that an ideal counter requires for that signal
 such as sharpening, multiplies MTF^2 and NPS by the same factor, so that NEQ and numbers derived from it do not change.
 NPS includes aliasing, as the picture does.
 
-References
-----------
-Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
+Source: Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
 """
 
 from __future__ import annotations
@@ -35,8 +33,6 @@ DRAWS = 200
 class Information:
     """Information content of one plane at one position.
 
-    Attributes
-    ----------
     frequencies : (n,), along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`
     mtf, nps, neq, neq_uncertainty : (n, n), [fy, fx]
     equivalent_mtf, equivalent_mtf_uncertainty : (n, n) sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white

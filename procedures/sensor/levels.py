@@ -25,8 +25,6 @@ SEARCHED = 500_000  # samples of a picture searched for clipping
 class LightLevel:
     """Statistics of pairs of pictures of one exposure.
 
-    Attributes
-    ----------
     light : mean photons per pixel where known, otherwise a number proportional to them; 0 in the dark
     mean, variance : of the digital numbers; the variance is temporal, without the change of the light between the
         pictures

@@ -63,8 +63,6 @@ class Response:
 class Linearity:
     """The line through the characteristic curve, and the deviations from it.
 
-    Attributes
-    ----------
     slope, offset : (1 + draws,) float64
     deviation : (1 + draws, levels), relative deviation of the signal from the line
     used : (levels,) bool; levels from 5 % to 95 % of saturation

@@ -44,8 +44,6 @@ def from_draws(
 ) -> IntervalNumber:
     """The first value, with the spread of the others.
 
-    Parameters
-    ----------
     values : (1 + draws,) float64
     extra : further standard uncertainty, not included in the draws
     signed : whether the quantity may be negative

@@ -24,8 +24,6 @@ NEIGHBOURS = (35 / 18) ** 2
 class NoisePower:
     """The NPS at one signal.
 
-    Attributes
-    ----------
     power : (n, n), [fy, fx] in the order of `numpy.fft.fftfreq`; DN^2 per (cycle/pixel)^2: its mean is the variance
     signal : mean less dark of the pictures, DN
     blocks : averaged blocks: each value has the relative standard uncertainty 1 / sqrt(blocks)

@@ -51,8 +51,6 @@ LEAST_EXPOSURES = 3  # exposure times required for dark current
 class Transfer:
     """Results of the photon transfer curve, over the draws.
 
-    Attributes
-    ----------
     gain : (1 + draws,), K by the standard: a line through 0
     gain_at_dark : (1 + draws,), K of small signals, corrected for the response's curvature
     gain_bent : standard uncertainty of K by that curvature where it is significant, as the linear model neglects it

@@ -92,8 +92,6 @@ def unrounded(
     Each draw starts from another prior sample and is fitted to its own draw of the statistics with the prior: where
     these determine a parameter the draws have its uncertainty, elsewhere that of all values which are possible.
 
-    Parameters
-    ----------
     measured : (3, 1 + draws) mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with
         their uncertainties
     variances : (3,) squares of the standard uncertainties; infinite where the spatial variance is not known

@@ -28,8 +28,6 @@ LEAST_CYCLES = 3  # minimum number of periods within the picture: slower pattern
 class Spectrogram:
     """Root of the mean power over frequency.
 
-    Attributes
-    ----------
     direction : "horizontal": along rows, or "vertical"
     frequencies : (n,), in cycles per pixel, from 0 to 1/2
     amplitude : (n,), in digital numbers, or per cent of the signal; its mean square is the variance
@@ -46,8 +44,6 @@ class Spectrogram:
 class Period:
     """A sinusoid common to all lines.
 
-    Attributes
-    ----------
     pattern : "row": the rows differ, along a column; or "column"
     frequency : in cycles per pixel
     amplitude : from the mean to the crest
@@ -71,8 +67,6 @@ def spectrogram(stack: FrameStack, direction: str, scale: float = 1.0) -> Spectr
 def find_periods(picture: Array, pattern: str, unit: str, scale: float = 1.0) -> tuple[Period, ...]:
     """Sinusoids of the rows' or columns' averages, the strongest first.
 
-    Parameters
-    ----------
     picture : (rows, columns) float64
     pattern : "row" or "column"
     unit : unit of an amplitude after multiplication by the scale

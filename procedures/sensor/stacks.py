@@ -23,8 +23,6 @@ BINOMIAL = np.array([0.25, 0.5, 0.25])
 class FrameStack:
     """A stack's mean picture.
 
-    Attributes
-    ----------
     mean_picture : (rows, columns), in digital numbers
     variance : temporal variance of one picture, averaged over the pixels, without changes of the light
     row_variance, column_variance : temporal variance of the averages of a picture's rows, and of its columns

@@ -49,8 +49,6 @@ def spatial_variances(
 ) -> Variances:
     """Variance over all pixels, and its parts by rows, columns and pixels.
 
-    Parameters
-    ----------
     picture : (rows, columns), a stack's mean picture
     residual_variance : (pixels, rows, columns) temporal variance in it, DN^2: of pixels, of averages of rows, and of
         columns. The standard derives the second and third from the first; noise common to a row would then appear as

@@ -25,8 +25,6 @@ NO_EDGE = "give a region with one straight edge between two plain areas that cro
 class Course:
     """An edge's course: x as a polynomial of the position along it.
 
-    Attributes
-    ----------
     coefficients : (order + 1,) coefficients for t = position / half, highest power first, in pixels
     half : half length of the strip, in pixels
     rising : whether larger x is brighter
@@ -70,9 +68,7 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
 
     Raises Refused if there is no edge, or it leaves the strip.
 
-    References
-    ----------
-    ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
+    Source: ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
     """
     line, rising, reach = _first_line(strip, start)
     half = max((len(strip.samples) - 1) / 2, 1.0)

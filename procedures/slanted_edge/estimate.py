@@ -53,8 +53,6 @@ def orientation(turned: bool) -> str:
 class EdgeMtf:
     """The MTF across one edge.
 
-    Attributes
-    ----------
     roi : measured region
     turned : whether the edge is nearer to horizontal
     frequencies, mtf, uncertainty : (n,) cycles per pixel of the plane along the edge's normal, MTF, standard

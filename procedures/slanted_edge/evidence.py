@@ -45,8 +45,6 @@ MIN_SAMPLES = 20
 class Evidence:
     """Scores of an edge; those of its noise are NaN or of infinite uncertainty where rounding hides it.
 
-    Attributes
-    ----------
     masks : unsharp masks in the noise of the plains
     textured : the same, where the plains may have a fine texture, which the lens images
     halo : an unsharp mask beside the edge

@@ -37,8 +37,6 @@ LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 class EdgeProfile:
     """The samples of an edge by bin and row, so that rows can be resampled.
 
-    Attributes
-    ----------
     sums, counts : (n, 2 K) sum and number of each row's values in every bin, 0 dark and 1 bright, moved to the bins'
         `centres` along the spread function
     light_normal : (n, 6, 6) float64, light_right : (n, 6) float64; contribution of each row to the normal equations of

@@ -66,8 +66,6 @@ class EdgeLine:
 class Strip:
     """Samples around an edge, the edge running along axis 0.
 
-    Attributes
-    ----------
     samples : (n, m) n pixels along the edge, m across
     roi : their rectangle in the plane
     turned : whether they are transposed: the edge is nearer to horizontal

@@ -35,8 +35,6 @@ SIGNIFICANT = 2.0  # standard uncertainties from which an offset is significant
 class TiltParameters:
     """Parameters of camera, bracket and screws.
 
-    Attributes
-    ----------
     pixel_pitch_um : pitch of the sensor
     positions : meaning of the bracket's positions in mm
     distance_mm : distance of the chart from the lens, where the positions do not give it

@@ -25,8 +25,6 @@ class TiltedPlane:
 
     (x, y) are millimetres on the sensor from the frame's centre, to the right and down in the photograph.
 
-    Attributes
-    ----------
     size_mm : width and height of the frame
     plane : (3,), covariance : (3, 3); offset in um, slopes in um/mm
     curvature : (3,), curvature_covariance : (3, 3); coefficients of x^2, x y and y^2, in um/mm^2

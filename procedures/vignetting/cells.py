@@ -20,8 +20,6 @@ DARK = 0.02  # minimum of a flat's median on the scale
 class LightCells:
     """Averages over cells.
 
-    Attributes
-    ----------
     place : (n, 2), (x, y) of the cells' centres, in pixels of the plane
     level : (n,), sigma : (n,); mean, and its standard deviation by the noise of the samples, including fixed pattern
     """

@@ -35,8 +35,6 @@ UNITS = ("pixel of the plane", "pixel of the plane", "1", "1", "1")
 class PlaneVignetting:
     """Vignetting of one plane.
 
-    Attributes
-    ----------
     numbers : mapping of name to Quantity
     places : (n, 2), value : (n,), uncertainty : (n,); map of the light relative to the plane's centre
     middle : (2,), (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart

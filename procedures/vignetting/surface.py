@@ -31,8 +31,6 @@ TERMS = 3  # terms of the radial formula: r^2, r^4, r^6
 class Falloff:
     """The light of a plane over the frame, 1 at its centre.
 
-    Attributes
-    ----------
     covariance : (c, c), covariance of its coefficients by noise
     slope_covariance : (2, 2), covariance of the mean slope of the flats' light; NaN for one flat
     slopes : (F, 2), slopes of each flat's light, relative to their mean
@@ -66,8 +64,6 @@ class Falloff:
 class RadialFalloff:
     """The light as 1 + k1 r^2 + k2 r^4 + k3 r^6, r about a fitted centre, in half diagonals.
 
-    Attributes
-    ----------
     centre : (2,), (x, y) in pixels of the plane
     coefficients : (3,) float64
     covariance : (5, 5), covariance of centre and coefficients

@@ -57,8 +57,6 @@ def run_on_cluster(
     its messages and those of its workers are unpickled here. Raises BadParameter if Dask is not installed, or no
     cluster answers at the address; Refused if the cluster goes away while it works.
 
-    Parameters
-    ----------
     allowance : limits of each item on a local cluster; others have limits of their own
     tls : files for a cluster at tls://...: authority, own certificate, own key
     """

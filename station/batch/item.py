@@ -47,8 +47,6 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 class Job:
     """Data common to all items.
 
-    Attributes
-    ----------
     out : folder of the batch
     done : results of earlier runs
     reports : whether a page is written for each item
@@ -76,8 +74,6 @@ class PlaneRow:
 class ItemRow:
     """The result of an item.
 
-    Attributes
-    ----------
     verdict : one of VERDICTS; of the measurement: the worst of the planes'
     specification : one of JUDGED; the worst verdict of the planes against their limits
     against : the limits that are missed or undecided, in sentences

@@ -63,8 +63,6 @@ PlaneName = Annotated[str, one_of(lambda: (*PLANES, ALL))]
 class BatchProcedure:
     """A procedure with its settings.
 
-    Attributes
-    ----------
     terms : unit of frequencies, further frequencies, and specification
     endings : how the names of a pair's photographs end
     pairs : a table whose rows name the photographs of an item, in place of endings

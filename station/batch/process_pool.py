@@ -156,8 +156,6 @@ def run_in_processes(
 
     Raises Refused if `DEATHS_IN_A_ROW` processes die.
 
-    Parameters
-    ----------
     function : importable by its name
     jobs : processes at a time
     stop : on request items in work are finished, and the others omitted

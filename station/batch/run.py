@@ -90,8 +90,6 @@ def run_batch(
     Raises BadParameter if the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no
     such cluster.
 
-    Parameters
-    ----------
     jobs : processes at a time
     cluster : the address of a Dask cluster, or "local" for one of `jobs` processes here
     allowance : limits of each item; by default its share of this machine's memory, and an hour

@@ -54,8 +54,6 @@ def correct_photographs(
 
     Raises BadInput, Refused if one cannot be read, or the field is of another camera, lens, aperture or focus.
 
-    Parameters
-    ----------
     photos : the first defines the frame of the picture; the others are registered to it
     insisted : the field is used for any camera, and the result flagged as doubtful
     """

@@ -30,8 +30,6 @@ class EdgeRecord:
 
     The plane reports numbers and verdict of the best edge.
 
-    Attributes
-    ----------
     result : the best edge's numbers in the requested unit, compared with the specification
     at : frequencies at which the MTF is reported, in cycles per pixel of the plane
     limit : the diffraction limit, where it is known

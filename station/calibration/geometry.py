@@ -25,8 +25,6 @@ from station.common.threads import threads
 class ViewRecord:
     """The view of one photograph.
 
-    Attributes
-    ----------
     path, sha256 : of the file, the hash "" where it could not be read
     verdict, reason, remedy : of the chart in it
     exposure : from the metadata
@@ -45,8 +43,6 @@ class ViewRecord:
 class GeometryPhotographs:
     """The views of all photographs in one plane.
 
-    Attributes
-    ----------
     plane : name of the plane
     size : (columns, rows) of the sensor, (0, 0) where no photograph could be read
     records : one for each photograph, in order

@@ -44,8 +44,6 @@ def calibrate(
 
     Raises BadParameter if `physics` is set and the diffraction limit of a plane is not known.
 
-    Parameters
-    ----------
     physics : whether a model of sensor and lens is fitted to every PSF
     sensor : result of the sensor's calibration; planes without one are estimated without it
     """

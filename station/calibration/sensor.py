@@ -84,8 +84,6 @@ def measure_sensor(
 
     Raises BadInput if no picture can be read, or pictures differ in size or planes.
 
-    Parameters
-    ----------
     plane : a plane's name; "all" or None for every plane
     watch : passes on the paths as they are read
     read : reads a picture; by default from its file

@@ -28,8 +28,6 @@ _RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) with the exposure of e
 class Shots:
     """Pictures of one exposure.
 
-    Attributes
-    ----------
     kind : "dark" or "light"
     photons, light : photons per pixel, or a number proportional to them, where the manifest has it
     only_stack : whether the pictures are a stack alone, and no level of the ladder

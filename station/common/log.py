@@ -71,8 +71,6 @@ def log(
 
     A quiet program omits level "info".
 
-    Parameters
-    ----------
     event : a stable name, for programs
     level : "info", "warning" or "error"
     other_causes : alternative causes, each with its own remedy

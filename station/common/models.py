@@ -47,8 +47,6 @@ UNIONS = (typing.Union, types.UnionType)
 class ModelField:
     """One field of a model.
 
-    Attributes
-    ----------
     kind : float, int, bool, str or Path; the model of a table or of the tables of a list
     choices : the only values, of a Literal; empty where others are possible
     word : a text that may stand in place of a number, as "auto"; "" where none may
@@ -215,8 +213,6 @@ def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
 class TableSource:
     """Origin of a table, as named in messages.
 
-    Attributes
-    ----------
     file : name of the file; "" for options of a command
     lines : lines of its keys
     places : paths of keys in the file, where they differ from those in the model

@@ -51,8 +51,6 @@ def _write_psf(
 class GuidedProcedure:
     """A guided procedure: title, plan, and conversion of its estimate into results and files.
 
-    Attributes
-    ----------
     results : results of the planes from photographs, outcomes, terms (unit, specification) and facts; by default one
         PSF per plane
     write : writes and publishes the files of a result, from its folder, results, photographs and the record's head;

@@ -40,8 +40,6 @@ class MovedNumber:
 class RecomputedResult:
     """Comparison of a result with its recomputation.
 
-    Attributes
-    ----------
     result : folder of the result, relative to the session
     same, different, missing, added : names of files, by comparison with the hashes in the journal
     keys : entries in which the records differ

@@ -18,8 +18,6 @@ from procedures.numerics.arrays import Array
 class SettlingTimeouts:
     """How long to wait for the rig to settle, and when it counts as settled.
 
-    Attributes
-    ----------
     frequency_hz, damping : of the stage's slowest mode. Without an IMU the wait lasts until that mode has decayed to
         the fraction `quiet`.
     rate_hz, window_s : sampling rate of the IMU, and duration of a block

@@ -37,8 +37,6 @@ class Place(StrEnum):
 class Limit:
     """The range in which a number must lie.
 
-    Attributes
-    ----------
     number : one of `limited_numbers`
     least, most : infinite without a bound; frequencies in `unit`
     coverage : standard uncertainties on either side of the number that must lie inside too
@@ -78,8 +76,6 @@ class Limit:
 class Specification:
     """All limits of a lens or a camera.
 
-    Attributes
-    ----------
     title : of what it is the specification
     source : its file, and sha256 of the content; empty for a part of another file
     """
@@ -109,8 +105,6 @@ class Specification:
 class Spot:
     """The numbers of one place of the frame.
 
-    Attributes
-    ----------
     name : in words: "upper left corner"; empty if unknown
     places : what it counts as
     numbers : empty where it was not measured
@@ -133,8 +127,6 @@ def compare(
 
     Raises BadParameter if the unit of the limits needs unknown properties of the pixels.
 
-    Parameters
-    ----------
     pixels : what its frequencies are counted in
     spots : the numbers by place, of a result over the frame; of one place, its numbers are the plane's
     """

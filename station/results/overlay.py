@@ -25,8 +25,6 @@ REMEDY = "name the folder of a result of station psf or station mtf, or a sessio
 class Overlay:
     """The curves of another result.
 
-    Attributes
-    ----------
     name : for a legend
     unit : of its frequencies
     planes : columns of (n,) by plane: frequency, and horizontal and vertical, or mtf across an edge; over image height

@@ -30,8 +30,6 @@ class PlaneResult:
 
     A refused one has a reason, a remedy and no PSF. One read from files has verdict, numbers, curves and samples.
 
-    Attributes
-    ----------
     reason, remedy : the most likely cause of the verdict; `other_causes` are less likely ones
     numbers : every number with its unit and standard uncertainty, by name
     curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty

@@ -37,8 +37,6 @@ class InputFile:
 class RecordHead:
     """The entries that the records of all procedures begin with.
 
-    Attributes
-    ----------
     parameters : by name, as JSON has them: each procedure has its own, and a record is read by versions that know other
         ones
     arguments, settings : paths and settings as given, by which the result can be computed again

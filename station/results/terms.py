@@ -19,8 +19,6 @@ from station.results.units import Frequency, Pixels, Unit
 class Terms:
     """Requests in addition to the estimate.
 
-    Attributes
-    ----------
     unit : of every frequency in terminal, page, tables and record
     at : where the MTF is reported
     specification : limits of the numbers; may be empty

@@ -32,8 +32,6 @@ def unit_in(text: str) -> Unit:
 class Pixels:
     """The pixels in which the frequencies of a plane are counted.
 
-    Attributes
-    ----------
     pitch : pixels of the sensor per pixel of the plane
     pitch_um : pitch of the sensor's pixels, if known
     height : pixels of the plane along the frame's shorter side

@@ -33,8 +33,6 @@ NEVER_BY_DEFAULT = (MOVE, "trouble", "look", "contradiction")
 class RunStatus:
     """The status of a run.
 
-    Attributes
-    ----------
     session, plan : of the run
     step, instruction : the present step
     doing, done, total : the present operation, with its countable parts

@@ -116,8 +116,6 @@ class Session:
     ) -> Session:
         """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
-        Parameters
-        ----------
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
         clock : the bench's, for the times of exposures and transcripts
         seed : of all random numbers in it

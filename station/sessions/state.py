@@ -21,8 +21,6 @@ LOST = "its photograph is lost"
 class SessionShot:
     """One photograph of the session.
 
-    Attributes
-    ----------
     number : counted from 1 in the order of the exposures
     path : relative to the session's folder, inside originals/
     purpose, step : why it was taken
@@ -74,8 +72,6 @@ class Awaited:
 class SessionState:
     """A session according to its journal.
 
-    Attributes
-    ----------
     plan, camera, lens : the plan and its subject
     began : when it was created, UTC, ISO 8601
     seed : of all random numbers in it
