@@ -106,16 +106,9 @@ class Plane:
     ) -> Plane:
         """Plane of linear samples (rows, columns).
 
-        Parameters
-        ----------
-        black, white : float
-            Sample values of black and white. White is 1 by default for floating-point samples, which are taken as
-            quantised to 16 bits, and the largest value of an integer type.
-
-        Raises
-        ------
-        BadInput
-            If it is not two-dimensional, or not all samples are finite.
+        black, white : sample values of black and white. White is 1 by default for floating-point samples, which are
+        taken as quantised to 16 bits, and the largest value of an integer type. Raises BadInput if it is not
+        two-dimensional, or not all samples are finite.
         """
         whole = np.issubdtype(array.dtype, np.integer)
         if white is None:

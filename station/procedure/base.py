@@ -165,8 +165,6 @@ S = TypeVar("S", bound=Settings)
 class Procedure(ABC, Generic[S]):
     """One kind of measurement.
 
-    Attributes
-    ----------
     name : as commands, records, procedure files and limits call it
     title : one line for lists and for the first line of its page
     help : what `--help` says, paragraphs with an empty line between

@@ -8,9 +8,15 @@ from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput
 from procedures.raw import Plane
-from procedures.restoration.colour.colour_error import error_of, spread_out
-from procedures.restoration.colour.depth_search import searched
-from procedures.restoration.colour.estimate import descended, problem_of, shifted, unknowns_of
+from procedures.restoration.colour.estimate import (
+    descended,
+    error_of,
+    problem_of,
+    searched,
+    shifted,
+    spread_out,
+    unknowns_of,
+)
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
