@@ -6,9 +6,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from procedures.field.focus import FREQUENCY, focus_surface, sharpest
+from procedures.field.focus import FREQUENCY, FocusSurface, focus_surface, sharpest
 from procedures.field.maps import radius_direction
+from procedures.field.surfaces import fit_surface
 from procedures.outcome import Refused
+from procedures.psf_field import in_half_diagonals
 
 from .lens import LENS, NEAR, SHAPE, FieldCamera, grid, nodes
 
@@ -88,3 +90,25 @@ def test_a_bracket_on_one_side_of_the_focus_is_refused(covariance):
     beyond = {z: nodes(TILTED, grid(3, 3), covariance, rng, defocus_um=z) for z in (0.3, 0.36, 0.42)}
     with pytest.raises(Refused, match="extend the bracket"):
         focus_surface(beyond, SHAPE)
+
+
+def test_uncertainties_are_those_that_the_errors_of_single_places_add_up_to(rng):
+    # the quadratic surface is exact, so the only errors are the independent ones of the measured focus; each number is
+    # linear in it, so a finite difference is a derivative
+    places, variance = grid(4, 3), rng.uniform(1e-6, 4e-6, (12, 2))
+    x, y = in_half_diagonals(places, SHAPE).T
+    best = np.column_stack([0.1 * x + x * y - 0.2 * y**2, 0.3 - 0.2 * y + 0.1 * x**2])
+    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
+
+    def numbers(values):
+        surface = fit_surface(in_half_diagonals(places, SHAPE), values, covariances, (2,))
+        return FocusSurface(SHAPE, places, values, variance, surface, "mm").numbers()
+
+    base, spread = numbers(best), dict.fromkeys(numbers(best), 0.0)
+    for index in np.ndindex(best.shape):
+        moved = best.copy()
+        moved[index] += 1e-4
+        for name, quantity in numbers(moved).items():
+            spread[name] += ((quantity.value - base[name].value) / 1e-4) ** 2 * variance[index]
+    for name, quantity in base.items():
+        assert quantity.uncertainty == pytest.approx(spread[name] ** 0.5, rel=1e-6), name
