@@ -107,9 +107,9 @@ def test_the_move_that_tells_the_scale_stays_on_the_rail():
 
 
 def test_cells_of_the_chart_correlate_with_its_number_alone():
-    # pixels of 2.7 cells, each the mean of 8 x 8 points: the expected ones are means of 4 x 4, which differ by a tenth of
-    # the variance. Half a pixel off they would correlate by half. Another chart's are independent: 1 / sqrt(5000) over
-    # the central pixels, the largest of 49 shifts
+    # pixels of 2.7 cells, each the mean of 8 x 8 points: the expected ones are means of 4 x 4, which differ by a tenth
+    # of the variance. Half a pixel off they would correlate by half. Another chart's are independent: 1 / sqrt(5000)
+    # over the central pixels, the largest of 49 shifts
     H = np.array([[0.37, 0.0, 20.2], [0.0, 0.37, 15.7], [0.0, 0.0, 1.0]])
     fine, shape = 8, (130, 140)
     v, u = ((np.arange(n * fine) + 0.5) / fine - 0.5 for n in shape)
