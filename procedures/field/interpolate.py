@@ -277,10 +277,10 @@ def _axis(data: WhitenedNodes, r: int) -> SymmetryAxis | None:
 
 
 def _refined(data: WhitenedNodes, axis: SymmetryAxis, degree: int) -> SymmetryAxis:
-    """The axis near another one, by all components of a lens of that degree."""
+    """The axis near another one, by all components of a lens of that degree, its constant first term among them."""
     start = _coordinates(axis)
-    mean, V = data.symmetric_basis(np.arange(len(data.z)), degree, start)
-    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T - data.origin(mean, V), start)
+    V = data.symmetric_basis(np.arange(len(data.z)), degree, start)[1]
+    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T, start)
 
 
 def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:
