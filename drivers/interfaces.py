@@ -306,6 +306,10 @@ class Light(Device, Protocol):
         """The level last set."""
         ...
 
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures that are too short for its modulation."""
+        ...
+
 
 class Probe(Device, Protocol):
     """An instrument that measures quantities of the room or of the light."""
