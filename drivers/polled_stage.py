@@ -25,7 +25,7 @@ from drivers.wire.outgoing import URGENT_S
 
 
 class StageAxis(Protocol):
-    """What the base needs of an axis: its name with the unit, and the tolerance of its positions."""
+    """An axis of a polled stage: its name with the unit, and the tolerance of its positions."""
 
     @property
     def name(self) -> str:

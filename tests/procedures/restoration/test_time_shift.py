@@ -185,10 +185,8 @@ def test_the_amplitude_of_a_measured_path_has_the_uncertainty_of_the_units_noise
 
 def test_the_scale_of_depth_is_as_uncertain_as_the_amplitude_of_the_shaker(pictures):
     angle = 2 * np.pi * np.arange(32) / 32
-    frames = [
-        replace(frame, imu=None, shaker_path=ShakerPath(
-            1e-2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), OPEN_S / 32, 0.0, amplitude_uncertainty=u
-        ))
-        for frame, u in zip(frames_of(pictures[1], 0.0, 0.0), (0.02, 0.01), strict=True)
-    ]  # fmt: skip
+    circle = 1e-2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    paths = [ShakerPath(circle, OPEN_S / 32, 0.0, amplitude_uncertainty=one) for one in (0.02, 0.01)]
+    frames = frames_of(pictures[1], 0.0, 0.0)
+    frames = [replace(frame, imu=None, shaker_path=path) for frame, path in zip(frames, paths, strict=True)]
     assert recorded_motion(frames, FOCAL_PX).scale_uncertainty == 0.02
