@@ -137,7 +137,9 @@ def recorded_motion(frames: Sequence[RawFrame], focal: float | None) -> Recorded
         return tuple(one for one in each if one is not None)
 
     with suppress(BadInput):
-        return RecordedMotion(poses(0.0), focal, within_s=max(map(times_within_s, frames)), late=poses)
+        within_s = max(map(times_within_s, frames))
+        uncertainty = max(0.0 if one.shaker_path is None else one.shaker_path.amplitude_uncertainty for one in frames)
+        return RecordedMotion(poses(0.0), focal, within_s=within_s, late=poses, scale_uncertainty=uncertainty)
     return None
 
 

@@ -267,6 +267,11 @@ class ActiveDevices:
                 light.set_level(level)
             return light is not None
 
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures that are too short for the lamp's modulation."""
+        lamp = self._device("light")
+        return None if lamp is None else lamp.flicker(exposure_s)
+
     def measure_mm(self) -> float | None:
         """The rangefinder's reading, None without a rangefinder. Raises DeviceError."""
         with self._using("rangefinder") as laser:

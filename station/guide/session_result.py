@@ -119,7 +119,8 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
         else ShakerResponse() for i in range(3)
     )  # fmt: skip
     within_s = max((float(one["within_s"]) for one in given.values()), default=0.0)
-    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
+    uncertainty = max((float(one.get("gain_uncertainty", 0.0)) for one in given.values()), default=0.0)
+    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s, uncertainty)
     if ((shot.snapshot.get("motion") or {}).get("clock") or {}).get("by") == "box":  # on the clock of the shaker
         with suppress(BadInput):
             return measured_path(path, imu) if (imu := imu_during(shot)) is not None else path

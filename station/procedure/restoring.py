@@ -316,6 +316,8 @@ def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
         masks = MaskField.of(blur.masks[0])
         given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
         fitted = {} if blur.time_shift is None else {"time_shift": asdict(blur.time_shift)}
+        if source.scale_uncertainty:
+            given["inverse_depth_scale_uncertainty"] = source.scale_uncertainty
         return {**given, **fitted, "nodes": list(masks.grid), "half_size": masks.R}
     entries: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
     if isinstance(source, KnownShapes) and any(source.offsets):
