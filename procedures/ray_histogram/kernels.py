@@ -72,11 +72,22 @@ def means_distance(x: Floats, y: Floats, rules: Rules) -> np.float32:
 
 
 @vectorised
+def squared_differences(x: Floats, y: Floats) -> tuple[np.float32, np.float32]:
+    """Sum of the squared Welch statistics of the three colours, and their number."""
+    distance = np.float32(0.0)
+    n = x.size // 2
+    for m in range(min(3, n)):
+        step = x[m] - y[m]
+        distance += step * step / (x[n + m] + y[n + m])
+    return distance, np.float32(3.0)
+
+
+@vectorised
 def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: Floats, k: Floats) -> None:
     """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those of the candidate.
 
     Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` samples in total are excluded.
-    Equation (4.3), plus a term where means differ significantly.
+    Equation (4.3), plus a term where means differ significantly. Without histograms the colours' means are compared.
     """
     frame, dr, dc = candidate
     target, other = stack.histograms[0], stack.histograms[frame]
@@ -100,6 +111,8 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: 
                 valid = both > floor
                 distance += e * e / both if valid else np.float32(0.0)
                 bins += np.float32(1.0) if valid else np.float32(0.0)
+            if x.shape[0] == 0:
+                distance, bins = squared_differences(stack.means[0, r, c], stack.means[frame, r + dr, c + dc])
             d[i, c] = distance + means_distance(stack.means[0, r, c], stack.means[frame, r + dr, c + dc], rules)
             k[i, c] = bins
 

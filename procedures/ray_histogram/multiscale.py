@@ -62,7 +62,12 @@ class FilteredFilm:
 
 
 def filter_film(
-    film: Film, parameters: FilterParameters | None = None, *, neighbours: Sequence[Film] = (), threads: int = 1
+    film: Film,
+    parameters: FilterParameters | None = None,
+    *,
+    neighbours: Sequence[Film] = (),
+    guides: Floats | None = None,
+    threads: int = 1,
 ) -> FilteredFilm:
     """Filter a film by Algorithm 2.
 
@@ -74,6 +79,9 @@ def filter_film(
         The defaults if None.
     neighbours : sequence of Film
         The frames before and after in a sequence, in which similar patches are searched for too.
+    guides : (rows, columns, 2 n) float32, optional
+        Values that differ between surfaces, such as normals, and their variances, in units of the difference that
+        matters; only for a film by itself.
     threads : int
         Bands filtered at once; the result does not depend on it.
 
@@ -84,6 +92,9 @@ def filter_film(
     """
     parameters = parameters or FilterParameters()
     frames = [samples_of(f.checked()) for f in (film, *neighbours)]
+    if guides is not None:
+        values = [np.split(array, 2, axis=-1) for array in (frames[0].means, guides) if array is not None]
+        frames[0] = replace(frames[0], means=np.concatenate([half[i] for i in (0, 1) for half in values], axis=-1))
     results = fuse_scales(frames, parameters, threads=threads)
     picture = results[0].picture
     if parameters.scales > 1:
@@ -112,7 +123,7 @@ def samples_of(film: Film) -> Samples:
     """The film in the filter's form."""
     rows, columns = film.count.shape
     mean = film.mean.astype(np.float32)
-    histogram = film.histogram.reshape(rows, columns, -1)
+    histogram = film.histogram.reshape(rows, columns, 3 * film.histogram.shape[-1])
     return Samples(
         mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _safe_variance(film)], axis=-1)
     )
@@ -140,7 +151,10 @@ def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
 
 def downsample(frame: Samples, s: int) -> Samples:
     """The frame at scale s: 2^s times smaller, blurred against aliasing, with the same number of samples in all."""
-    histogram = gaussian_downsample(frame.histogram, s)
+    rows_columns = tuple(-(-n // 2**s) for n in frame.count.shape)
+    histogram = np.zeros((*rows_columns, 0), np.float32)
+    if frame.histogram.size:
+        histogram = gaussian_downsample(frame.histogram, s)
     count = gaussian_downsample(frame.count[..., None], s)[..., 0]
     factor = np.float32(frame.count.sum(dtype=np.float64) / count.sum(dtype=np.float64))
     histogram *= factor
