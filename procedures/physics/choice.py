@@ -3,7 +3,7 @@ support."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from procedures.physics.fit import ModelFit, WhitenedPsf, fit_parts, start_near
@@ -13,11 +13,12 @@ ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(
 """None, defocus, spherical, both, all eight."""
 
 
-def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
+def choose(data: WhitenedPsf, progress: Callable[[str], object] | None = None) -> tuple[ModelFit, list[ModelFit]]:
     """The best model, and all models tried in order of the criterion.
 
     One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
     under the new aperture, all with free aberrations. Aberrations that do not improve the criterion are then removed.
+    `progress` is called after every fit.
     """
     tried: dict[ModelParts, ModelFit] = {}
 
@@ -26,6 +27,8 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
         for parts in candidates:
             if parts not in tried:
                 tried[parts] = fit_parts(data, parts, start_near(tried[near], parts) if near else None)
+                if progress is not None:
+                    progress(f"{len(tried)} models of sensor and lens fitted")
         scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 

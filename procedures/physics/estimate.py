@@ -67,7 +67,9 @@ class Physics:
     __repr__ = summary
 
 
-def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
+def estimate_physics(
+    psf: Psf, diffraction: Diffraction | None, pitch: int, progress: Callable[[str], object] | None = None
+) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
 
     Parameters
@@ -78,6 +80,8 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
         Aperture, pitch of the plane's pixels, wavelength.
     pitch : int
         Sensor pixels per pixel of the plane.
+    progress : callable, optional
+        Called with a sentence after every model that was fitted.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
-    fit, tried = choose(data)
+    fit, tried = choose(data, progress)
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}

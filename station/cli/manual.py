@@ -9,11 +9,13 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.command import Command
+
 NARROWEST, WIDEST = 40, 100
 """Limits of the width of a page, in columns."""
 
 
-@click.command("manual")
+@click.command("manual", cls=Command)
 @click.argument("topic", required=False)
 @click.option(
     "--html",
