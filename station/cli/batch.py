@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import jobs_option
-from station.cli.terminal.command import Command, json_option, strict_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
 from station.common.errors import INTERRUPTED
@@ -38,7 +38,7 @@ MOST_NAMED = 40
 """Number of unusable photographs on the screen; the files list all."""
 
 
-@click.command("batch", cls=Command)
+@click.command("batch", cls=StationCommand)
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")

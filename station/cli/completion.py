@@ -5,12 +5,12 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from station.cli.terminal.command import Command
+from station.cli.terminal.command import StationCommand
 
 VARIABLE = "_STATION_COMPLETE"
 
 
-@click.command("completion", cls=Command)
+@click.command("completion", cls=StationCommand)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(ctx: click.Context, shell: str) -> None:

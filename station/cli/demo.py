@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
@@ -28,7 +28,7 @@ WIDE = 100
 """Least width of a terminal at which the table shows both directions, columns."""
 
 
-@click.command("demo", cls=Command)
+@click.command("demo", cls=StationCommand)
 @click.option(
     "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
 )

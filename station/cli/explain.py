@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log_json_option
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MOST_TERMS = 3
 
 
-@click.command("explain", cls=Command)
+@click.command("explain", cls=StationCommand)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
 @json_option

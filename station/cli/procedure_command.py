@@ -21,7 +21,7 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
-from station.cli.terminal.command import Command, json_option, strict_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
@@ -93,7 +93,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     return click.command(procedure.name, cls=ListCommand, help=procedure.help)(argument(command))
 
 
-class ListCommand(Command):
+class ListCommand(StationCommand):
     """A command whose options of several texts also accept them as `--shape FILE1 FILE2` before the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.log import log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
-@click.command("reproduce", cls=Command)
+@click.command("reproduce", cls=StationCommand)
 @click.argument("name", required=False)
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")

@@ -9,13 +9,13 @@ from pathlib import Path
 import click
 
 from procedures.outcome import BadInput
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 WORDS = {True: "agrees", False: "DIFFERS", None: "not compared"}
 
 
-@click.command("verify", cls=Command)
+@click.command("verify", cls=StationCommand)
 @click.argument("certificate", type=click.Path(path_type=Path))
 @click.option(
     "--originals", type=click.Path(path_type=Path, exists=True, file_okay=False),

@@ -16,7 +16,7 @@ from procedures.outcome import BadInput
 from station.cli.bench.devices import FAILED, interrupt
 from station.cli.terminal.bench_options import CONFIG, config_option
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
 
 
-@click.command(cls=Command)
+@click.command(cls=StationCommand)
 @click.argument("driver", required=False)
 @click.option("--port", help="Try it at this port; the stage moves along its whole travel.  [default: its twin]")
 @click.option("--device", help="Try the device of this name in station.toml instead of a DRIVER.")

@@ -18,7 +18,7 @@ from station.cli.terminal.bench_options import (
     simulate_option,
 )
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ FAILED = 3
 """The exit code of device errors."""
 
 
-@click.command(cls=Command)
+@click.command(cls=StationCommand)
 @config_option
 @simulate_option
 @shaker_option

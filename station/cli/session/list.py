@@ -12,7 +12,7 @@ import click
 
 from station.cli.session.group import sessions_option
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def chosen(since: str | None, **others: str | None) -> Filter:
     return Filter(since=since, **wanted)
 
 
-@click.command("list", cls=Command)
+@click.command("list", cls=StationCommand)
 @sessions_option
 @click.option("--camera", help="Only sessions of this camera.")
 @filter_options

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.session.group import find_session, session_argument
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ DIFFERENT = 1
 """Exit code for a difference."""
 
 
-@click.command("recompute", cls=Command)
+@click.command("recompute", cls=StationCommand)
 @session_argument
 @click.option("--result", "numbers", type=click.IntRange(min=1), multiple=True, help="Its number; all by default.")
 @json_option

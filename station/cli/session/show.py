@@ -11,7 +11,7 @@ import click
 
 from station.cli.session.group import find_session, session_argument
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from station.sessions.state import SessionShot
 
 
-@click.command("show", cls=Command)
+@click.command("show", cls=StationCommand)
 @session_argument
 @click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
 @json_option

@@ -12,7 +12,7 @@ import click
 from station.cli.session.group import sessions_option
 from station.cli.session.list import chosen, filter_options
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import Command, json_option
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 from station.common.sanitise import printable
 from station.common.uncertainty_text import stated
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from station.reports.trend import Trend
 
 
-@click.command("trend", cls=Command)
+@click.command("trend", cls=StationCommand)
 @click.argument("camera")
 @sessions_option
 @filter_options

@@ -27,7 +27,7 @@ json_option = click.option(
 strict_option = click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed: exit 1.")
 
 
-class Command(click.Command):
+class StationCommand(click.Command):
     """A command with --quiet, whose help has its options in groups."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

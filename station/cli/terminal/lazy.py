@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from station.cli.terminal.command import Command
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.examples import EXAMPLES
 from station.cli.terminal.inherited import check_inherited
 from station.common.errors import reporting_errors
@@ -22,7 +22,7 @@ ADDED = "station.procedures"
 """The entry-point group of other packages' procedures, each of which is a command."""
 
 
-class LazyGroup(Command, click.Group):
+class LazyGroup(StationCommand, click.Group):
     """A group that imports a command's module when the command is called, and explains its errors."""
 
     def __init__(self, *args: Any, table: Table, extensible: bool = False, **kwargs: Any) -> None:
