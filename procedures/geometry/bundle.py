@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Initial focal lengths, relative to the longer side of the frame."""
 WIDE_RATIOS = (0.3, 0.45, 0.7)
-"""The same of wide lenses."""
+"""Initial focal lengths of wide lenses, relative to the longer side of the frame."""
 WIDE_PX = 2.0
 """Residual of a pinhole with radial distortion above which the lens may be wide."""
 FIRST_NODES = 60

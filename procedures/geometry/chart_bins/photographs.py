@@ -31,20 +31,20 @@ SUPPORT_PX = 4
 
 
 @dataclass(frozen=True, eq=False)
-class SeenChart:
+class ChartLocation:
     """The chart in a plane, or in its picture by a turned camera."""
 
     sighting: ChartSighting
     turned: TurnedView | None = None
 
-    def moved(self, x: float, y: float) -> SeenChart:
+    def moved(self, x: float, y: float) -> ChartLocation:
         """The chart in a plane whose content is shifted by (x, y) pixels."""
         if self.turned is None:
             return replace(self, sighting=self.sighting.moved(x, y))
         return replace(self, turned=self.turned.moved(x, y))
 
 
-def see_chart(samples: Array32) -> SeenChart:
+def locate_chart(samples: Array32) -> ChartLocation:
     """The chart in a plane: with all its marks on straight lines, or as a camera turned towards it shows it.
 
     Raises
@@ -54,14 +54,14 @@ def see_chart(samples: Array32) -> SeenChart:
     """
     charts = find_charts(samples)
     if charts and (len(charts) > 1 or charts[0].visible.all()):
-        return SeenChart(one_chart(charts))
+        return ChartLocation(one_chart(charts))
     turned = find_turned(samples, REDUCED_PX, charts[0].centre() if charts else None)
     if turned is not None and not (charts and turned[0].visible.sum() <= charts[0].visible.sum()):
-        return SeenChart(*turned)
-    return SeenChart(one_chart(charts))
+        return ChartLocation(*turned)
+    return ChartLocation(one_chart(charts))
 
 
-def view_of(plane: PlaneLike, chart: Chart, source: str, seen: SeenChart | None = None) -> Outcome[ChartView]:
+def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
     Parameters
@@ -72,7 +72,7 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, seen: SeenChart | None 
         The printed cells.
     source : str
         Name of the view.
-    seen : SeenChart, optional
+    location : SeenChart, optional
         The chart in another plane, moved to this one; None: it is searched for.
 
     Raises
@@ -81,8 +81,8 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, seen: SeenChart | None 
         If there is no chart in it, or one that cannot be used.
     """
     plane = as_plane(plane)
-    seen = seen or see_chart(plane.samples)
-    sighting, turned = seen.sighting, seen.turned
+    location = location or locate_chart(plane.samples)
+    sighting, turned = location.sighting, location.turned
     width = float(sighting.widths().max())
     factor = ceil(width / REDUCED_PX) if turned is None and width > WIDE_PX else 1
     samples = reduced(plane.samples, factor) if turned is None else turned.picture(plane.samples)
@@ -111,14 +111,14 @@ def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str
     """
     guide = planes.get("G1", next(iter(planes.values())))
     try:
-        seen = see_chart(guide.samples)
+        location = locate_chart(guide.samples)
     except Refused as refusal:
         return dict.fromkeys(planes, _refused(refusal))
     views = {}
     for name, plane in planes.items():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         try:
-            views[name] = view_of(plane, chart, source, seen.moved(x, y))
+            views[name] = view_of(plane, chart, source, location.moved(x, y))
         except Refused as refusal:
             views[name] = _refused(refusal)
     return views

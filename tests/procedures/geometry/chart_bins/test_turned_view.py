@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.geometry.chart_bins.photographs import see_chart, view_of
+from procedures.geometry.chart_bins.photographs import locate_chart, view_of
 from procedures.geometry.chart_bins.turned_view import TurnedView
 from procedures.outcome import Refused
 from procedures.pattern import Chart
@@ -32,14 +32,14 @@ def test_a_chart_near_the_corner_of_a_fisheye_is_measured(corner):
 
 
 def test_the_turned_camera_shows_all_marks(corner):
-    seen = see_chart(corner[0])
-    assert seen.turned is not None
-    assert seen.sighting.visible.all()
+    location = locate_chart(corner[0])
+    assert location.turned is not None
+    assert location.sighting.visible.all()
 
 
 def test_a_picture_without_a_chart_is_refused():
     with pytest.raises(Refused, match="no chart in the photograph"):
-        see_chart(np.full((240, 320), 0.4, np.float32))
+        locate_chart(np.full((240, 320), 0.4, np.float32))
 
 
 def test_the_turned_camera_looks_at_its_place():
