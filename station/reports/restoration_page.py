@@ -26,7 +26,7 @@ MAX_SIDE_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
 KERNEL_PX = 240
 """Largest side of a kernel on the page."""
-PLACES, PLACE_PX = 4, 64
+PLACES, PLACE_PX = 3, 64
 """Number of places that are shown enlarged, and their side in pixels."""
 MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
