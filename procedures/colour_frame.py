@@ -15,11 +15,8 @@ from procedures.reading.grey_image import read_colours
 
 
 def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = None) -> RawFrame:
-    """Read planes R, G and B of a TIFF or PNG of 16 bits with three channels. Raises BadInput if it is not such a file.
-
-    encoding : "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted; data : content of the
-    file, if already read.
-    """
+    """Planes R, G, B of a TIFF or PNG of 16 bits; encoding "linear" or "srgb" (IEC 61966-2-1, inverted). Raises
+    BadInput if it is not such a file."""
     path = Path(path)
     data = read_photograph(path) if data is None else data
     levels = read_colours(data, str(path)).astype(np.float32) / np.float32(65535)

@@ -89,11 +89,8 @@ class Interpolation:
 
 
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
-    """The PSF over the frame from its nodes, by the model with the smallest cross-validation error.
-
-    shape : rows and columns of the plane. Raises Refused if there are fewer than six nodes, they lie on a line, or have
-    different samplings (`with_common_support`).
-    """
+    """The PSF over the frame by the model with the smallest cross-validation error. Raises Refused if there are fewer
+    than six nodes, they lie on a line, or have different samplings."""
     nodes, data = _prepared(plane, shape, nodes)
     folds = _folds(data.places)
     scores = _separate_scores(data, folds)
@@ -252,10 +249,8 @@ def _symmetric_score(data: WhitenedNodes, folds: _Folds, r: int, degree: int, ax
 def _validated(
     data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int
 ) -> tuple[Array, CoefficientModel]:
-    """Errors (n, p) at the excluded nodes, in units of noise, and the model of the others.
-
-    Raises ValueError where these do not determine it.
-    """
+    """Errors (n, p) at the excluded nodes in units of noise, and the model of the others. Raises ValueError if
+    undetermined."""
     kept, out = fold
     mean, V = _basis(data, kept, recipe)
     V = V[:r]
@@ -312,11 +307,8 @@ def _field(
 
 
 def _model_error(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
-    """Variance of the model error: of the coefficients (r, r), and in every other direction.
-
-    The cross-validation errors contain the noise of the excluded node, that of the others by their weights, and the
-    model error, once at the node and with the same weights through the others.
-    """
+    """Variance of the model error, of the coefficients (r, r) and in every other direction: cross-validation errors
+    contain it once at the node and with the others' weights, beside their noise."""
     inner = data.inner(V)
     noise = data.size / data.trust
     excess, rest = np.zeros((r, r)), 0.0

@@ -15,11 +15,8 @@ from procedures.psf_field import Node
 
 
 def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:
-    """The nodes with PSFs of one size, that of the widest support.
-
-    Raises Refused if their samples per pixel or their tails' shapes differ, or their supports differ and they have no
-    tail.
-    """
+    """The nodes with PSFs of the widest support. Raises Refused if samplings or tails' shapes differ, or supports
+    without a tail."""
     first = nodes[0]
     for node in nodes[1:]:
         if node.psf.s != first.psf.s:

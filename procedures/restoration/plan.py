@@ -126,10 +126,7 @@ def enough(which: str) -> Any:
 
 
 def path(which: str, facts: Facts) -> Shake | None:
-    """Path of the shaker: loops, mainly along x, along y, and diagonal.
-
-    They differ in direction, so that frequencies suppressed by one are retained by the others.
-    """
+    """Path of the shaker: loops along x, along y, and diagonal, so that each retains what another suppresses."""
     known = facts_as(RestorationFacts, facts)
     if known.blur_by == APERTURES or which == TRUTH:
         return None

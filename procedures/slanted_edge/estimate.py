@@ -114,10 +114,8 @@ class EdgeOutcome(Outcome[EdgeMtf]):
 
 
 def estimate_edges(plane: PlaneLike, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
-    """Measure all slanted edges of a plane: passed, doubtful, refused, the best of each first.
-
-    A plane without an edge gives one refusal without a region. Diffraction, where known, predicts the far tail.
-    """
+    """All slanted edges of a plane: passed, doubtful, refused, the best of each first; without one, a refusal without
+    region."""
     plane = as_plane(plane)
     try:
         sightings = find_edges(plane.samples)
@@ -307,11 +305,8 @@ def resampled_mtf(profile: EdgeProfile, draws: int = DRAWS) -> Array:
 
 
 def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
-    """Relative uncertainty of MTF50 expected of this noise and window; NaN where MTF50 is.
-
-    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm. Half of its power is in
-    phase with the transfer function, whose derivative by the logarithm of the frequency is about -0.65 at one half.
-    """
+    """Relative uncertainty of MTF50 expected of this noise and window, NaN where MTF50 is: half the power of the bins'
+    differences is in phase; d MTF / d log f is -0.65 there."""
     counts = profile.counts.sum(axis=0)
     bin_noise = profile.noise / abs(profile.contrast) / np.sqrt(max(float(counts[counts > 0].mean()), 1.0))
     window = float(np.linalg.norm(tukey(profile.centres, profile.flat_px, profile.end_px)))

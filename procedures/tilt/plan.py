@@ -216,10 +216,8 @@ def stops(facts: Facts) -> list[TourStop]:
 
 
 def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
-    """The chart's centre (3,) from the lens, in the axes of a head at rest (x right, y down, z ahead), with axes `at`.
-
-    By the positions of the rail, which are more accurate than a distance from the chart's size.
-    """
+    """The chart's centre (3,) from the lens, in a resting head's axes, by the rail's positions, better than the chart's
+    size."""
     towards, base = ray(start.chart_at, start.shape, start.principal_px), start.base
     chart = direction(towards, base.get("pan_deg", 0.0), base.get("tilt_deg", 0.0)) * start.distance_mm / towards[2]
     x, y, z = (at.get(name, base.get(name, 0.0)) - base.get(name, 0.0) for name in ("x_mm", "y_mm", "z_mm"))
@@ -232,10 +230,8 @@ def depth_mm(start: TourStart, at: Mapping[str, float]) -> float:
 
 
 def to_depth(location: Location, depth: float, facts: Facts) -> dict[str, float]:
-    """Positions of head or stage, and of the rail, for a place and a distance of the chart.
-
-    The place is constant through the bracket, as the height of a tilted sensor depends on it.
-    """
+    """Positions of head or stage, and of the rail, for a distance of the chart at a place, constant through the
+    bracket."""
     known = facts_as(TiltFacts, facts)
     start = known.begun()
     places = with_head(location, depth, start) if "pan_deg" in start.base else with_stage(location, depth, start)

@@ -38,10 +38,7 @@ def f_number_of(known: TiltFacts) -> float:
 
 
 def bracket_mm(optics: ImagingGeometry, f_number: float, distance_mm: float) -> list[float]:
-    """Distances of the chart at which its image steps through the sensor, the nearest first.
-
-    Thin lens, focused at a distance: 1 / image + 1 / object = 1 / focal length.
-    """
+    """Distances of the chart at which its image (thin lens) steps through the sensor, the nearest first."""
     f, depth_um = optics.focal_length_mm, f_number * optics.plane_pitch_um
     image_um = behind_lens_um(distance_mm, Positions.SET, f)
     images_mm = [(image_um - step * depth_um) / 1000 for step in STEPS]
@@ -58,10 +55,8 @@ def expected_bracket_mm(known: TiltFacts) -> list[float]:
 
 
 def reach_mm(known: TiltFacts) -> tuple[float, float]:
-    """Guaranteed smallest and largest distance between chart and lens.
-
-    Where no rangefinder has measured the wall's distance, they are counted from an end of the rail.
-    """
+    """Guaranteed smallest and largest distance of chart and lens, from an end of the rail where no rangefinder
+    measured."""
     rail = rail_of(known)
     at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
     start = 0.0 if known.distance_mm is None else known.distance_mm - at
@@ -91,10 +86,7 @@ def check_width(width: Fact, facts: Facts) -> None:
 
 
 def width_within_reach(facts: Facts) -> float:
-    """Width in whole mm of the largest chart that fits one sheet and whose bracket fits the rail.
-
-    Raises BadParameter if there is none.
-    """
+    """Whole mm of the largest chart of one sheet whose bracket fits the rail. Raises BadParameter if there is none."""
     known = replace(facts_as(TiltFacts, facts), chart_width_mm=None)
     for width in range(int(known.size.whole_mm), math.ceil(SMALLEST_WIDTH_MM) - 1, -1):
         if reaches(known, expected_bracket_mm(replace(known, chart_width_mm=float(width)))):

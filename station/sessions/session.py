@@ -284,10 +284,7 @@ class Session:
         return inside(self.folder, shot.path)
 
     def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
-        """Copy an announced photograph, unless it is there, and confirm it. Raises ContentChanged, WriteFailed.
-
-        If its name has been taken meanwhile, it gets another.
-        """
+        """Copy an announced photograph, under a free name, and confirm it. Raises ContentChanged, WriteFailed."""
         if os.path.lexists(self.folder / shot.path) and not holds(self.folder / shot.path, shot.sha256):
             path = free_original(self.folder, shot.number, source.name, shot.sha256)
             shot = self._announce(replace(shot, path=path))

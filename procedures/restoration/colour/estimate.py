@@ -132,10 +132,8 @@ START = 1.5
 
 
 def error_of(data: MosaicTerm, u: Array, w: Array, sigma: float, residual: float) -> Array:
-    """An example of the error of u (3, H', W'), lightness and differences of colour, (3, H', W').
-
-    w : (H', W'); sigma : noise from which the prior's strength derives; left : standard deviation of the residual.
-    """
+    """An example of the error of u (3, H', W'); sigma : noise that gives the prior's strength; left : that of the
+    residual."""
     lost = u - _once_more(data, u, w, sigma, 0.0)
     scene = u + LOST * lost
     return _once_more(data, scene, w, sigma, residual) - scene

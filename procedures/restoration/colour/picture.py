@@ -32,10 +32,8 @@ def mixing() -> Array:
 
 
 class MosaicTerm(DataTerm):
-    """Mosaics with their blurs, over pictures (3, H', W') of lightness and differences of colour.
-
-    z : (P, 3, H, W) balanced samples, red, green, blue; trust : (P, 3, H, W) weights, 0 where not sampled.
-    """
+    """Mosaics (P, 3, H, W), balanced, 0 where not sampled, with their blurs, over pictures (3, H', W') of lightness and
+    colour."""
 
     def __init__(self, z: Array, blurs: list[BlurOperator | FieldBlur], trust: Array) -> None:
         super().__init__(z, blurs, trust)
@@ -58,10 +56,8 @@ class MosaicTerm(DataTerm):
 
 
 def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> tuple[Array, Array]:
-    """Picture and depth after a number of joint steps. u : (3, H', W') lightness and differences; w : (H', W').
-
-    sigma : standard deviation of the photographs' noise
-    """
+    """Picture u (3, H', W') of lightness and differences, and depth w, after joint steps; sigma : the photographs'
+    noise."""
     for _ in range(rounds):
         strength, diffusion = prior_of(u, sigma)
         weights = PriorWeights(strength, sigma**2 / DEPTH_SLOPE**2)

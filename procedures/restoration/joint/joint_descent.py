@@ -187,10 +187,8 @@ def one_round(problem: JointProblem, state: DescentState) -> DescentState:
 def _joint(
     problem: JointProblem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, converged: bool = True
 ) -> tuple[Array, Array]:
-    """Picture and depth after one joint Gauss-Newton step.
-
-    converged : whether the residual of u is due to the depth, not to a picture that is still smooth.
-    """
+    """Picture and depth after a joint Gauss-Newton step; converged : the residual is due to depth, not to a smooth
+    picture."""
     iterations = problem.scheme.picture + problem.scheme.depth
     problem.data.focus(w)
     edges = _edges(problem, problem.data.residual(u) if converged else None, w, weights, labels)
@@ -227,11 +225,8 @@ def _edges_localised(
 
 
 def _statistics(problem: JointProblem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
-    """Noise and contrast estimated from residual and picture of a round. The data term is focused on w.
-
-    The noise is limited to 1.5 times the first estimate, which no picture at any depth explains: that includes errors
-    of the masks, but not a depth that is still wrong.
-    """
+    """Noise, at most 1.5 times the first estimate, which no picture at any depth explains, and contrast of a round; the
+    data term is focused on w."""
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
     e = problem.data.residual(u)
     inside, downhill = (one[:, R:-R, R:-R].astype(np.float64) for one in (u, problem.data.blur_adjoint(e)))

@@ -83,10 +83,7 @@ def restarted(
     weight: float,
     iterations: int = FULL.iterations,
 ) -> RegionAttempt:
-    """The pair with its wrong regions restarted; leaves the terms focused elsewhere.
-
-    reach : pixels within which edges are localised; weight : of the picture's prior; iterations : of `Effort`.
-    """
+    """The pair with its wrong regions restarted, edges localised within `reach`; the terms remain focused elsewhere."""
     soft = max(weight, SOFT)
     labels = reliable_segments(old.labels, wrong)
     w = np.where(wrong, surfaces(old.w, labels, 0, DOUBT, valid=~wrong).surface, old.w).astype(old.w.dtype)

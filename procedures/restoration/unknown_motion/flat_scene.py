@@ -173,12 +173,8 @@ def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffor
 
 
 def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
-    """Kernels from an earlier restoration, one for each of `count` photographs, (K, K) with one sample a pixel.
-
-    doubt : why they were unreliable
-
-    Raises BadParameter if their number or sampling is wrong.
-    """
+    """`count` kernels (K, K) of one sample a pixel from an earlier restoration, and the doubt about them. Raises
+    BadParameter for others."""
     sizes = [len(one) for one in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:
         raise BadParameter(

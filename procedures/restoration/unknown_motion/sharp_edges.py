@@ -32,12 +32,8 @@ class EdgePicture:
         self.steepness = (np.abs(down) ** 2 + np.abs(across) ** 2).astype(np.float32)
 
     def picture(self, kernels: Kernels, weight: float) -> Pictures:
-        """The picture u of least sum |h * u - z|^2 + weight x number of pixels that differ from their neighbours.
-
-        References
-        ----------
-        Xu, Lu, Xu and Jia, ACM Trans. Graphics 2011 (the half-quadratic splitting).
-        """
+        """The picture of least sum |h * u - z|^2 + weight x number of pixels that differ from a neighbour, by
+        half-quadratic splitting (Xu, Lu, Xu, Jia, ACM Trans. Graphics 2011)."""
         H = self._spectra_of(kernels)
         blurred, power = (H.conj() * self.spectra).sum(axis=0), (np.abs(H) ** 2).sum(axis=0)
         u, coupling = self.z.mean(axis=0), 2 * weight
