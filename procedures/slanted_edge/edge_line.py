@@ -1,4 +1,4 @@
-"""Course of an edge: a polynomial through the centroids of each row's derivative, the start of `refinement`."""
+"""Course of an edge: a polynomial through the centroids of each row's derivative, before refinement."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from procedures.raw import Plane
 from procedures.restoration.colour.estimate import (
     descended,
     error_of,
+    mixing,
     problem_of,
     searched,
     shifted,
@@ -20,7 +21,6 @@ from procedures.restoration.colour.estimate import (
     unknowns_of,
 )
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
-from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator
 
