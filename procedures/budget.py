@@ -47,10 +47,8 @@ def combined(budget: Budget) -> float:
 
 
 def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
-    """Replace the uncertainties of numbers and curves by those of the parts; the term "choice" is kept.
-
-    parts : mapping of a number's name to its terms; for the curves, their values at the frequencies `KNOTS`.
-    """
+    """Replace the uncertainties of numbers and curves by those of the parts, at KNOTS for the curves; keep the term
+    "choice"."""
     budgets = {}
     for name, terms_before in quality.budgets.items():
         terms = {**parts.get(name, terms_before)}
@@ -84,11 +82,8 @@ def _curve_budget(quality: Quality, direction: str, parts: Mapping[str, Budget])
 
 
 def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Quality:
-    """Add uncertain changes of the transfer function to numbers and curves: terms of the budget by their names.
-
-    modes : relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
-    deviation.
-    """
+    """Add uncertain changes of the transfer function as terms of the budgets: modes are one standard deviation,
+    relative, at `quality.frequencies`, alike in all directions."""
     budgets = {name: {**terms} for name, terms in quality.budgets.items()}
     of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
     curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}

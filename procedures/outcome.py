@@ -195,10 +195,8 @@ def with_doubt(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
 
 
 def worst_of(outcomes: Mapping[str, WithVerdict]) -> Outcome[Any]:
-    """The worst verdict of several outcomes, without a value; the cause that most of them put first comes first.
-
-    Causes with one remedy count as one cause. Their reasons begin with the names of the outcomes.
-    """
+    """The worst verdict of several outcomes by name, without a value; the cause that most put first comes first. Causes
+    with one remedy count as one."""
     worst = max((one.verdict for one in outcomes.values()), key=lambda one: one.rank)
     ranked = [[(name, cause) for cause in causes_of(one)] for name, one in outcomes.items() if one.verdict is worst]
     first = _by_remedy([pair for causes in ranked for pair in causes[:1]])

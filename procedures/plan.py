@@ -227,10 +227,7 @@ class Shoot:
 
 @dataclass(frozen=True)
 class TourStop:
-    """One place of a tour: its name, which is the purpose of its shots, the move to it, and the check of a shot.
-
-    The advice of a failing `check` is carried out before the next try.
-    """
+    """One place of a tour: its name, which is the purpose of its shots, the move to it, and the check of a shot."""
 
     name: str
     go: Go
@@ -251,10 +248,8 @@ class Tour:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Compute the result from all shots that count, by plane; `known` caches the estimates made so far.
-
-    `facts_from` gives facts for later requests from the results by plane.
-    """
+    """Compute the result from all shots that count, by plane; `known` caches the estimates so far, `facts_from` gives
+    facts for later requests."""
 
     estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
     facts_from: Callable[[Mapping[str, Any]], Facts] = lambda estimates: {}

@@ -218,10 +218,7 @@ class PsfField:
         return self._noise(T), self._interpolation(T, beyond)
 
     def noise(self, x: float, y: float) -> Array:
-        """Covariance (p, p) of h(x, y) by that of the nodes.
-
-        The contribution of the tail's priors is common to all nodes, so it does not decrease with their number.
-        """
+        """Covariance (p, p) of h(x, y) by that of the nodes; the part by the tail's priors is common to them."""
         return self._noise(self._transfer(x, y))
 
     def _noise(self, T: Array) -> Array:
@@ -233,11 +230,8 @@ class PsfField:
         return np.asarray(rest + (half + half.T))
 
     def interpolation(self, x: float, y: float) -> Array:
-        """Covariance (p, p) of the model error.
-
-        It is assumed independent between nodes, with contributions at the position and through the nodes. Outside the
-        hull the change of the PSF over the same distance inside is added.
-        """
+        """Covariance (p, p) of the model error, independent between nodes: at the position and through the nodes, and
+        outside the hull the change over the same distance inside."""
         return self._interpolation(self._transfer(x, y), self._beyond(x, y))
 
     def _interpolation(self, T: Array, beyond: Array) -> Array:
@@ -322,19 +316,15 @@ class PsfField:
 
 
 def prior_covariance_part(psf: Psf) -> Array:
-    """Part C L C of a PSF's covariance C (p, p) due to the priors of its tail's shapes.
-
-    C is the inverse of F + L, the information of the samples and of the priors; noise alone contributes C F C.
-    """
+    """Part C L C of a PSF's covariance C = (F + L)^-1 due to the priors of its tail's shapes; noise alone contributes C
+    F C."""
     root, most = _root_of_priors(psf)
     return np.asarray(root @ root.T) / most
 
 
 def prior_sensitivity(psf: Psf) -> Array:
-    """Derivative (p, q - 1) of a PSF's parameters by the errors of its tail's shapes, in prior standard deviations.
-
-    These errors are about the same everywhere in a lens: the product of two positions' derivatives is their covariance.
-    """
+    """Derivative (p, q - 1) of a PSF's parameters by the errors of its tail's shapes, which are about the same
+    everywhere in a lens, in prior standard deviations."""
     root, most = _root_of_priors(psf)
     return np.asarray(root / np.sqrt(most))
 

@@ -163,17 +163,13 @@ class Diffraction:
 
     @property
     def tail_density_px(self) -> float:
-        """Coefficient a of the far tail a / r^3 per square pixel, r in pixels, for any aberrations: 1 / (pi^3 f_c).
-
-        Source: the OTF's slope at 0 is -4 / (pi f_c) for a circular pupil.
-        """
+        """Coefficient a of the far tail a / r^3 per square pixel, for any aberrations: 1 / (pi^3 f_c), from the OTF's
+        slope."""
         return 1 / (np.pi**3 * self.cutoff)
 
     def psf(self, r: Array) -> Array:
-        """Diffraction-limited PSF h_diff at distances r (pixels) from its centre, of unit volume.
-
-        Source: thesis, section 2.2.1: the Airy pattern of a circular aperture.
-        """
+        """Diffraction-limited PSF of unit volume at distances r (pixels). Source: thesis, section 2.2.1: the Airy
+        pattern."""
         x = np.pi * self.cutoff * np.asarray(r, dtype=np.float64)
         small = np.abs(x) < 1e-6
         ring = np.where(small, 0.5, j1(np.where(small, 1.0, x)) / np.where(small, 1.0, x))
@@ -336,10 +332,8 @@ def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
 def crossing_model_error(
     psf: Psf, frequency: float, curve: Callable[[Array], tuple[Array, Array]], passed: float = 1.0
 ) -> float:
-    """Standard uncertainty of the frequency where a curve crosses a level, by the model error of the tail.
-
-    curve : values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
-    """
+    """Standard uncertainty of the frequency where an MTF divided by `passed`, with derivatives (n, p), crosses a level,
+    by the tail's model error."""
     f = frequency + np.array([-STEP, 0, STEP])
     value, slope = curve(f)
     error = curve_model_error(psf, f[1:2], value[1:2] * passed, slope[1:2], passed)
@@ -416,11 +410,8 @@ def energy_outside_support(psf: Psf, n: int) -> Quantity:
 
 
 def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
-    """Value of the PSF at its centre over that of the diffraction limit, both band-limited to the s grid.
-
-    The measured PSF includes the pixel's aperture and the optical low-pass filter: it is the camera's ratio, not the
-    lens's.
-    """
+    """Value of the PSF at its centre over that of the diffraction limit, both band-limited: the camera's, not the
+    lens's, as pixel and low-pass filter are included."""
     f = (np.arange(256) + 0.5) / 256 * psf.s - psf.s / 2
     ideal = float(diffraction.otf(np.hypot(f, f[:, None])).mean())
     if diffraction.cutoff < psf.s / 20:  # too few frequencies lie inside the cutoff, and all of it is in the band

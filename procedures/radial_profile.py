@@ -41,11 +41,8 @@ class RadialProfile:
 
 
 def radial_profile(psf: Psf) -> RadialProfile:
-    """Compute the profile to the end of the tail's shapes; without a tail, to the largest circle inside the support.
-
-    It is that of the band-limited PSF between its samples, as the encircled energy of `procedures.quality`; outside the
-    support it is that of the tail's shapes.
-    """
+    """The profile of the band-limited PSF between its samples, then of its tail's shapes to their end; without a tail,
+    to the largest circle in the support."""
     p, n = psf.parameters, psf.k**2
     radius, on, inside = _weights(psf.k, with_tail=len(p) > n)
     on, inside = on[:, : len(p)] * psf.s**2, inside[:, : len(p)]
@@ -124,11 +121,8 @@ def _tail_on_circles(radius: Array, k: int) -> Array:
 
 
 def _inside_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:
-    """Contributions (n, size, size) of samples at these offsets to the energy of the band-limited image inside circles.
-
-    The energy is summed over squares FINE times smaller than the samples, weighted by a linear ramp at the circle; by
-    symmetry one quadrant suffices.
-    """
+    """Contributions (n, size, size) of samples to the energy inside circles: over squares FINE times smaller, weighted
+    by a ramp at the circle, in one quadrant."""
     end = int(offsets[-1])
     t = np.arange(OVERSAMPLING * end + 1) / OVERSAMPLING
     M = np.sinc(t[:, None] - np.arange(end + 1)) + np.sinc(t[:, None] + np.arange(end + 1))

@@ -57,10 +57,8 @@ class SpaceVariantBlur:
         return np.asarray(weight * out)
 
     def product_convolution(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """Filters (n, K, K) and multipliers (n, rows, columns) for an image of that shape.
-
-        `blur` is the sum over n of each filter's convolution with its multiplier times the image.
-        """
+        """Filters (n, K, K) and multipliers for an image of that shape; `blur` sums each filter's convolution with
+        multiplier times image."""
         weight, coefficients = self._maps(shape)
         return np.array(self._kernels), weight * np.concatenate([np.ones((1, *shape)), coefficients])
 

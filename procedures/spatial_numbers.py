@@ -93,11 +93,8 @@ def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
 
 
 def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
-    """Possible error of the energy above Nyquist by frequencies beyond the band.
-
-    It is taken equal to the energy in the band's outer third, since beyond a zero of the photosite's OTF as much may
-    follow as before it.
-    """
+    """Possible error of the energy above Nyquist by frequencies beyond the band: the energy in its outer third, as much
+    may follow beyond a zero."""
     image, edge = psf.extended(), INNER_BAND * psf.s / 2
     S = _band_kernel(len(image), psf.s, edge)
     inside = float(np.sum((S @ image @ S) * image)) - _noise_of_energy(psf, edge)
@@ -247,10 +244,8 @@ class Circle:
 
 
 def circle(psf: Psf, image: Array, share: float) -> Circle:
-    """Circle that encloses a share of the energy of the band-limited PSF, given its `extended()` image.
-
-    Most circles lie inside the support, so the far samples are used only if necessary.
-    """
+    """Circle that encloses a share of a band-limited PSF's energy, given `extended()`; far samples are used only if
+    necessary."""
     near = _circle(psf, image, min(psf.k + 2 * INTERPOLATION_MARGIN, len(image)), share)
     return near if np.isfinite(near.radius) or near.size == len(image) else _circle(psf, image, len(image), share)
 

@@ -23,11 +23,8 @@ CHUNK = 16
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
-    """Phase of the OTF at frequencies f (n,) along a direction (radians from x to y), with standard uncertainty.
-
-    Both in degrees, unwrapped from 0 at frequency 0. A linear phase is a shift from the PSF's centre, the remainder
-    asymmetry. Where the OTF is below its noise the phase is meaningless.
-    """
+    """Phase of the OTF in degrees along a direction, unwrapped from 0, and its uncertainty; linear: a shift, the rest:
+    asymmetry; meaningless below the noise."""
     waves = psf.spectra(f * np.cos(angle), f * np.sin(angle))
     value = waves @ psf.parameters
     slope = np.imag(np.conj(value)[:, None] * waves) / np.maximum(np.abs(value) ** 2, 1e-300)[:, None]
@@ -102,10 +99,8 @@ def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[fl
 
 
 def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> tuple[float, Array] | None:
-    """First frequency below one half, as `crossing`, computing the curve no farther than that.
-
-    f : (n,) equally spaced frequencies; curve : values (m,) and slopes (m, p) at a range of these.
-    """
+    """First frequency below one half, as `crossing`, of equally spaced f (n,), for a curve that gives values and slopes
+    at a range of these, no farther."""
     parts: list[tuple[Array, Array]] = []
     for first in range(0, len(f), CHUNK):
         parts.append(curve(f[first : first + CHUNK]))

@@ -66,10 +66,8 @@ def wide_masks(picture: Array) -> dict[str, Array]:
 
 
 def variations(picture: Array, x: Array, y: Array) -> dict[str, Array]:
-    """Directions of blur that grows with the square of the distance (x, y): along the radius, and in all directions.
-
-    x and y have the picture's shape. The amplitudes are variances in square pixels at distance 1.
-    """
+    """Directions of blur that grows with the square of the distance (x, y): along the radius, and in all directions;
+    the amplitudes are variances in square pixels at distance 1."""
     gy, gx = np.gradient(picture)
     gxy, gxx = np.gradient(gx)
     gyy = np.gradient(gy, axis=0)
@@ -77,10 +75,8 @@ def variations(picture: Array, x: Array, y: Array) -> dict[str, Array]:
 
 
 def mirrored(samples: npt.NDArray[np.float32], corner: tuple[int, int], shape: tuple[int, int]) -> Array:
-    """The part of a plane that is its own blurred ghost, mirrored through the plane's centre, behind a window.
-
-    `corner` (x, y) is the window's first pixel, `shape` its rows and columns.
-    """
+    """The part of a plane that is its own blurred ghost, mirrored through the plane's centre, in a window of first
+    pixel `corner` (x, y)."""
     margin = int(4 * GHOST_PX)
     (rows, columns), (x, y) = samples.shape, corner
     down, across = (

@@ -88,11 +88,8 @@ def threshold(places: int = 1) -> float:
 
 
 def nuisance(estimate: float, uncertainty: float, prior: float, present: float = 1.0) -> float:
-    """Root mean square of a strength that is not negative, known to `estimate` with a standard uncertainty.
-
-    With the prior probability `present` it is half-normal of standard deviation `prior`, otherwise 0; an infinite
-    uncertainty leaves the prior as it is.
-    """
+    """Root mean square of a strength >= 0, known to `estimate` with an uncertainty: with probability `present`
+    half-normal of standard deviation `prior`, otherwise 0."""
     if not math.isfinite(uncertainty):
         return prior * math.sqrt(present)
     share = prior**2 / (prior**2 + uncertainty**2)

@@ -97,10 +97,8 @@ class Sharpening:
 
 
 def find_sharpening(variograms: Sequence[Variogram]) -> Sharpening:
-    """Estimate the unsharp mask from the noise of several fields by maximum likelihood.
-
-    The correlations of white noise have the standard deviation 1 / sqrt(pairs).
-    """
+    """Unsharp mask of maximum likelihood from the noise of several fields; correlations of white noise scatter by 1 /
+    sqrt(pairs)."""
     gain, information = np.zeros((2, len(RADII), len(AMOUNTS)))
     for one in variograms:
         if one.pairs.min() < MIN_PAIRS:
@@ -124,10 +122,7 @@ def find_sharpening(variograms: Sequence[Variogram]) -> Sharpening:
 
 @dataclass(frozen=True)
 class MaskScore:
-    """Amount of an unsharp mask of one radius from the correlations of noise, linear in the amount.
-
-    Positive correlations, of smoothing, give negative amounts.
-    """
+    """Amount of an unsharp mask of one radius from the correlations of noise; negative for smoothing."""
 
     radius_px: float
     amount: float
@@ -147,11 +142,8 @@ class MaskScore:
 def mask_scores(
     variograms: Sequence[Variogram], radii: Sequence[float], nuisances: Sequence[Array] = ()
 ) -> list[MaskScore]:
-    """Score of a mask of each radius in the noise of several fields; without pairs, amounts of infinite uncertainty.
-
-    To first order an amount a of radius r gives white noise the correlation -2 a g(lag), g a Gaussian of unit volume. A
-    constant and correlations (l,) that are `nuisances` are fitted as well.
-    """
+    """Score of a mask of each radius in the noise: an amount a of radius r gives white noise the correlation -2 a
+    g(lag), g a Gaussian of unit volume; a constant and `nuisances` are fitted too."""
     known = [one for one in variograms if one.pairs.min() >= MIN_PAIRS and one.half_square.min() > 0]
     if not known:
         return [MaskScore(radius, 0.0, np.inf) for radius in radii]

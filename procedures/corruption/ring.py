@@ -24,11 +24,8 @@ and half of the change counts as uncertainty."""
 
 
 def missing_light(psf: Psf) -> float:
-    """Light missing in the rings around the core, or in the tail, relative to any lens, in standard uncertainties.
-
-    Negative where there is more light. The tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R. The
-    uncertainty includes the effect of a band that ends before the OTF.
-    """
+    """Light missing in the rings around the core, or in the tail, relative to any lens, in standard uncertainties; the
+    tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R."""
     C, tail = psf.parameter_covariance, np.zeros(len(psf.parameters))
     if not len(psf.tail.amplitudes):
         return -np.inf

@@ -61,11 +61,8 @@ class EdgeCheck:
 
 
 def check_edges(plane: Plane, psf_estimate: PatternPsf) -> tuple[EdgeCheck, ...]:
-    """Compare each printed edge in the photograph with the PSF; empty for a chart without edges.
-
-    The photograph shows whether edges were printed: at their position there must be a step with the chart's contrast,
-    in their direction, white on the chart's side.
-    """
+    """Compare each printed edge with the PSF; none where the photograph has no step of the chart's contrast, in their
+    direction, white on the chart's side."""
     edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, psf_estimate, i)) is not None]
     pairs = [(edge, quantity_along(psf_estimate.psf, edge.normal_deg, psf_estimate.n)) for edge in edges]
     return tuple(EdgeCheck(edge, edge.numbers[EDGE_MTF50], by_psf) for edge, by_psf in pairs if by_psf is not None)

@@ -53,10 +53,8 @@ class PlaneField:
 
 @dataclass(frozen=True, eq=False)
 class FieldResult:
-    """Results of all planes; `reference` is the plane of `focus` and the reference of lateral colour.
-
-    `photosite` is the one removed in the additional maps.
-    """
+    """Results of all planes; `reference` is that of `focus` and of lateral colour, `photosite` is removed in the
+    additional maps."""
 
     measured: MeasuredFrames
     planes: Mapping[str, Outcome[PlaneField]]

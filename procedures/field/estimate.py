@@ -199,10 +199,8 @@ def estimate_field(
 
 
 def _node(outcome: Outcome[PatternPsf], plane: Plane, source: str, number: int) -> Node:
-    """The node of an estimate, at the apparent position of a mark at the chart's centre.
-
-    The covariance of a doubtful one is enlarged, so that the others outweigh it.
-    """
+    """The node of an estimate, at the apparent position of a mark at the chart's centre; a doubtful one has less
+    weight."""
     estimate = outcome.result()
     offset = mark_offset(estimate.psf.h, estimate.psf.s, estimate.registration.jacobian())
     position = estimate.registration.to_sensor(np.full((1, 2), CELLS / 2))[0] + offset
@@ -214,10 +212,8 @@ def _node(outcome: Outcome[PatternPsf], plane: Plane, source: str, number: int) 
 
 
 def _enlarged(estimate: PatternPsf) -> Psf:
-    """The PSF with its covariance enlarged by the share of systematic terms in the variance of its numbers.
-
-    For good charts these terms are small, and no noise that nodes average.
-    """
+    """The PSF, its covariance enlarged by the share of systematic terms, which are small for good charts and which
+    nodes do not average."""
     psf, all_budgets = estimate.psf, estimate.quality.budgets
     budgets = [all_budgets[name] for name in HEADLINE if name in all_budgets]
     shares = [sum(b.get(term, 0.0) ** 2 for term in SYSTEMATIC_TERMS) / sum(v**2 for v in b.values()) for b in budgets]

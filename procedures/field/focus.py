@@ -51,11 +51,8 @@ class FocusSurface:
     unit: str
 
     def numbers(self) -> dict[str, Quantity]:
-        """Tilt and curvature of the mean of sagittal and meridional focus, and the difference of their curvatures.
-
-        At (x, y) in half diagonals from the frame's centre, best focus is z + tilt . (x, y) + a quadratic form; the
-        curvature is the mean of that form over all directions, at one half diagonal.
-        """
+        """Tilt and curvature of the mean of sagittal and meridional focus at one half diagonal, averaged over all
+        directions, and the difference of their curvatures."""
         c, C = self.surface.coefficients()
         curvature = np.array([0, 0, 0, 0.5, 0, 0.5])
         mean, difference = c.mean(axis=1), c[:, 0] - c[:, 1]
@@ -84,11 +81,8 @@ class FocusSurface:
 
 @dataclass(frozen=True)
 class FocusOptimum:
-    """Focus position of the greatest MTF along one direction.
-
-    at, variance : focus position, and its variance by the noise of the PSFs; sensitivities : derivatives of `at` by the
-    positions of the photographs, of sum 1.
-    """
+    """Focus position of the greatest MTF along one direction; sensitivities : derivatives of `at` by the photographs'
+    positions, of sum 1."""
 
     at: float
     variance: float
@@ -104,11 +98,8 @@ class PlaceFocus:
 
 
 def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm") -> FocusSurface:
-    """Best focus from nodes at known focus positions.
-
-    Raises Refused if there are fewer than three positions, or fewer than seven places with their best focus within the
-    bracket.
-    """
+    """Best focus from nodes at three or more focus positions. Raises Refused for fewer than seven places with their
+    best focus within the bracket."""
     if len(bracket) < FEWEST_POSITIONS:
         raise Refused(
             f"best focus needs {FEWEST_POSITIONS} focus positions or more; there are {len(bracket)}",
@@ -124,10 +115,7 @@ def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm")
 
 
 def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = FREQUENCY) -> list[PlaceFocus]:
-    """Best focus at every place whose greatest MTF is within the bracket.
-
-    Raises Refused if these are fewer than seven.
-    """
+    """Best focus at every place whose greatest MTF is within the bracket. Raises Refused for fewer than seven."""
     places = []
     for series in _series(bracket, shape):
         x, y = np.mean([node.position for _, node in series], axis=0)
@@ -144,10 +132,8 @@ def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = F
 
 
 def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
-    """Available nodes of each place at all focus positions.
-
-    Places are collected from the middle position outwards: a chart too blurred at one position is sharp at another.
-    """
+    """Available nodes of each place at all focus positions, collected from the middle one outwards, as
+    a chart may be too blurred at one."""
     reach = SAME_PLACE * np.hypot(*shape) / 2
     positions = sorted(bracket)
     middle = len(positions) // 2

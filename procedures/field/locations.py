@@ -62,11 +62,8 @@ def _boustrophedon(places: Array) -> Array:
 
 
 def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
-    """Unit vector (3,) from the camera to a position of its frame: x right, y down, z ahead.
-
-    shape : rows and columns of the sensor or of a plane; principal_px : distance of the image from the lens in the same
-    pixels: focal length over pitch.
-    """
+    """Unit vector (3,) from the camera to a position of its frame: x right, y down, z ahead; principal_px : focal
+    length over pitch of the plane."""
     x, y = location.in_pixels(shape)
     towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
     return np.asarray(towards / np.linalg.norm(towards))

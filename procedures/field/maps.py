@@ -114,10 +114,7 @@ def surface_maps(
 
 
 def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | None = None) -> tuple[FieldMap, ...]:
-    """All maps of one plane: `MAPS`, those before the photosites where `without` is given, and `ERRORS`.
-
-    Outside the nodes' hull the PSF is that of `PsfField.at`.
-    """
+    """All maps of one plane: `MAPS`, those before the photosites where `without` is given, and `ERRORS`."""
     x, y = grid(field.shape, columns)
     names = (*MAPS, *BEFORE_PHOTOSITES) if without else MAPS
     value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
@@ -139,11 +136,8 @@ def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | 
 
 
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
-    """The numbers of MAPS at one position, and their standard uncertainties; NaN where undefined.
-
-    The uncertainties include the truncation of the tail's shapes, which is common to all nodes. `radius` is the
-    direction from the frame's centre, in radians.
-    """
+    """The numbers of MAPS at one position, and their uncertainties with the tail's truncation; NaN where undefined.
+    `radius` is the direction from the frame's centre, in radians."""
     values, uncertainties = mtf50_about(psf, radius)
     above, slope = energy_above_nyquist(psf)
     of_above = np.sqrt(max(float(slope @ psf.parameter_covariance @ slope), 0.0))
@@ -153,10 +147,8 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
 
 
 def mtf50_about(psf: Psf, radius: float, without: WithoutPhotosite | None = None) -> tuple[Array, Array]:
-    """Sagittal MTF50, meridional MTF50 and their difference (3,), and standard uncertainties (3,).
-
-    Of the camera, or `without` the photosites; NaN where the MTF stays above 1/2.
-    """
+    """Sagittal and meridional MTF50 and their difference (3,), and uncertainties, of the camera or `without` the
+    photosites; NaN where the MTF stays above 1/2."""
     two = [_mtf50(psf, angle, without) for angle in (radius + np.pi / 2, radius)]
     (sagittal, by_sagittal, stray_s), (meridional, by_meridional, stray_m) = two
     slopes = np.array([by_sagittal, by_meridional, by_sagittal - by_meridional])

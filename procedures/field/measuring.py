@@ -113,11 +113,8 @@ def _in_parallel(
     paths: Sequence[Path], read: Callable[[Path], RawFrame], chart: Chart, parameters: PatternParameters,
     sensors: Sensors,
 ) -> Iterator[Answer]:  # fmt: skip
-    """Results in the order of the photographs. Threads suffice: most of the time is spent without the interpreter's
-    lock.
-
-    Where there are fewer photographs than cores, their charts are distributed instead.
-    """
+    """Results in the order of the photographs, by threads, as most work does without the interpreter's lock; for few
+    photographs their charts are distributed."""
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(min(len(paths), cores)) as frames, ThreadPoolExecutor(cores) as charts:
         each: MapLike = charts.map if len(paths) < cores else map

@@ -101,10 +101,8 @@ def _waves(m: int, k: int, q: int) -> tuple[Array, Array]:
 
 
 def _tail_harmonic(m: int, q: int, wave: str) -> Array:
-    """Amplitudes (q, 0 to 2) of the tail's shapes that vary as cos or sin of m times the direction.
-
-    For m = 0 the sine is zero, with as many columns as the cosine.
-    """
+    """Amplitudes (q, 0 to 2) of the tail's shapes that vary as cos or sin of m times the direction; for m = 0 the sine
+    is zero."""
     names = SHAPES[:q]
     cos = [j for j, name in enumerate(names) if name == f"cos {m}" or (m == 0 and name.startswith("1/"))]
     amplitudes = np.zeros((q, len(cos)))
@@ -146,10 +144,8 @@ class AxialSymmetry:
         return np.asarray(self.design(points) @ self._solved(values))
 
     def parts(self, values: Array) -> Array:
-        """Coefficients (n, r) that span its PSFs at all positions, for values (N, r) at the nodes.
-
-        First b, then each term times cos m and sin m of the position's angle, at the farthest node.
-        """
+        """Coefficients (n, r) that span its PSFs, for values (N, r) at the nodes: b, then terms times cos m and sin m
+        of the angle, at the farthest node."""
         solved = self._solved(values)
         farthest = float(np.hypot(*self._offsets(self.places).T).max())
         first = values.shape[1]
@@ -232,10 +228,8 @@ class SymmetryAxis:
 def fit_axis(
     places: Array, trust: Array, optic: Optic, degree: int, values: Array, start: tuple[float, float] | None = None
 ) -> SymmetryAxis:
-    """The axis about which the nodes' coefficients (N, r), of inverse variances `trust`, are most symmetric.
-
-    The search begins near `start`, or covers the frame.
-    """
+    """The axis about which the nodes' coefficients (N, r) are most symmetric; the search begins near `start`, or covers
+    the frame."""
 
     def residual(axis: Array) -> Array:
         return AxialSymmetry(places, trust, optic, degree, (float(axis[0]), float(axis[1]))).residual(values)

@@ -194,11 +194,8 @@ def say_place(location: Location, facts: Facts) -> str:
 
 
 def to_place(location: Location, facts: Facts) -> dict[str, float]:
-    """Positions of head or rail for a position of the chart; empty where there is neither.
-
-    The distance of the chart along the optical axis decreases when the camera turns. The rail compensates for that
-    within its travel, so that focus and size are unchanged.
-    """
+    """Positions of head or rail for a position of the chart; the rail keeps the distance along the optical axis, within
+    its travel, so that focus and size are unchanged."""
     known = facts_as(FieldFacts, facts)
     start = known.start
     if start is None:
@@ -245,10 +242,8 @@ def place_advice(
     location: Location, sighting: ChartSighting, frame: RawFrame, known: FieldFacts, near: float,
     more: tuple[Reading, ...] = (), hint: str = "",
 ) -> Advice:  # fmt: skip
-    """Advice on position and light of a chart, and on `more` readings.
-
-    It must be `near` its location, in fractions of the frame's width; `hint` says how to move it there.
-    """
+    """Advice on light and position of a chart, `near` its location in fractions of the frame's width, and on `more`
+    readings; `hint` is the move."""
     plane, marks = shown(frame), marks_of(sighting)
     off = off_place(location, sighting, plane)
     readings = (

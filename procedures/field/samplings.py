@@ -49,10 +49,8 @@ def grid_places(field: PsfField, columns: int) -> tuple[Array, Array]:
 
 
 def as_polynomial(field: PsfField, *, allowed: float) -> PsfPolynomial:
-    """The polynomial of the lowest degree that loses no more than `allowed` of the PSF's norm, or the best one.
-
-    It is fitted inside the nodes' hull and extrapolated outside, where the field itself is constant.
-    """
+    """The polynomial of the lowest degree that loses no more than `allowed` of the PSF's norm inside the nodes' hull,
+    or the best one; it is extrapolated outside."""
     points = mesh(*grid(field.shape, FIT_COLUMNS))
     points = np.vstack([points[field.inside(points)], field.positions])
     psfs = whole_psfs(field, points)

@@ -80,10 +80,8 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
 
 
 def _leave_one_out(places: Array, values: Array, trust: Array, degree: int) -> tuple[Array, Array]:
-    """Errors (N, m) at the excluded places, and the sums (N,) of the squared weights of the others.
-
-    Raises ValueError where the remaining places do not determine the degree.
-    """
+    """Errors (N, m) at the excluded places, and the squared weights of the others. Raises ValueError if the degree is
+    undetermined."""
     error, share = np.zeros_like(values), np.zeros(len(places))
     for i in range(len(places)):
         kept = np.arange(len(places)) != i

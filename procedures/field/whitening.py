@@ -73,10 +73,8 @@ class WhitenedNodes:
         return mean, directions
 
     def symmetric_basis(self, kept: Indices, degree: int, axis: tuple[float, float]) -> tuple[Array, Array]:
-        """The mean (p,), and the principal directions (n, p) of a symmetric lens fitted to these nodes.
-
-        Few nodes do not span the variation of a lens between them.
-        """
+        """The mean (p,) and principal directions (n, p) of a fitted symmetric lens: few nodes do not span the variation
+        between them."""
         mean = self.basis(kept)[0]
         key = kept.tobytes(), degree, axis
         if key not in self._cache:

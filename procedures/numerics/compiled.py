@@ -30,10 +30,8 @@ KEPT_S = 30 * 24 * 3600.0
 
 
 def jitted(**options: Any) -> Callable[[F], F]:
-    """Decorate with `numba.njit` and these options; the loop releases Python's lock and starts no threads.
-
-    The code is kept below NUMBA_CACHE_DIR, by default the user's cache folder, else next to the source.
-    """
+    """Decorate with `numba.njit`, without Python's lock and threads; the code is kept below NUMBA_CACHE_DIR, the user's
+    cache folder, or next to the source."""
     settings = {"nogil": True, "error_model": "numpy", **options}
 
     def decorate(function: F) -> F:

@@ -90,10 +90,8 @@ def _most_likely(h: Array, errors: Array, start: Array, at: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Prior:
-    """The covariance C (n, n) of a prior, and its derivatives with respect to the logarithms of a, R and L.
-
-    The first is 2 C; the second is wide_i C_ij + C_ij wide_j; the third is `lengthened` (n, n).
-    """
+    """The covariance C of a prior, and its derivatives by the logarithms of a, R and L: 2 C; wide_i C_ij + C_ij wide_j;
+    `lengthened` (n, n)."""
 
     C: Array
     wide: Array

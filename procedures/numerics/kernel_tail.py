@@ -46,10 +46,8 @@ def tail_border(k: int) -> int:
 
 @lru_cache(maxsize=8)
 def tail_kernels(k: int) -> Array:
-    """The shapes outside the central k x k samples, within a circle: (q, K, K), K odd.
-
-    The first two are of sum 1; those that vary with direction are the first times the cosine or sine.
-    """
+    """The shapes outside the central k x k samples, in a circle: (q, K, K); two of sum 1, then the first times cosines
+    and sines."""
     half = tail_border(k)
     x = np.arange(-half, half + 1)
     r, angle = np.hypot(x, x[:, None]), np.arctan2(x[:, None], x)
@@ -72,10 +70,8 @@ def tail_columns(
     k: int,
     shapes: int = len(SHAPES),
 ) -> Array:
-    """Convolution of an image with the first shapes of the tail, sampled at pixels: (m, q).
-
-    `u` is the image on the s grid with a border of `tail_border`.
-    """
+    """Convolution of an image `u` on the s grid, with a border of `tail_border`, with the first tail shapes, at pixels:
+    (m, q)."""
     # only every s-th sample is needed: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
     spectrum_u = transforms.rfft2(u, shape) * _shift(k, shape[0])

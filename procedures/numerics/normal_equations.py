@@ -99,10 +99,8 @@ class Products:
         )
 
     def with_joined(self, count: int, precision: Array, pull: Array) -> Products:
-        """Move the last nuisance columns to A, as its last columns.
-
-        count : number of columns; precision, pull : (c,) prior of the last c of them, as in `with_prior`.
-        """
+        """Move the last nuisance columns to A, as its last columns, with the prior of the last c of them, as in
+        `with_prior`."""
         joined, others = self.AZ[:, -count:], self.AZ[:, :-count]
         block, right = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
         last = np.arange(count - len(precision), count)
@@ -124,20 +122,16 @@ def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
 
 
 def products_within(whole: Array32, n: int, Z: Array, r: Array) -> Products:
-    """`products` for A the first n columns of a matrix (m, n + p + 1); the other columns are overwritten.
-
-    One matrix product takes little longer than A'A alone; Z'Z and Z'r stay in double precision.
-    """
+    """`products` for A the first n columns of a matrix (m, n + p + 1), whose other columns are overwritten: one
+    product, Z'Z and Z'r in double precision."""
     whole[:, n:-1], whole[:, -1] = Z, r
     G = gram(whole)
     return Products(G[:n, :n], G[:n, n:-1], Z.T @ Z, G[:n, -1], Z.T @ r)
 
 
 def eliminate(p: Products) -> NormalEquations:
-    """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
-
-    Raises numpy.linalg.LinAlgError if A and Z do not determine h and t.
-    """
+    """Normal equations of min |A h + Z t - r| for h alone. Raises numpy.linalg.LinAlgError if A and Z do not determine
+    h and t."""
     inverse = cholesky_inverse(p.ZZ)
     E, t = inverse @ p.AZ.T, inverse @ p.Zr
     G = p.AA - p.AZ @ E

@@ -21,10 +21,8 @@ SMOOTHED = 5
 
 
 def affine_between(first: Array32, second: Array32, clear: npt.NDArray[np.bool_]) -> Array | None:
-    """The affine map (2, 3) from points (x, y) of the first picture to the second, or None without convergence.
-
-    clear : mask of the valid pixels of the first picture
-    """
+    """The affine map (2, 3) from points (x, y) of the first picture, valid where `clear`, to the second; None if not
+    converged."""
     import cv2  # here: it is slow to load
 
     factor = min(1.0, COARSE_PX / min(first.shape))

@@ -32,11 +32,8 @@ def monomials(points: Array, degree: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Polynomial:
-    """Weighted least squares by a polynomial of total degree `degree`.
-
-    places : (N, 2) best within [-1, 1], for the condition of the monomials; trust : (N,) one over the variance of each
-    value, in any unit. Raises ValueError if the places do not determine the coefficients.
-    """
+    """Weighted least squares by a polynomial; places : (N, 2) best within [-1, 1]; trust : (N,) inverse variances.
+    Raises ValueError if the places do not determine it."""
 
     places: Array
     trust: Array

@@ -12,18 +12,12 @@ MOST_EXCHANGES = 200
 
 
 def cholesky_solve(G: Array, b: Array) -> Array:
-    """Solution x of G x = b for symmetric positive definite G (n, n) and b (n,) or (n, p).
-
-    Raises numpy.linalg.LinAlgError if G is not positive definite.
-    """
+    """Solution of G x = b for symmetric positive definite G. Raises numpy.linalg.LinAlgError if it is not."""
     return np.asarray(solve_factored(np.linalg.cholesky(G), b), dtype=np.float64)
 
 
 def cholesky_inverse(G: Array) -> Array:
-    """The inverse of a symmetric positive definite matrix.
-
-    Raises numpy.linalg.LinAlgError if G is not positive definite.
-    """
+    """The inverse of a symmetric positive definite matrix. Raises numpy.linalg.LinAlgError if it is not."""
     inverse = inverse_lower(np.linalg.cholesky(G))
     return np.asarray(inverse.T @ inverse, dtype=np.float64)
 
@@ -64,12 +58,8 @@ def non_negative_least_squares(G: Array, b: Array) -> Array:
 
 
 def solve_constrained(G: Array, b: Array, solver: str) -> Array:
-    """The kernel (n,) from its normal equations: "ls" unconstrained, "clip" with negatives set to 0, "nnls" >= 0.
-
-    Raises ValueError if the solver is unknown.
-
-    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
-    """
+    """The kernel from its normal equations: "ls", "clip" with negatives set to 0, or "nnls" (Delbracio, Muse, Almansa,
+    IPOL 2012, 4.8). Raises ValueError for others."""
     if solver not in SOLVERS:
         raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")
     if solver == "nnls":

@@ -18,10 +18,7 @@ Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 
 @dataclass(frozen=True)
 class CellSpectra:
-    """Spectra of a lattice of cells and of the steps between cells, each (n, n) complex64.
-
-    cells : of the cells' values; left, upper : of the step heights at each cell's left and upper edge.
-    """
+    """Spectra (n, n) of a lattice's cells, and of the steps at each cell's left and upper edge."""
 
     cells: Complex64
     left: Complex64
@@ -82,11 +79,8 @@ def cell_image_spline(spectra: CellSpectra, band: Band) -> Array32:
 
 
 def outline_spline(spectra: CellSpectra, band: Band) -> Array32:
-    """Spline coefficients of the cells' outlines: lines weighted by the step between neighbours.
-
-    Added with a factor d to the cell image they move every edge by d cells from its darker to its brighter side, to
-    first order. Parameters and result as in `cell_image_spline`.
-    """
+    """Spline coefficients of the cells' outlines, weighted by the step between neighbours: added to the cell image with
+    a factor d they move every edge by d cells to its brighter side."""
     return band.spline([(spectra.left, np.sinc, _line), (spectra.upper, _line, np.sinc)])
 
 

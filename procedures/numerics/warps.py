@@ -25,11 +25,8 @@ def inverse(H: Array) -> Array:
 
 
 def fit_homography(source: Array, target: Array) -> Array:
-    """The homography (3, 3) from `source` to `target`, both (n >= 4, 2), by least squares in the target.
-
-    A direct linear solution on normalised points, followed by three Gauss-Newton steps on the distances in the target.
-    Raises ValueError if there are fewer than four points.
-    """
+    """The homography (3, 3) of least squares in the target from `source`, both (n >= 4, 2): a direct linear solution,
+    then three Gauss-Newton steps. Raises ValueError for fewer points."""
     if len(source) < 4:
         raise ValueError(f"a homography needs four points; got {len(source)}")
     S, T = _normalisation(source), _normalisation(target)
@@ -137,10 +134,8 @@ class CubicWarp:
         return replace(self, H=self.H @ T)
 
     def displaced(self, change: Array, monomials: Array) -> Self:
-        """The map with coefficients (2, 9) added to the displacement, its mean over points unchanged.
-
-        `monomials` (n, 9) are those of the points.
-        """
+        """The map with coefficients (2, 9) added, its mean displacement over points of these `monomials` (n, 9)
+        unchanged."""
         drift = change @ monomials.mean(axis=0)
         return replace(self, displacement=self.displacement + change).translated(-drift)
 

@@ -39,10 +39,7 @@ SENSORS = (
 
 
 def table_m(noise_mm: float) -> list[list[float]]:
-    """Distances in m for s/t = 1: a row for each focal length, a column for each sensor.
-
-    Valid far beyond the focal length.
-    """
+    """Distances in m for s/t = 1, by focal length and sensor; valid far beyond the focal length."""
     widths_um = [IDEAL_PIXELS * PHOTOSITES_PER_PIXEL * sensor.pitch_um for sensor in SENSORS]
     return [[focal * noise_mm / width for width in widths_um] for focal in FOCAL_LENGTHS_MM]
 

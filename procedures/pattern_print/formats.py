@@ -173,11 +173,8 @@ def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
 
 
 def _x_corner(block: int) -> Bitmap:
-    """Two triangles in a block of `block` pixels.
-
-    The diagonals bisect the pixels on them. One diagonal is black and the other white, so that the area is exact, and
-    the symmetry by half a turn keeps the corner in the centre.
-    """
+    """Two triangles in a block of `block` pixels, one diagonal black and the other white: exact area, and a centred
+    corner."""
     x = np.arange(block) - (block - 1) / 2
     y = x[:, np.newaxis]
     black = (np.abs(y) > np.abs(x)) | (x == y)

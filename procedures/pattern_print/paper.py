@@ -40,10 +40,8 @@ LETTER_TERRITORIES = frozenset(["BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", 
 
 
 def papers_of_locale(environ: Mapping[str, str]) -> tuple[Paper, ...]:
-    """Formats for the environment's locale, the most common first.
-
-    POSIX: LC_ALL overrides LC_PAPER, which overrides LANG; an empty variable counts as not set.
-    """
+    """Formats for the locale, the most common first. POSIX: LC_ALL overrides LC_PAPER, which overrides LANG; empty is
+    not set."""
     locale = next((value for name in ("LC_ALL", "LC_PAPER", "LANG") if (value := environ.get(name))), "")
     territory = locale.partition(".")[0].partition("@")[0].partition("_")[2]
     return US_PAPERS + ISO_PAPERS if territory.upper() in LETTER_TERRITORIES else ISO_PAPERS

@@ -131,10 +131,7 @@ class Sheet:
 
 
 def largest_width_mm(paper: Paper, edges: bool = False) -> float:
-    """Width of the largest chart that fits on the paper with its caption, in integer millimetres.
-
-    The paper is upright, since in landscape the caption leaves less space for every format of `PAPERS`.
-    """
+    """Width of the largest chart that fits on the upright paper with its caption, in integer millimetres."""
     smallest, largest = (Size(end).drawn_mm(edges) for end in (SMALLEST_WIDTH_MM, LARGEST_WIDTH_MM))
     room = min(paper.width_mm, paper.height_mm - PANEL_HEIGHT_MM - EDGE_MM)
     # the drawn width is linear in the chart's; the addition prevents the loss of a millimetre by rounding
@@ -164,10 +161,8 @@ def smallest_paper(papers: Sequence[Paper], size: Size, edges: bool) -> Paper:
 
 
 def lay_out(source: Source, size: Size, paper: Paper | None = None) -> Sheet:
-    """Lay out chart, white margin and caption on upright paper, by default the smallest A sheet.
-
-    Raises BadParameter if the chart does not fit on the paper.
-    """
+    """Lay out chart, margin and caption on upright paper, by default the smallest A sheet. Raises BadParameter if it
+    does not fit."""
     edges = source.chart.edges
     paper = paper or smallest_paper(ISO_PAPERS, size, edges)
     check_fits(size, paper, edges)

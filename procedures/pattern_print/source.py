@@ -40,10 +40,8 @@ class Source:
 
     @classmethod
     def from_file(cls, path: Path) -> Source:
-        """Chart whose cells are the pixels of a 256 x 256 black and white image.
-
-        Raises BadInput if the file is not a grey image of that size, is not black and white, or has one colour only.
-        """
+        """Chart whose cells are the pixels of an image. Raises BadInput if it is no grey file of 256 x 256 pixels,
+        black and white."""
         data = read_file(path, "picture of cells")
         chart = Chart.from_image(_black_and_white(path, data))
         if chart.cells.min() == chart.cells.max():

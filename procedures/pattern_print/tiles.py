@@ -70,10 +70,7 @@ class Tiling:
 
 
 def tiling_of(size: Size, paper: Paper) -> Tiling:
-    """Tiling with the fewest sheets, in portrait or landscape orientation.
-
-    Raises BadParameter if too many sheets are required.
-    """
+    """Tiling with the fewest sheets, in either orientation. Raises BadParameter if too many sheets are required."""
     ways = [
         Tiling(size, way, _seams(size, way.width_mm), _seams(size, way.height_mm)) for way in (paper, paper.turned())
     ]

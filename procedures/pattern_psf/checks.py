@@ -91,10 +91,8 @@ def registered(plane: Plane, sighting: ChartSighting) -> Registration:
 
 
 def check_light(frame: RawFrame, facts: Facts) -> Advice:
-    """Check the exposure: white at 80 % of full scale in the brightest plane, even light, no clipping, a visible chart.
-
-    This check sees the first photograph, and so records the kind of sensor too.
-    """
+    """Check exposure (white at 80 % in the brightest plane), evenness, clipping, and a visible chart; records the
+    sensor's kind too."""
     advice = _light(frame, facts)
     kind = MONOCHROME if shown(frame).pitch == 1 else MOSAIC
     return replace(advice, facts={**advice.facts, "sensor_kind": kind})

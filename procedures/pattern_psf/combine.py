@@ -65,10 +65,8 @@ class CombinedPsf:
 
     @cached_property
     def quality(self) -> Quality:
-        """MTF and sharpness metrics of the mean, with uncertainty budgets in the proportions of the shots'.
-
-        The terms `COMMON` may be common to all shots, so they do not decrease with their number.
-        """
+        """MTF and sharpness metrics of the mean; the terms `COMMON` of the budgets do not decrease with the number of
+        shots."""
         first = self.shots[0].quality
         n = sum(shot.n for shot in self.shots)
         quality = assess(self.psf, n=n, diffraction=self.diffraction, at=first.at, origin=first.origin)
@@ -116,10 +114,8 @@ class CombinedPsf:
 
 
 def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
-    """Combine the shots of one plane; the verdict covers their agreement and the doubts common to most of them.
-
-    Refused shots are excluded. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
-    """
+    """Combine the accepted shots of one plane; the verdict covers agreement and common doubts. Source: least squares;
+    GUM, annex H.5."""
     shots = [outcome.value for outcome in outcomes if outcome.value is not None]
     if not outcomes:
         return Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")

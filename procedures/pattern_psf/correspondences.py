@@ -56,10 +56,7 @@ def bin_centres() -> Array:
 
 
 def correspondences(fit: ChartFit) -> Correspondences:
-    """Measure the positions of the bins from the residual of the joint fit in each of them.
-
-    fit : a completed refinement: its slopes are those of its samples.
-    """
+    """Measure the positions of the bins from the residual of a completed joint fit in each of them."""
     if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))
         return Correspondences(np.zeros(0, dtype=np.int64), nothing, np.zeros((0, 2, 2)))

@@ -56,10 +56,8 @@ def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -
 
 
 def modes_of(evidence: ChartEvidence, f: Array, registration: Registration, *, raw: bool) -> dict[str, Array]:
-    """Relative changes of the transfer function at frequencies f (n,), in cycles/pixel, by what is not excluded.
-
-    Each is one standard deviation of its corruption.
-    """
+    """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
+    excluded."""
     cell_px, square = block_size_px(registration) / BLOCK, 2 * (np.pi * f) ** 2
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4

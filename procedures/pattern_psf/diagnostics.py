@@ -161,11 +161,8 @@ def diagnose(
 
 
 def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
-    """Difference of the tail estimated without prior from that of the f-number, in standard uncertainties.
-
-    With c the variance of the fitted amplitude t, for unit noise, and p, m the prior's variance and mean, the data
-    alone have the variance d = c / (1 - c / p) and the amplitude t + d (t - m) / p.
-    """
+    """Tail without prior less that of the f-number, in standard uncertainties: of variance c and amplitude t with a
+    prior p, m, the data have d = c / (1 - c / p) and t + d (t - m) / p."""
     if prior is None:
         return 0.0
     expected = prior.energy(s, round(len(fit.h) ** 0.5))

@@ -43,10 +43,8 @@ class Slope:
 
 
 def slope_of(x: Array, series: DriftSeries) -> Slope | None:
-    """The slope against x (n,); None with fewer than `FEWEST` photographs, or where x does not vary.
-
-    Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.3.
-    """
+    """The slope against x (n,); None for fewer than `FEWEST` photographs, or constant x. Source: least squares; GUM,
+    annex H.3."""
     y, centred = series.values, x - x.mean()
     spread = float(np.sum(centred**2))
     if len(y) < FEWEST or spread <= len(x) * np.finfo(np.float64).eps * float(np.abs(x).max()) ** 2:
@@ -59,10 +57,8 @@ def slope_of(x: Array, series: DriftSeries) -> Slope | None:
 
 
 def chart_series(shots: Sequence[PatternPsf], pitch: int) -> Mapping[str, DriftSeries]:
-    """Position, width and sharpness of the chart's image in photographs of one plane, by their names.
-
-    pitch : sensor pixels per pixel of the plane
-    """
+    """Position, width and sharpness of the chart's image in photographs of one plane, whose pixels are `pitch` sensor
+    pixels."""
     centre = np.full((1, 2), CELLS / 2)
     places = pitch * np.array([shot.registration.to_sensor(centre)[0] for shot in shots])
     sizes = pitch * np.array([shot.pixels_per_pattern for shot in shots])

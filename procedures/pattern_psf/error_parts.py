@@ -70,10 +70,8 @@ def error_parts(
     checked: tuple[str, ...],
     groups: Mapping[str, slice],
 ) -> ErrorParts:
-    """Split the uncertainties of all numbers, and of the curves at their knots, into their parts.
-
-    checked : names of the numbers whose variation over the chart is reported; groups : GROUPS, or CALIBRATED.
-    """
+    """Uncertainties of all numbers, and of the curves at their knots, by GROUPS or CALIBRATED; `checked` : numbers
+    whose variation is reported."""
     names = list(quality.gradients)
     by_psf = np.array([quality.gradients[name] for name in names])
     freed, weights = _freed(fit.equations, _by_fitted(by_psf, fit, psf), groups)

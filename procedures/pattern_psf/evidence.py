@@ -192,11 +192,8 @@ class WholeChart:
 
     @cached_property
     def frame(self) -> tuple[SampleGroup, Mask]:
-        """The blocks of the frame as a test of the fit, and the mask (rows, columns) of their samples.
-
-        Every block has a plane of light of its own, and the frame a displacement. The shared columns are those of the
-        PSF, then of the tail.
-        """
+        """The frame's blocks as a test of the fit, each with a plane of light, and the mask (rows, columns) of their
+        samples. Shared columns are those of PSF and tail."""
         block = np.floor(self.cells / BLOCK + 1).astype(int)
         number = block[..., 0] + BLOCKS * block[..., 1]
         used = self._clear(block)

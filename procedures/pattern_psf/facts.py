@@ -149,10 +149,7 @@ class PatternFacts(CameraFacts):
         return None not in (self.focal_length_mm, self.pixel_pitch_um, self.chart_width_mm)
 
     def optics(self, pitch: int | None = None) -> ImagingGeometry:
-        """Relation of sizes and distances for planes of `pitch` photosites per pixel; None: by the kind of sensor.
-
-        Raises BadParameter.
-        """
+        """Relation of sizes and distances for planes of `pitch`, None: by the kind of sensor. Raises BadParameter."""
         remedy = "answer the step `distance`"
         pitch = pitch or (1 if self.sensor_kind == MONOCHROME else PHOTOSITES_PER_PIXEL)
         focal_length_mm = required(self.focal_length_mm, "the lens's focal length", remedy)

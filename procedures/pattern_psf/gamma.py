@@ -114,10 +114,7 @@ class NoiseRegionView:
 
 
 def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[NoiseRegionView, ...]:
-    """Expected gamma over s/t for random cells and the whole noise region, where its pixels determine the PSF.
-
-    That of a single chart differs by a few per cent, most at the far end.
-    """
+    """Expected gamma over s/t for random cells, where pixels determine the PSF; a chart's differs by a few per cent."""
     views = []
     for ratio in ratios:
         pixels = int(CELLS * ratio / s + 1e-9)
@@ -176,8 +173,6 @@ def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> fl
 
 
 def gamma_bound(m: int, n: int) -> float:
-    """Lower bound of gamma for any chart with values in [0, 1], m samples and n PSF values.
-
-    Source: thesis, Proposition 1 with a = 0, b = 1.
-    """
+    """Lower bound of gamma for any chart in [0, 1], m samples, n PSF values. Source: thesis, Proposition 1, a = 0, b =
+    1."""
     return (1 + 4 * (n - 1) ** 2) / (m * n)

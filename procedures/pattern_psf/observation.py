@@ -63,11 +63,8 @@ def surroundings(registration: Registration, shape: tuple[int, ...]) -> Window:
 def observe(
     samples: Array32, registration: Registration, light: LightLevels, window: Window, *, margin_px: float = 0.0
 ) -> Observation:
-    """The samples of the noise region, scaled between black and white, with their weights.
-
-    margin_px : width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not
-    known.
-    """
+    """The samples of the noise region, scaled between black and white, with their weights, less a border of the PSF's
+    radius, where surroundings are unknown."""
     rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
     place = ((points - registration.centre) / registration.radius).T

@@ -249,11 +249,8 @@ def ring_places(facts: Facts) -> Sequence[float]:
 
 
 def rail_places(facts: Facts) -> Sequence[float]:
-    """Positions of the rail about the current one within its travel, if the operator focuses by it.
-
-    The circle of confusion c grows by one pixel of the plane over the travel dz, c = f^2 dz / (N z^2): Smith, Modern
-    Optical Engineering, section 6.8.
-    """
+    """Positions of the rail about the current one in its travel, if it focuses; a step dz widens the circle of
+    confusion f^2 dz / (N z^2) by a pixel of the plane: Smith, 6.8."""
     known = facts_as(PatternFacts, facts)
     rail = known.axes.get("z_mm")
     if known.focus_by != "rail" or rail is None or rail.at is None:
@@ -333,10 +330,8 @@ def _estimate_plane(
 
 
 def uncertainty(outcome: Outcome[Any]) -> float:
-    """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction; infinite where refused.
-
-    Terms that all photographs of the chart share are not in it: more photographs do not lower them.
-    """
+    """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction, without terms that all photographs share;
+    infinite where refused."""
     if outcome.value is None:
         return float("inf")
     budgets = outcome.value.quality.budgets

@@ -64,11 +64,8 @@ class EdgeColumns:
         return np.asarray(half + np.tril(half, -1).T, dtype=np.float64)
 
     def widths(self, residual: Array) -> tuple[float, float]:
-        """Estimate the rms of the offsets tau, in cells, and of the noise sigma from the residual (m,) without offsets.
-
-        The mean square of the residual r is sigma^2 + tau^2 tr(C'C) / m, that of C'r is sigma^2 tr(C'C) +
-        tau^2 tr((C'C)^2). The part of the offsets that the PSF absorbs is small, and only lowers tau.
-        """
+        """The rms of the offsets tau, in cells, and the noise sigma from the residual r without offsets, by the means
+        of r^2: sigma^2 + tau^2 tr(C'C) / m, and (C'r)^2: sigma^2 tr(C'C) + tau^2 tr((C'C)^2)."""
         back, trace, m = self.apply_transposed(residual), float(np.trace(self.gram)), len(residual)
         mean_square = float(residual @ residual) / m
         square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.gram**2)) - trace**2 / m)
@@ -76,10 +73,8 @@ class EdgeColumns:
         return rms, float(np.sqrt(max(mean_square - rms**2 * trace / m, 0.1 * mean_square)))
 
     def estimator(self, rms: float, noise: float) -> Callable[[Array], Array]:
-        """Function from the residual without offsets (m,) to the maximum a posteriori offsets (514,), in cells.
-
-        `rms` is the standard deviation of their prior, in cells, `noise` that of the residual without them.
-        """
+        """Function from the residual without offsets (m,) to the most probable offsets (514,) in cells; `rms` of their
+        prior, `noise` of the residual."""
         penalised = self.gram.astype(np.float32)  # the prior makes it well conditioned
         penalised[np.diag_indices(len(penalised))] += np.float32((noise / rms) ** 2)
         factor = np.linalg.cholesky(penalised)

@@ -60,10 +60,8 @@ class LightLevels:
         return float(self.white[0] - self.black[0])
 
     def variance_at(self, level: Array) -> Array:
-        """Noise variance at levels between black (0) and white (1).
-
-        Linear, by photon and read noise, or a parabola where the variance half way is known.
-        """
+        """Noise variance at levels from 0 to 1: linear, by photon and read noise, or a parabola where half way is
+        known."""
         slope, inside = max(self.variance_white - self.variance_black, 0.0), np.clip(level, 0, 1)
         variance = self.variance_black + slope * inside
         if self.variance_middle is None:
@@ -108,10 +106,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 
 
 def with_sensor(light: LightLevels, sensor: SensorModel, plane: Plane) -> LightLevels:
-    """Replace the noise by that of the sensor's calibration at black and white.
-
-    plane : samples linearised by `straighten`. Raises Refused if white lies where the sensor saturates.
-    """
+    """Noise at black and white of a linearised plane by the sensor's calibration. Raises Refused if white saturates."""
     levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
     straight = levels / plane.quantisation + plane.black - sensor.dark_level
     signal = sensor.bent(straight)
@@ -133,11 +128,8 @@ def straighten(plane: Plane, sensor: SensorModel) -> Plane:
 
 
 def bend_of_chart(light: LightLevels, sensor: SensorModel, plane: Plane) -> float:
-    """Standard uncertainty of the response's curvature beta over the chart's contrast, by the sensor's calibration.
-
-    A parabola that departs by d from a line over the whole range has beta = 4 d, and proportionally less over a part of
-    the range.
-    """
+    """Standard uncertainty of beta over the chart's contrast by the sensor's calibration: a parabola that departs by d
+    from a line over the whole range has beta = 4 d."""
     share = light.contrast / plane.quantisation / sensor.saturation
     return max(4 * sensor.bend_uncertainty * share, MIN_BEND_UNCERTAINTY)
 

@@ -47,10 +47,8 @@ class Window:
 
 @lru_cache(maxsize=1)
 def frame_cells() -> Array32:
-    """The whole chart as 320 x 320 cells, the noise region left white: white 1, black 0, cells cut by a diagonal 1/2.
-
-    The edges of the x-corners' triangles run along the cells' diagonals, so that the halves are exact.
-    """
+    """The whole chart as 320 x 320 cells: white 1, the noise region too, black 0, and 1/2 along the x-corners'
+    diagonals."""
     chart = np.ones((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.float32)
     for column, row in BLACK_BLOCKS:
         chart[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = 0

@@ -46,10 +46,8 @@ def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: flo
 
 
 def register_marks(corners: Array) -> Registration:
-    """Fit a homography to the x-corners by least squares on the sensor.
-
-    corners : (12, 2) x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
-    """
+    """Homography to the x-corners (12, 2), in the order of `pattern.X_CORNERS`, NaN where hidden, by least squares on
+    the sensor."""
     visible = np.isfinite(corners).all(axis=1)
     H_sensor_pattern = fit_homography(X_CORNERS[visible], corners[visible])
     middle = np.array([[CELLS / 2, CELLS / 2]])

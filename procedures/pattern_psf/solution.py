@@ -60,10 +60,7 @@ class Solution:
 
 
 def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
-    """PSF of sum 1 by the requested solver, with the covariance of the least-squares solution.
-
-    For "clip" and "nnls" this covariance is an upper limit, as their constraints only reduce the noise.
-    """
+    """PSF of sum 1 by the requested solver, with the least-squares covariance: an upper limit for "clip" and "nnls"."""
     covariance = _joint_covariance(fit)
     h = _kernel(fit, covariance[: k * k, : k * k], s, solver)
     amplitudes = fit.light[TAIL:] + fit.equations.response(h - fit.h)[GEOMETRY + TAIL :]
@@ -84,11 +81,8 @@ def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
 
 
 def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
-    """Kernel (k^2,) by the solver; its sum is the contrast's correction.
-
-    Non-negativity alone keeps positive noise, most of the error of a noisy photograph. "nnls" therefore adds a Gaussian
-    prior whose amplitude, width and smoothness are estimated from the least-squares kernel.
-    """
+    """Kernel (k^2,) by the solver, of the sum of the contrast's correction. As non-negativity keeps positive noise,
+    "nnls" adds the prior of `prior_covariance`."""
     if solver == "ls":
         return fit.h
     G = fit.equations.G / fit.residual_std**2
@@ -99,10 +93,7 @@ def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
 
 
 def _joint_covariance(fit: ChartFit) -> Array:
-    """Covariance of the PSF's samples and the tail's amplitudes, (k^2 + q, k^2 + q), before normalisation.
-
-    Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
-    """
+    """Covariance (k^2 + q, k^2 + q) of samples and tail before normalisation; given h, t = (Z'Z)^-1 (Z'r - Z'A h)."""
     equations = fit.equations
     of_tail = slice(GEOMETRY + TAIL, None)
     C, E = equations.inverse, equations.E[of_tail]
@@ -147,10 +138,8 @@ def _shared(fit: ChartFit, covariance: Array, F: Array, D: Array) -> SharedError
 
 
 def _centre_covariance(fit: ChartFit, covariance: Array, F: Array, D: Array) -> Array:
-    """Covariance (2, 2), in squared pixels, of the image of the chart's centre.
-
-    An error of h moves the images of the marks, by `F`, and the displacement, whose own errors add.
-    """
+    """Covariance (2, 2), squared pixels, of the chart's centre: errors of h move the marks by `F`, and the displacement
+    has its own."""
     equations = fit.equations
     with_h = equations.E[:GEOMETRY] * fit.h.sum()
     conditional = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2

@@ -184,11 +184,8 @@ ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(
 
 
 def choose(data: WhitenedPsf, progress: Callable[[str], object] | None = None) -> tuple[ModelFit, list[ModelFit]]:
-    """The best model, and all models tried in order of the criterion.
-
-    One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
-    under the new aperture, all with free aberrations. Aberrations that do not improve the criterion are then removed.
-    """
+    """The best model, and all models in order of the criterion: low-pass filter and diffusion, aperture, and the filter
+    again are chosen with free aberrations, then useless aberrations removed."""
     tried: dict[ModelParts, ModelFit] = {}
 
     def best_of(candidates: Iterable[ModelParts], near: ModelParts | None = None) -> ModelParts:
@@ -258,11 +255,8 @@ class OneSided:
 
 
 def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
-    """Numbers of a fit that are limited on one side: parameters at bounds, fill factor above 1, Strehl ratio 1 with
-    wavefront error 0.
-
-    `numbers` are the fit's, with uncertainties from its curvature.
-    """
+    """Numbers of a fit, with uncertainties from its curvature, that are limited on one side: parameters at bounds, fill
+    factor above 1, Strehl ratio 1 with wavefront error 0."""
     limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
     return [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
 

@@ -78,10 +78,8 @@ def sensor_otf(parts: ModelParts, values: Array, fx: Array, fy: Array) -> Comple
 
 
 def aperture_otf(aperture: Aperture, side: float, notch: float, fx: Array, fy: Array) -> Complex:
-    """Transfer function of a square about the pixel's centre without a corner of `notch` times its side.
-
-    Yadid-Pecht, IEEE Trans. Electron Devices 47, 2000, gives the moduli of these shapes.
-    """
+    """Transfer function of a square without a corner of `notch` times its side. Moduli: Yadid-Pecht, IEEE Trans.
+    Electron Devices 47, 2000."""
     whole = side**2 * np.sinc(fx * side) * np.sinc(fy * side) + 0j
     direction = aperture.missing_corner_deg
     if direction is None:

@@ -79,10 +79,8 @@ def shapes_over(frame: RawFrame, answer: str, known: RestorationFacts, read: Rea
 
 
 def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape = named_shape) -> BlurSpec:
-    """The known blur of all photographs. Raises BadParameter where apertures or region are not known.
-
-    Motion comes from the given shapes, or from records if every photograph has one; otherwise it is to be estimated.
-    """
+    """The known blur of all photographs: given shapes, complete records, or motion to be estimated. Raises BadParameter
+    if unknown."""
     if known.blur_by == MOTIONS and known.motion_shape != SEARCH:
         return BlurSpec(KnownShapes(shapes_over(frames[0], known.motion_shape, known, read)), known.max_w)
     if known.blur_by == BOTH:
@@ -102,10 +100,8 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
 
 
 def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape) -> BlurSpec:
-    """Recorded motions with the lens's blur, which depends on the inverse distance too (4.5, 6.5).
-
-    Raises BadParameter where a motion has no record, or the lens is not known.
-    """
+    """Recorded motions with the lens's blur by inverse distance (4.5, 6.5). Raises BadParameter if a record or the lens
+    is missing."""
     focal = focal_px(frames[0], known)
     recorded = recorded_motion(frames, focal)
     each = (lens(frame, known.lens_f_number, known) for frame in frames)
@@ -125,10 +121,8 @@ def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: 
 
 
 def recorded_motion(frames: Sequence[RawFrame], focal: float | None) -> RecordedMotion | None:
-    """The motion during all photographs; None where one has no record that covers it.
-
-    The error of the times, common to all records, is bounded by the largest bound.
-    """
+    """The motion during all photographs, its common error within the largest bound; None where a record does not cover
+    one."""
 
     def poses(late_s: float) -> tuple[Poses, ...]:
         each = [rig_poses(frame, late_s) for frame in frames]
@@ -173,12 +167,8 @@ def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
 
 
 def rig_poses(frame: RawFrame, late_s: float = 0.0) -> Poses | None:
-    """Poses of the camera during an exposure, relative to the rig at rest; None without a record.
-
-    `late_s` : how late the times of the record are.
-
-    A shaker's commanded path takes precedence over an IMU's record: it has no drift.
-    """
+    """Poses of the camera during an exposure, relative to rest, by the shaker's path, which has no drift, or an IMU's
+    record `late_s` late; None without either."""
     open_s = frame.exposure.exposure_s
     if open_s is None:
         return None
@@ -194,10 +184,8 @@ def rig_poses(frame: RawFrame, late_s: float = 0.0) -> Poses | None:
 def blur_relation(
     first: RawFrame, other: RawFrame, known: RestorationFacts, which: str = "second"
 ) -> tuple[float, float]:
-    """w of another photograph as a ratio times that of the first, plus an offset in pixels (4.8 to 4.10).
-
-    Includes both distances of focus if the camera recorded them; otherwise the focus is assumed equal.
-    """
+    """Ratio and offset, pixels, of another photograph's w to the first's (4.8 to 4.10), by recorded distances of focus,
+    else equal."""
     ratio = blur_ratio(known, which)
     lenses = lens(first, known.first_f_number, known), lens(other, known.f_numbers[which], known)
     if lenses[0] is None or lenses[1] is None or lenses[0].focus_mm == lenses[1].focus_mm:
@@ -217,10 +205,7 @@ def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> th
 
 
 def blur_ratio(known: RestorationFacts, which: str = "second") -> float:
-    """Ratio of a photograph's blur to the first's, from the apertures at equal focus (4.8).
-
-    Raises BadParameter where they are not known.
-    """
+    """Ratio of a photograph's blur to the first's by apertures (4.8). Raises BadParameter where they are unknown."""
     remedy = "give all f-numbers in the step `scene`"
     first = required(known.first_f_number, "the first f-number", remedy)
     return first / required(known.f_numbers[which], f"the {which} f-number", remedy)

@@ -94,11 +94,8 @@ def unexplained(residual: Array, noise: float) -> NDArray[np.bool_]:
 def distances_of(
     w: Array, w_std: Array, setting: CameraSetting, side: str, uncertainty: CameraUncertainty | None = None
 ) -> Distances:
-    """Distances from w (H, W), the radius of the first photograph's blur circle in pixels, and its uncertainty.
-
-    setting : of the first photograph; side : "front" or "behind": position of the scene relative to the plane of focus.
-    Raises BadParameter if the side is unknown, or the scene is behind a plane of focus at infinity.
-    """
+    """Distances from w (H, W), the first photograph's blur radius, and its uncertainty; side : "front" or "behind" the
+    plane of focus. Raises BadParameter for others, or behind infinity."""
     uncertainty = uncertainty or CameraUncertainty()
     if side not in (FRONT, BEHIND):
         raise BadParameter(f"the scene lies in {FRONT} of the plane of focus or {BEHIND}; got {side!r}", "give one")

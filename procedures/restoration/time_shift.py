@@ -43,12 +43,8 @@ class TimeShift:
 def fit_time_shift(
     photographs: Sequence[Array], masks_at: Callable[[float, tuple[int, int]], Sequence[Masks]], within_s: float
 ) -> TimeShift:
-    """The shift of least residual, with `within_s` as the bound of a uniform prior.
-
-    photographs : (C, H, W) each; masks_at : the masks for a shift and a frame of this shape about the same axis.
-
-    Raises what the masks of the shift 0 raise.
-    """
+    """The shift of least residual, uniform within `within_s`; masks_at : the masks of a shift for a frame. Raises what
+    those of 0 raise."""
     z = checks.check_photographs([_middle(one) for one in photographs])
     shape, trust = (z.shape[2], z.shape[3]), checks.trust_of(z)
     freedom = shape[0] * shape[1] / WINDOW**2

@@ -45,11 +45,8 @@ class Curves:
 
 
 def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int = DRAWS) -> Curves:
-    """The measured curves and draws of them.
-
-    Means and variances of so many samples are normally distributed. Changes of the light, estimated from pairs, move
-    the means of the levels; they are drawn as errors of the light.
-    """
+    """The measured curves, and draws of normally distributed means and variances; changes of the light, estimated from
+    pairs, are drawn as errors of the light."""
     (mean, variance), (dark_mean, dark_variance) = (
         tuple(
             _drawn(
@@ -81,10 +78,8 @@ def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int =
 
 
 def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, rng: np.random.Generator) -> Array:
-    """Replace means and variances (1 + draws, dark levels) by those before rounding, plus 1/12.
-
-    Returns the standard deviation (1 + draws,) of the pixels' means.
-    """
+    """Replace means and variances (1 + draws, dark levels) by those before rounding, plus 1/12; the standard deviation
+    (1 + draws,) of the pixels' means."""
     spatial, uncertainty, pixels = np.zeros(len(mean)), np.inf, np.zeros(len(mean))
     if recording.dark_stack is not None:
         value, uncertainty = core_variance(recording.dark_stack)

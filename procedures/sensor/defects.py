@@ -106,10 +106,7 @@ def response_field(dark: FrameStack, flat: FrameStack) -> Array:
 
 
 def _high_passed(picture: Array) -> Array:
-    """The picture without slow variation, rows and columns.
-
-    Outliers are clipped first: one hot pixel must not shift its neighbours.
-    """
+    """The picture without slow variation of rows and columns; outliers are clipped first."""
     field = picture - np.median(picture, axis=1)[:, None]
     field = field - np.median(field, axis=0)[None, :]
     spread = MAD * float(np.median(np.abs(field)))

@@ -102,10 +102,8 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
 
 
 def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
-    """The model of a calibrated sensor for other procedures.
-
-    step : numbers of the file per digital number of the result.
-    """
+    """The model of a calibrated sensor for other procedures; step : numbers of the file per digital number of the
+    result."""
     gain, response = result.numbers[SYSTEM_GAIN_AT_DARK], result.response
     dsnu = result.numbers.get(non_uniformity(DSNU, "_pixel", WITHOUT_DEFECTS, "_dn"))
     prnu = result.numbers.get(non_uniformity(PRNU, "_pixel", HIGHPASS))

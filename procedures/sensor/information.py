@@ -50,10 +50,7 @@ class Information:
 
 
 def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Information:
-    """NEQ, noise-equivalent MTF and information capacity, with the uncertainties of PSF and noise.
-
-    psf : in pixels of the plane in which the noise was measured; rng : for draws of the PSF.
-    """
+    """NEQ, noise-equivalent MTF and information capacity with uncertainties; psf : in pixels of the noise's plane."""
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)
     neq = noise.signal**2 * mtf**2 / noise.power

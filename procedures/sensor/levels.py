@@ -104,10 +104,8 @@ def _shared(difference: Array, axis: int, variance: float) -> tuple[int, float]:
 
 
 def bottom_pile(picture: Numbers) -> float:
-    """Share of the samples clipped at the lowest number; 0 without clipping.
-
-    The density of noise decreases towards its end: a last number at least as frequent as the next was clipped.
-    """
+    """Share of the samples clipped at the lowest number: noise becomes rarer towards its end, so a last number at least
+    as frequent as the next was clipped."""
     values, counts = np.unique(np.asarray(picture).ravel()[:: 1 + picture.size // SEARCHED], return_counts=True)
     share = counts / counts.sum()
     first = int(np.searchsorted(np.cumsum(share), STRAY))

@@ -110,10 +110,8 @@ def _solved(design: Array, values: Array) -> Array:
 
 
 def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
-    """Linearity error, and the largest deviations to either side, in per cent.
-
-    alternatives : with saturation at other possible levels.
-    """
+    """Linearity error and largest deviations to either side in per cent; alternatives : other possible saturation
+    levels."""
     deviation = 100 * linearity.deviation[:, linearity.used]
     spread = np.std(deviation[1:], axis=0)
     lift = float(np.mean(spread)) * np.sqrt(2 / np.pi)  # error expected by noise alone

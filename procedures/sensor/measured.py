@@ -23,11 +23,8 @@ class IntervalNumber(Quantity):
 def measured(
     value: float, uncertainty: float, unit: str, method: str, n: int, *, least: float = -np.inf, lower: float = 0.0
 ) -> IntervalNumber:
-    """A number with a normally distributed error.
-
-    least : lower bound of the number and of its interval; lower : possible bias of the value by noise, by which the
-    interval is extended downwards.
-    """
+    """A number with a normal error; least : lower bound of it and its interval; lower : possible bias by noise, which
+    extends the interval downwards."""
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
 

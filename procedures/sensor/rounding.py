@@ -110,10 +110,8 @@ def unrounded(
 
 
 def subtracted(mean: Array, temporal: Array, pixels: Array) -> tuple[Array, Array]:
-    """Mean and temporal variance before rounding, plus 1/12, of little light: the effect of rounding is subtracted.
-
-    The pixels' standard deviation is known. Photon noise makes the effect small, so that the iteration converges.
-    """
+    """Mean and temporal variance before rounding, plus 1/12, of little light on pixels of known deviation, by
+    iteration, as photon noise makes the effect small."""
     m, variance = mean, np.maximum(temporal - 1 / 12, LEAST**2)
     for _ in range(SUBTRACTIONS):
         M, V, _spatial, _slope = rounded(m, np.sqrt(variance), pixels)
@@ -122,22 +120,16 @@ def subtracted(mean: Array, temporal: Array, pixels: Array) -> tuple[Array, Arra
 
 
 def finite_pixels(temporal: float, spatial: float, n: int) -> Array:
-    """Squared uncertainties (3,) of mean, temporal and spatial variance where n pixels have few different numbers.
-
-    The pixels are no exact normal distribution, which matters in proportion to the amplitude of the harmonics; and
-    differences of 0 and 1 have another fourth moment than noise.
-    """
+    """Squared uncertainties (3,) of the statistics where n pixels have few different numbers: no exact normal
+    distribution, and another fourth moment than noise."""
     share, spatial = np.exp(-4 * np.pi**2 * max(temporal - 1 / 12, 0.0)), max(spatial, 0.0)
     moment = max(temporal * (1 - 2 * temporal) / 2 - 2 * temporal**2, 0.0)
     return np.array([share * spatial, (share * SCATTER) ** 2 + moment, 2 * (share * spatial) ** 2]) / n
 
 
 def _levelled(parameters: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Mean, temporal deviation and deviation of the pixels, (1 + draws,) each, from their logarithms.
-
-    Where the statistics do not determine the temporal noise, or several values of it, all possible values are made
-    equally frequent among the draws, and their mean is the estimate.
-    """
+    """Mean, temporal deviation and deviation of the pixels from their logarithms; an undetermined temporal noise has
+    all its possible values equally often, and their mean."""
     draws = parameters[:, 1:]
     sigma = np.exp(draws[1])
     if np.std(draws[1:], axis=1).max() > UNDETERMINED:

@@ -123,11 +123,8 @@ def variances_before(stack: FrameStack, rounding: Rounding, excluded: Mask | Non
 
 
 def _uncertainty(pattern: float, noise: float, size: int, count: int) -> float:
-    """Standard uncertainty of a pattern's variance, measured with noise from `size` values.
-
-    The pattern is fixed: the variance is that of 2 x pattern x noise and of noise^2; the subtracted variance of the
-    noise was measured in count - 1 pictures.
-    """
+    """Standard uncertainty of a fixed pattern's variance from `size` values: that of 2 x pattern x noise and noise^2;
+    the subtracted one is of count - 1 pictures."""
     own = 4 * max(pattern, 0.0) * noise + 2 * noise**2
     return float(np.sqrt(own / size + 2 * noise**2 / (size * max(count - 1, 1))))
 
@@ -158,11 +155,8 @@ def response_numbers(
     dark: FrameStack, flat: FrameStack, rounding: tuple[Rounding, Rounding], curvature: float,
     excluded: Mask | None = None, *, suffix: str = "",
 ) -> Mapping[str, IntervalNumber]:  # fmt: skip
-    """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
-
-    rounding : of the dark and of the flat stack; curvature : relative standard uncertainty by the curvature of the
-    response at the flat stack's signal.
-    """
+    """PRNU in per cent of the signal, of all pixels, rows, columns, pixels; rounding : of dark and flat stack;
+    curvature : relative uncertainty by that of the response."""
     in_dark = variances_before(dark, rounding[0], excluded)
     in_flat = variances_before(flat, rounding[1], excluded)
     signal, n = flat.mean - dark.mean, flat.mean_picture.size

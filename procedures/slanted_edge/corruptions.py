@@ -62,10 +62,8 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
 
 
 def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool) -> dict[str, Array]:
-    """Standard deviations of the curve (f,) by the bins and by each corruption that is not excluded.
-
-    Each is one mode: its sign at one frequency goes with that at all others.
-    """
+    """Standard deviations of the curve (f,) by the bins and each corruption not excluded: modes, of one sign at all
+    frequencies."""
     f = FREQUENCIES
     modes = {
         "bins": np.gradient(mtf, STEP) * f * REPEATED * (f / REPEATED_AT) ** 4,
@@ -99,10 +97,8 @@ def _mask(radius_px: float) -> Array:
 
 
 def _tone(evidence: Evidence) -> tuple[float, float]:
-    """Logarithm of a tone curve's exponent by the growth of the noise, and its standard uncertainty.
-
-    The variance of photon noise is proportional to the light; after the exponent 1/g it grows as the picture to 2 - g.
-    """
+    """Logarithm of a tone curve's exponent 1/g and its uncertainty, by the growth of photon noise, as the picture to 2
+    - g."""
     if not math.isfinite(evidence.exponent):
         return 0.0, math.inf
     return math.log(max(2 - evidence.exponent, 0.5)), TONE_MODEL

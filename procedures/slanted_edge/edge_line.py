@@ -1,4 +1,4 @@
-"""Course of an edge: a polynomial through the centroids of each row's derivative, the start of `refinement`."""
+"""Course of an edge: a polynomial through the centroids of each row's derivative, before refinement."""
 
 from __future__ import annotations
 
@@ -64,12 +64,8 @@ class Course:
 
 
 def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
-    """Estimate the course of the edge in a strip, near a line where one is given.
-
-    Raises Refused if there is no edge, or it leaves the strip.
-
-    Source: ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
-    """
+    """The edge's course in a strip, near a given line: centroids of the windowed derivative, a polynomial, repeated
+    (ISO 12233:2023, annex D). Raises Refused without an edge in it."""
     line, rising, reach = _first_line(strip, start)
     half = max((len(strip.samples) - 1) / 2, 1.0)
     course = Course(np.array([line.slope * half, line.middle]), half, rising)

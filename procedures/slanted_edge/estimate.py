@@ -1,6 +1,6 @@
 """Estimate of the MTF across slanted edges, with uncertainties and a verdict.
 
-References ---------- ISO 12233:2023, annex D (e-SFR): edge of polynomial course, Tukey window, four bins per pixel. In
+Source: ISO 12233:2023, annex D (e-SFR): edge of polynomial course, Tukey window, four bins per pixel. In
 addition, values are moved to the centres of their bins, illumination and far tail are fitted, the window is as wide as
 the noise allows, rows are resampled for the uncertainty, and corruptions of the photograph are tested.
 """
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from procedures.budget import Budget, combined
 from procedures.display import axes_of, html, summary
@@ -24,8 +25,16 @@ from procedures.slanted_edge.corruptions import corruption_checks, modes_of
 from procedures.slanted_edge.edge_line import Course, find_course, tukey
 from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
-from procedures.slanted_edge.profile import BINS, EdgeProfile, edge_profile, filled, solve_light
-from procedures.slanted_edge.refinement import refine_course
+from procedures.slanted_edge.profile import (
+    BINS,
+    EdgeProfile,
+    edge_profile,
+    filled,
+    rebinned,
+    solve_light,
+    steepness,
+    values_of,
+)
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail, with_tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of, noise_gain
@@ -114,10 +123,8 @@ class EdgeOutcome(Outcome[EdgeMtf]):
 
 
 def estimate_edges(plane: PlaneLike, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
-    """Measure all slanted edges of a plane: passed, doubtful, refused, the best of each first.
-
-    A plane without an edge gives one refusal without a region. Diffraction, where known, predicts the far tail.
-    """
+    """All slanted edges of a plane: passed, doubtful, refused, the best of each first; without one, a refusal without
+    region."""
     plane = as_plane(plane)
     try:
         sightings = find_edges(plane.samples)
@@ -284,7 +291,7 @@ SEED = 12233
 def resampled_mtf(profile: EdgeProfile, draws: int = DRAWS) -> Array:
     """MTFs of resampled rows, (draws, f), which scatter about the profile's MTF as that does about the truth.
 
-    References ---------- Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. The variance of a mean of m rows
+    Source: Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. The variance of a mean of m rows
     with exponential weights is (m - 1) / (m + 1) of the true one; the spread is enlarged accordingly, and by
     `noise_gain`, as the values are not moved to the centres of their bins in each draw.
     """
@@ -307,12 +314,82 @@ def resampled_mtf(profile: EdgeProfile, draws: int = DRAWS) -> Array:
 
 
 def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
-    """Relative uncertainty of MTF50 expected of this noise and window; NaN where MTF50 is.
-
-    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm. Half of its power is in
-    phase with the transfer function, whose derivative by the logarithm of the frequency is about -0.65 at one half.
-    """
+    """Relative uncertainty of MTF50 expected of this noise and window, NaN where MTF50 is: half the power of the bins'
+    differences is in phase; d MTF / d log f is -0.65 there."""
     counts = profile.counts.sum(axis=0)
     bin_noise = profile.noise / abs(profile.contrast) / np.sqrt(max(float(counts[counts > 0].mean()), 1.0))
     window = float(np.linalg.norm(tukey(profile.centres, profile.flat_px, profile.end_px)))
     return float(2 * np.pi * mtf50 / BINS * bin_noise * window / (2**0.5 * 0.65))
+
+
+# --- refinement of an edge's course --------------------------------------------------------------------------------
+# Residuals of the mean spread function are regressed on the effect of a displacement of the edge, less what the spread
+# function absorbs. Unlike the row centroids of ISO 12233:2023, the result does not depend on the edge's phase.
+
+HIGHEST_ORDER = 5
+"""Highest degree of the polynomial, as in ISO 12233:2023."""
+MAX_ITERATIONS = 4
+BINNINGS = 2
+"""Rounds of binning in each iteration."""
+CONVERGED_PX = 1e-4
+
+
+def refine_course(strip: Strip, course: Course) -> Course:
+    """Course of the degree with the least Bayesian information criterion; two degrees without a gain end the search."""
+    profile = edge_profile(strip, course)
+    best, least = _converged(strip, profile, _with_degree(course, 1))
+    for order in range(2, HIGHEST_ORDER + 1):
+        candidate, criterion = _converged(strip, profile, _with_degree(best, order))
+        if criterion < least:
+            best, least = candidate, criterion
+        elif order > best.order + 1:
+            break
+    return best
+
+
+def _with_degree(course: Course, order: int) -> Course:
+    """Nearest course of another degree."""
+    t = np.linspace(-1, 1, 50)
+    return replace(course, coefficients=np.polyfit(t, course.at(t * course.half), order))
+
+
+def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Course, float]:
+    """Converged course of this degree, and its Bayesian information criterion."""
+    for _ in range(MAX_ITERATIONS):
+        d = course.distances(strip)
+        used = strip.usable & (np.abs(d) < profile.end_px + 1)
+        profile, residual = rebinned(profile, values_of(profile.light, strip, d), d, used, BINNINGS)
+        core = used & (np.abs(d) < profile.flat_px)
+        change, covariance = _displacement(strip, profile, course, d, residual, core)
+        course = replace(course, coefficients=course.coefficients + change)
+        if np.abs(change).max() < CONVERGED_PX:
+            break
+    n, p = int(core.sum()), len(course.coefficients)
+    square = float(np.sum(residual[core] ** 2)) + 1e-12
+    # the chord's slope is that of the odd powers
+    odd = np.arange(p)[::-1] % 2
+    variance = float(odd @ covariance @ odd) * square / max(n - p, 1)
+    course = replace(course, slope_uncertainty=max(variance, 0.0) ** 0.5 / course.half)
+    return course, n * np.log(square) + p * np.log(n)
+
+
+def _displacement(
+    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: npt.NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Least-squares change of the coefficients (p,), and its covariance for unit noise (p, p)."""
+    t = np.broadcast_to((strip.along / course.half)[:, None], d.shape)[core]
+    normal = np.broadcast_to((1 / np.hypot(1, course.slope(strip.along)))[:, None], d.shape)[core]
+    slope = -steepness(profile, d[core]) * normal * (1 if course.rising else -1)
+    columns = slope[:, None] * np.vander(t, len(course.coefficients))
+    bins = np.floor(d[core] * BINS).astype(int)
+    bins -= bins.min()
+    count = np.maximum(np.bincount(bins), 1)[:, None]
+    means = np.stack([np.bincount(bins, column) for column in columns.T], axis=1) / count
+    columns = columns - means[bins]
+    scale = np.trace(columns.T @ columns)
+    # the spread function absorbs the constant
+    normal_matrix = columns.T @ columns + 1e-6 * scale * np.diag(
+        np.arange(len(course.coefficients)) == len(columns[0]) - 1
+    )
+    covariance = np.linalg.pinv(normal_matrix, rcond=1e-8)
+    return covariance @ (columns.T @ residual[core]), covariance

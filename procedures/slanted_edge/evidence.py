@@ -131,11 +131,8 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
 
 
 def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, MaskScore]:
-    """Score of the scatter on the edge against the noise of its plains, the displacement and the mask that explain it.
-
-    The variance of a linear sensor's noise is a convex function of the light: between the plains it is at most their
-    mean by the light. A displacement adds the square of the profile's slope, a tone curve most in the middle.
-    """
+    """Score of the scatter on the edge against its plains' noise, convex in the light, and the displacement (the slope
+    squared) and mask that explain it."""
     d = samples.d
     used = samples.inside & (np.abs(d) < profile.end_px + 1)
     profile, residual = rebinned(profile, samples.value, d, used)

@@ -192,10 +192,7 @@ def _plain_px(side: Array, contrast: float) -> float:
 
 
 def _mean_inside(lines: Array) -> Array:
-    """Means (n,) of lines (n, m) over the samples inside the picture, NaN for less than a quarter of them.
-
-    An edge that leaves the picture at an angle cuts the lines on one side.
-    """
+    """Means (n,) of lines (n, m) inside the picture, as an oblique edge cuts them; NaN for less than a quarter."""
     inside = np.isfinite(lines)
     count = np.count_nonzero(inside, axis=1)
     total = np.sum(np.where(inside, lines, 0.0), axis=1)

@@ -98,10 +98,8 @@ class EdgeProfile:
 
     @property
     def overshoot(self) -> float:
-        """Significant excess of the edge over its plains, relative to the contrast: a halo of sharpening.
-
-        Of means over a pixel, less four of their standard deviations.
-        """
+        """Significant excess of means over a pixel over the plains, relative to the contrast, less four standard
+        deviations: a halo."""
         counts = self.counts.sum(axis=0)
         inside = np.abs(self.centres) < self.end_px
         mean = uniform_filter1d(self.esf, BINS)[inside]
@@ -215,10 +213,8 @@ def _last_below(x: Array, level: Array, share: float) -> float:
 def _plains(
     strip: Strip, d: Array, far: npt.NDArray[np.bool_], width_px: float
 ) -> tuple[Array, Array, Array, float, Lean]:
-    """Parameters (6,) of the plains by least squares over the samples beyond the core.
-
-    Also the contribution of each row to the normal equations, and the priors of the tail: its weight, its asymmetry.
-    """
+    """Parameters (6,) of the plains by least squares beyond the core, each row's normal equations, and the tail's
+    priors."""
     bright = d > 0
     light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0, 0.0])
     along = np.broadcast_to(strip.along[:, None], d.shape)
@@ -260,10 +256,8 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
 
 
 def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: EdgeProfile) -> Array:
-    """Values moved along the spread function to the centres of their bins, so that a mean is a value at the centre.
-
-    The spread function is a cubic spline between the centres.
-    """
+    """Values moved along the spread function, a spline between the bins' centres, so that a mean is a value at the
+    centre."""
     esf = profile.esf
     K = len(esf) // 2
     place = d[used] * BINS + K

@@ -31,10 +31,7 @@ class Roi:
         return cls(0, 0, columns, rows)
 
     def cut(self, samples: Array32) -> Array:
-        """Samples of the rectangle, (height, width).
-
-        Raises BadParameter if it does not lie in the plane, or is smaller than 8 x 8.
-        """
+        """Samples of the rectangle, (height, width). Raises BadParameter if it is not in the plane, or below 8 x 8."""
         rows, columns = samples.shape
         inside = self.x >= 0 and self.y >= 0 and self.x + self.width <= columns and self.y + self.height <= rows
         if not inside:

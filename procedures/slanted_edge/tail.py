@@ -48,10 +48,8 @@ class Tail:
         return abs(estimate.px - self.px) / allowed
 
     def weight(self, variance: float, samples: float) -> float:
-        """Weight as a prior among samples of weight 1 and of this variance over the squared contrast.
-
-        `samples` is the weight that the samples give the tail.
-        """
+        """Weight as a prior among samples of weight 1 and this variance over the squared contrast; `samples` : theirs
+        of the tail."""
         prior = self.uncertainty_px**2
         return EXACT * samples if prior * EXACT * samples <= variance else variance / prior
 
@@ -59,10 +57,8 @@ class Tail:
 def with_tail(
     normal: Array, right: Array, tail: Tail | None, weight: float, contrast: float, errors: Array | float = 0.0
 ) -> tuple[Array, Array]:
-    """Normal equations (..., 6, 6), (..., 6) of the plains with the prior of the tail.
-
-    `contrast` is bright less dark; `errors` displaces the prior by multiples of its uncertainty.
-    """
+    """Normal equations of the plains with the tail's prior, displaced by `errors` of its uncertainty; contrast : bright
+    less dark."""
     if tail is None:
         return normal, right
     normal, right = normal.copy(), right.copy()

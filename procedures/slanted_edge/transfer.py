@@ -18,11 +18,8 @@ TAIL_END_PX = 400.0
 
 
 def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
-    """MTF (..., f) at `FREQUENCIES` of edge spread functions (..., b) with tails a (...) beyond the window.
-
-    The difference of neighbouring bins is the line spread function convolved with a box, whose sinc is divided out, as
-    in ISO 12233:2023, annex D; the gain of the spline through the bins is divided out, too.
-    """
+    """MTF (..., f) at `FREQUENCIES` of edge spread functions with tails a: differences of bins, less the sinc of their
+    box (ISO 12233:2023, annex D) and the spline's gain."""
     K = esf.shape[-1] // 2
     x = (np.arange(-K + 1, K)) / BINS
     lsf = np.diff(esf, axis=-1) * tukey(x, flat_px, end_px)
@@ -35,11 +32,8 @@ def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
 
 @lru_cache(maxsize=1)
 def _spline_gain() -> Array:
-    """Gain of the values of a wave at the bins' centres, at `FREQUENCIES`.
-
-    The mean of the cubic spline over each bin equals that of the samples: the wave is averaged over the bin, and so are
-    the spline's spectrum and its aliases.
-    """
+    """Gain at `FREQUENCIES` of a wave at the bins' centres, by a cubic spline whose mean over each bin is that of the
+    samples."""
     u = FREQUENCIES[:, None] / BINS + np.arange(-8, 9)
     spline = np.sinc(u) ** 4
     spline /= spline.sum(axis=1, keepdims=True)

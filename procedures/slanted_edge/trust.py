@@ -27,10 +27,7 @@ FAINT, NOISY = 0.5, 2.0
 
 
 def check_samples(strip: Strip) -> None:
-    """Refuse saturated and short edges.
-
-    Raises Refused if more than 1 % of the samples are saturated, or the strip has too few rows.
-    """
+    """Raise Refused if more than 1 % of the samples are saturated, or the strip has too few rows."""
     clipped = float(np.mean(strip.samples >= NOMINAL))
     if clipped > MAX_CLIPPED:
         raise Refused(
@@ -45,10 +42,7 @@ def check_samples(strip: Strip) -> None:
 
 
 def check_clipping(strip: Strip, course: Course) -> None:
-    """Refuse an edge with a clipped side, at whatever level.
-
-    Raises Refused if more than 1 % of the samples accumulate at their largest or smallest value.
-    """
+    """Raise Refused if more than 1 % of the samples accumulate at their largest or smallest value: a clipped side."""
     d = course.distances(strip)
     near = strip.usable & (np.abs(d) < strip.reach_px)
     reach = np.abs(d[near]).max()
@@ -78,10 +72,7 @@ def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
 
 
 def check_course(strip: Strip, course: Course) -> None:
-    """Refuse an edge that does not cross all phases of the pixels.
-
-    Raises Refused if it is too near the pixels' axes for its length.
-    """
+    """Raise Refused if the edge is too near the pixels' axes for its length to cross all phases of the pixels."""
     n, slope = len(strip.samples), abs(course.mean_slope)
     if n * slope < MIN_DRIFT_PX:
         angle = float(np.degrees(np.arctan(slope)))

@@ -137,11 +137,8 @@ def estimate_tilt(
 
 
 def measured_heights(places: Sequence[PlaceFocus], zero_um: float, position_um: float) -> tuple[Array, Array]:
-    """Heights (N,) of the sensor behind the image in um, with their covariance (N, N).
-
-    The noise of the PSFs is independent between places; errors of the positions are common to the charts of a
-    photograph.
-    """
+    """Heights (N,) of the sensor behind the image in um, and covariance (N, N): noise of the PSFs, and the positions'
+    errors, common to a photograph's charts."""
     sources = sorted({name for one in places for optimum in one.optima for name in optimum.sensitivities})
     J = np.array([[sum(o.sensitivities.get(name, 0.0) for o in one.optima) / 2 for name in sources] for one in places])
     noise = np.array([sum(o.variance for o in one.optima) / 4 for one in places])
@@ -170,10 +167,8 @@ def _position_um(bracket: Mapping[float, Sequence[Node]], parameters: TiltParame
 
 
 def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> float:
-    """Standard uncertainty of the image's slopes due to the chart's, in um/mm.
-
-    Raises BadParameter if the chart's distance or the focal length is not known.
-    """
+    """Standard uncertainty of the image's slopes by the chart's, in um/mm. Raises BadParameter if distance or focal
+    length is unknown."""
     if not parameters.chart_tilt_deg:
         return 0.0
     by_positions = float(np.median(positions_mm)) if parameters.positions is not Positions.LENS else None
@@ -206,10 +201,8 @@ def _checks(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> 
 
 
 def shim_words(tilt: Tilt) -> str:
-    """Required change of the shim as a sentence without full stop; "" without a nominal focus.
-
-    The image moves with the shim; the change of the object distance, by the square of the magnification, is neglected.
-    """
+    """Required change of the shim as a sentence without full stop, the image moving with it; "" without a nominal
+    focus."""
     shim = tilt.numbers().get(SHIM)
     if shim is None:
         return ""

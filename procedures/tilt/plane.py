@@ -69,12 +69,8 @@ class TiltedPlane:
 
 
 def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: tuple[float, float]) -> TiltedPlane:
-    """The plane through heights (N,) with covariance (N, N) at places (N, 2), by generalised least squares.
-
-    Where the residuals exceed the covariance, it is scaled by them (Birge's ratio).
-
-    Raises Refused if there are fewer than seven places, or they do not determine a quadratic.
-    """
+    """The plane through heights (N,) of covariance (N, N), scaled by larger residuals (Birge), by least squares. Raises
+    Refused for fewer than seven places, or no quadratic."""
     scale = float(np.hypot(*size_mm)) / 2
     x, y = (places_mm / scale).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
@@ -105,11 +101,8 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
 
 
 class Positions(StrEnum):
-    """Meaning of the bracket's positions in millimetres.
-
-    LENS: distance of the lens from the sensor, with any zero. SET: distance setting of the lens. CHART: distance of the
-    chart from the lens, whose setting is unchanged.
-    """
+    """Meaning of a bracket's mm: LENS, distance of lens and sensor, from any zero; SET, distance setting; CHART,
+    distance of the chart from an unchanged lens."""
 
     LENS = "lens"
     SET = "set"

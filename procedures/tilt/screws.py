@@ -46,11 +46,8 @@ class Screws:
 
     @property
     def places_mm(self) -> Array:
-        """Positions (count, 2) in the photograph, right and down.
-
-        The image is inverted on the sensor: above and to the right in the photograph is below and to the left on the
-        sensor, seen from behind.
-        """
+        """Positions (count, 2) in the photograph, right and down, mirrored on both axes relative to the sensor seen
+        from behind."""
         angle = np.radians(self.angles_deg)
         return self.radius_mm * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
 

@@ -189,11 +189,8 @@ class JointFormula:
 
 
 def joint_formula(planes: Mapping[str, PlaneVignetting]) -> JointFormula:
-    """The formulas of the planes.
-
-    The noise of different planes is independent, but the slope of the light, with an uncertainty by the scatter of the
-    flats, is common to all.
-    """
+    """The formulas of the planes, whose noise is independent, but not the slope of the light, of an uncertainty by the
+    flats' scatter."""
     size = len(NAMES)
     values = np.concatenate([np.zeros(0), *(np.append(one.centre, one.radial.coefficients) for one in planes.values())])
     covariance = np.zeros((len(values), len(values)))

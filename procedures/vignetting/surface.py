@@ -113,10 +113,8 @@ def _fitted(flats: Sequence[LightCells], shape: tuple[int, int], degree: int) ->
 
 
 def _errors_of(slopes: Array) -> tuple[Array, int]:
-    """Slopes (F, 2) of mean 0 without one that turned with the flats, and the degrees of freedom along each axis.
-
-    A turn by a full circle over the number of flats, in either direction, is assumed where an F test requires it.
-    """
+    """Slopes (F, 2) of mean 0, less one that turned full circle with the flats where an F test requires it, and degrees
+    of freedom by axis."""
     count = len(slopes)
     if count < FEWEST_TURNED:
         return slopes, count - 1

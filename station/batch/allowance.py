@@ -17,10 +17,7 @@ TIME_S = 3600.0
 
 @dataclass(frozen=True)
 class Allowance:
-    """Limits of an item; None for none.
-
-    memory_bytes : address space in addition to that of the process before it begins.
-    """
+    """Limits of an item, None for none; memory_bytes : address space beyond that of the process before it begins."""
 
     memory_bytes: int | None = None
     time_s: float | None = None

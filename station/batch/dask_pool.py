@@ -175,10 +175,7 @@ def has_tls() -> bool:
 
 @contextmanager
 def _watched(cluster: Any) -> Iterator[None]:
-    """Kill stopped processes of a local cluster, in a thread; Dask replaces them.
-
-    Without it an answer of a stopped process would be waited for without end.
-    """
+    """Kill stopped processes of a local cluster, in a thread, whose answers would never come; Dask replaces them."""
     over = threading.Event()
 
     def look() -> None:

@@ -109,10 +109,7 @@ class ItemRow:
 
 
 def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[str] = ()) -> str:
-    """Hash of all that an item's result depends on: the files, the procedure, and this program's version.
-
-    further : hashes of files that the procedure names
-    """
+    """Hash of all that an item's result depends on: files, procedure, program version, and `further` files' hashes."""
     whole = {"files": list(hashes), "version": software()["version"], **procedure.fingerprint()}
     whole |= {"further": list(further)} if further else {}
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]

@@ -91,11 +91,8 @@ class BatchProcedure:
 
 
 def read_procedure(path: Path) -> BatchProcedure:
-    """The procedure that a file describes.
-
-    Raises BadParameter if it cannot be read, has an unknown key (the nearest one is named), or a value is not valid;
-    BadInput if the chart's cells cannot be read.
-    """
+    """The procedure of a file. Raises BadParameter if it is unreadable, or a key or value is invalid (naming the
+    nearest key); BadInput for unreadable cells."""
     content, source = TableSource.read(path)
     known = next(one for one in fields_of(ProcedureTable) if one.name == "procedure")
     name = read_value(known, content.get("procedure", USUAL_PROCEDURE), source, ("procedure",))

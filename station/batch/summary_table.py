@@ -39,10 +39,7 @@ GROUP_ROWS = 2000
 
 
 def write_csv(path: Path, rows: Iterable[ItemRow], units: Mapping[str, str]) -> None:
-    """The table as CSV; headings state units, no cell is a formula.
-
-    units : of all numbers that the rows have
-    """
+    """The table as CSV, with the `units` of all numbers in the headings; no cell is a formula."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(

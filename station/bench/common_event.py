@@ -35,10 +35,7 @@ class NoCommonEvent(DeviceError):
 
 
 def lag_s(reference: ImuBlock, other: ImuBlock) -> float:
-    """How late the other's times are: the lag at which the magnitudes of both accelerations agree best.
-
-    Raises NoCommonEvent.
-    """
+    """Lag of the other's times at which the accelerations' magnitudes agree best. Raises NoCommonEvent."""
     first, last = (f(reference.host_s[i], other.host_s[i]) for f, i in ((max, 0), (min, -1)))
     t = np.arange(first + FARTHEST_S, last - FARTHEST_S, STEP_S)
     lags = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S / 2, STEP_S)

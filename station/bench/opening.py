@@ -252,10 +252,7 @@ def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -
 def simulated_bench(
     folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
 ) -> Bench:
-    """A bench of simulated devices in this process; `bench.simulated` is the ground truth.
-
-    Without `shaker` the rig is moved by hand.
-    """
+    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand."""
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     cable_faults, events = random_trouble(seed) if faults else ({}, ())

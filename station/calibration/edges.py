@@ -74,10 +74,8 @@ def measure_edges(
     terms: Terms = USUAL,
     pixels: Mapping[str, Pixels] | None = None,
 ) -> Iterator[EdgeRecord]:
-    """The edge of a region, or all detected edges, plane by plane; `limit` gives the diffraction limit.
-
-    Raises BadParameter if the region does not lie in a plane, or the unit requires an unknown quantity.
-    """
+    """The edge of a region, or all, plane by plane. Raises BadParameter for a region outside a plane, or an unknown of
+    the unit."""
     pixels = pixels or pixels_of(frame)
     for plane in frame.planes.values():
         known, at = limit(plane), terms.frequencies(pixels[plane.name])

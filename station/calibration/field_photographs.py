@@ -16,10 +16,7 @@ from station.sessions.reader import read_session
 
 
 def photographs(folder: Path) -> list[Path]:
-    """The photographs of a folder by name; of a session those that its journal says count.
-
-    Raises BadParameter if there is no such folder, or no photograph in it.
-    """
+    """A folder's photographs by name; of a session those that count. Raises BadParameter if there is none."""
     if not folder.is_dir():
         raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
     session = is_session(folder)
@@ -43,10 +40,8 @@ def _plain(folder: Path) -> list[Path]:
 
 
 def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist: str) -> None:
-    """Refuse settings that contradict what a camera wrote into one of the files, before hours of work on them.
-
-    Raises BadParameter; files that cannot be opened are left to whoever reads them.
-    """
+    """Raise BadParameter for settings that contradict a camera's record in a file, before hours of work; unreadable
+    ones pass."""
     if not any(typed.values()):
         return
     for path in paths:
@@ -59,11 +54,8 @@ def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist
 
 
 def focus_positions(table: Path, photographs: Sequence[Path]) -> dict[str, float]:
-    """Focus position by name of photograph, from a CSV file of two columns: name, position.
-
-    Raises BadInput if a row has no number, or none is of one of the photographs; a first row of words is taken for
-    headings.
-    """
+    """Focus positions by photograph from a CSV file: name, position; headings are allowed. Raises BadInput for a row
+    without number, or none of these photographs."""
     rows = [row for row in read_rows(table, "give a CSV file: name, focus position") if any(map(str.strip, row))]
     positions = {}
     for number, row in enumerate(rows):

@@ -123,10 +123,8 @@ def naming_path(path: Path) -> Path:
 
 
 def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
-    """Pairs of photographs or results: in one folder, with names that differ by their endings only.
-
-    Photographs without a partner are items of their own, with this as their trouble.
-    """
+    """Pairs of photographs or results in one folder whose names differ by endings; those without a partner have this
+    trouble."""
     groups: dict[tuple[Path, str], dict[str, Path]] = {}
     alone: list[Path] = []
     for frame in frames:
@@ -143,11 +141,8 @@ def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
 
 
 def in_rows(frames: Sequence[Path], table: Path, least: int = 2, most: int | None = None) -> list[Item]:
-    """The photographs of each row of a CSV file, given by name or the end of the path.
-
-    A row with unknown or ambiguous names, or a wrong number of them, is an item with this as its trouble. A first row
-    without the name of a photograph is the heading. Raises BadInput if the table cannot be read, or has no rows.
-    """
+    """The photographs of each row of a CSV file, by name or end of path; a row of unknown, ambiguous or wrongly many
+    names has this trouble. Raises BadInput for no table, or no rows."""
     lines = [
         [name.strip() for name in row] for row in read_rows(table, "give a CSV file: a row of names for each item")
     ]

@@ -92,11 +92,8 @@ def measure_views(
     layout: DumpLayout | None = None,
     progress: Progress = silent,
 ) -> list[GeometryPhotographs]:
-    """The views of all photographs in each plane, several photographs at a time; failures are recorded.
-
-    plane : the colour plane, or "all"; None for green of RAW files, the only plane of grey images. Raises BadInput if
-    photographs differ in size or planes, and thus in camera.
-    """
+    """Views of all photographs in each plane, or one (None: green of RAW files), several at a time; failures are
+    recorded. Raises BadInput for different sizes or planes."""
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     measured: list[_Measured] = []
     with ThreadPoolExecutor(min(len(paths), threads())) as workers:

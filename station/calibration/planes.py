@@ -170,10 +170,8 @@ def diffraction_limit(
     wavelength_nm: float | None = None,
     needed: bool = False,
 ) -> Diffraction | None:
-    """A plane's diffraction limit, where pitch and aperture are known.
-
-    Raises BadParameter if they are not known and the limit is `needed`; names the missing options.
-    """
+    """A plane's diffraction limit; None, or if it is `needed` BadParameter with the missing options, without pitch and
+    aperture."""
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:
         if needed:

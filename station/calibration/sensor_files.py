@@ -161,11 +161,8 @@ def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
 
 
 def summary_xml(result: SensorFiles) -> bytes:
-    """The numbers by the standard's sections, each with unit, value, uncertainty and interval.
-
-    The layout is that of the reference program (sections, then quantities with their values), with planes above the
-    sections, and the bounds of the interval in addition.
-    """
+    """The numbers as the reference program arranges them, by sections and quantities, with planes above and intervals
+    in addition."""
     top = ElementTree.Element("results", {"standard": "EMVA 1288", "release": "4.0"})
     if result.camera:
         ElementTree.SubElement(top, "camera").text = result.camera

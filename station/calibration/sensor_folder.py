@@ -166,11 +166,8 @@ def _from_csv(path: Path) -> list[Shots]:
 
 
 def _from_descriptor(path: Path) -> list[Shots]:
-    """EMVA's format: "b" exposure in ns and photons, or "d" exposure, then "i" and the name of each picture.
-
-    Groups of the same exposure stay separate: two pictures belong to the ladder, more are a stack, whose light is often
-    from another run of the lamp. Comments begin with "#".
-    """
+    """EMVA's format: "b" exposure in ns and photons, or "d" exposure, then "i" and names; two pictures belong to the
+    ladder, more are a stack, maybe in other light."""
     shots: list[Shots] = []
     for n, line in enumerate(read_text(path, "EMVA 1288 descriptor", _REMEDY, "replace").splitlines(), 1):
         words = line.split()

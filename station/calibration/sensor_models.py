@@ -61,11 +61,8 @@ def sensor_record(path: Path) -> Iterator[StoredRecord]:
 
 
 def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
-    """The models of a photograph's planes.
-
-    Raises BadParameter, BadInput as `sensor_record`; or if the record is of another sensitivity, or has none of the
-    planes.
-    """
+    """The models of a photograph's planes. Raises as `sensor_record`, or if it is of another sensitivity, or has no
+    such plane."""
     with sensor_record(path) as stored:
         _check_iso(stored.data, "the photograph", frame.exposure.iso)
         models = _models(stored.data)
@@ -78,10 +75,7 @@ def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
 
 
 def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:
-    """The models of all planes of a record, for photographs that have not been read.
-
-    Raises BadInput if the record is none, or of another sensitivity than one of the photographs.
-    """
+    """The models of a record's planes. Raises BadInput if it is none, or of another sensitivity than a photograph."""
     with sensor_record(path) as stored:
         for one in photographs:
             _check_iso(stored.data, one.name, _iso_of(one))

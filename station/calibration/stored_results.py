@@ -62,10 +62,8 @@ def table_prefix(plane: str, count: int) -> str:
 
 
 def plane_entry(planes: Mapping[str, Any], plane: str | None, record: Path) -> tuple[str, Mapping[str, Any]]:
-    """The name and entry of the plane that is asked for; None for green, or the first there is.
-
-    Raises BadInput if the record has no plane; BadParameter if it has not this plane.
-    """
+    """Name and entry of this plane; None: green, or the first. Raises BadInput for no plane, BadParameter for not this
+    one."""
     if not planes:
         raise BadInput(f"{record} contains no plane", "name the folder that station geometry wrote")
     name = plane or ("G1" if "G1" in planes else next(iter(planes)))

@@ -26,10 +26,7 @@ SCHEMA = "station/tilt/1"
 def measure_tilt(
     measured: MeasuredFrames, plane: str, positions: Mapping[str, float], parameters: TiltParameters
 ) -> Outcome[Tilt]:
-    """The tilt from the nodes of photographs with known positions; refused where there are none.
-
-    positions : mapping of names of photographs to positions in mm.
-    """
+    """The tilt from nodes of photographs at known positions in mm by name; refused where there are none."""
     bracket: dict[float, list[Node]] = {}
     for node in measured.nodes.get(plane, ()):
         if node.source in positions:

@@ -45,10 +45,7 @@ class StoredVignetting:
 
 
 def measure_flats(paths: Sequence[Path], progress: Progress = silent) -> Flats:
-    """Vignetting from the readable photographs of even light.
-
-    Raises BadInput if none can be read, or they are not of one camera.
-    """
+    """Vignetting from the readable photographs of even light. Raises BadInput for none, or several cameras."""
     missed: list[Miss] = []
     flats = flats_of(_readable_flats(paths, missed), progress)
     planes = {name: for_want(one, missed, len(paths)) for name, one in flats.planes.items()}
@@ -119,10 +116,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
 
 
 def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
-    """The vignetting of every plane of a result that has one.
-
-    Raises BadInput if there is no such result, or it has none.
-    """
+    """The vignetting of every plane of a result. Raises BadInput if there is no such result, or it has none."""
     with stored_record(result, "vignetting", _GIVE) as stored:
         planes = {name: _stored(name, one) for name, one in stored.data["planes"].items() if "light" in one}
         if not planes:
@@ -131,10 +125,7 @@ def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
 
 
 def read_joint_formula(result: Path) -> JointFormula:
-    """The radial formulas of all planes of a result with their joint covariance.
-
-    Raises BadInput if there is no such result, or it is of an older version without a joint covariance.
-    """
+    """The radial formulas of a result's planes, joint covariance. Raises BadInput for none, or a version without it."""
     read_vignetting(result)
     with stored_record(result, "vignetting", _GIVE) as stored:
         if (formula := stored.data.get("formula")) is None:

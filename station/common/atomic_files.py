@@ -14,10 +14,8 @@ from station.common.durable_files import Disk
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write the data atomically; an older file of that name stays unchanged until all is written.
-
-    Raises BadParameter if the file cannot be written there; no remnant stays.
-    """
+    """Write the data atomically, in place of an older file. Raises BadParameter if it cannot be written; no remnant
+    stays."""
     with written(path, lambda beside: beside.write_bytes(data)) as file:
         file.publish()
 
@@ -41,10 +39,7 @@ class WrittenFile:
 
 @contextmanager
 def written(path: Path, write: Callable[[Path], object]) -> Iterator[WrittenFile]:
-    """The file that `write` makes beside this path; it is removed afterwards unless it was published.
-
-    Raises BadParameter if the file cannot be written.
-    """
+    """The file that `write` makes beside this path, until published. Raises BadParameter if it cannot be written."""
     # in the same folder: a rename across file systems would be a copy
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -99,10 +99,7 @@ class Disk:
         self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
-        """Make the names in it durable; a no-op where folders cannot be opened. Raises OSError.
-
-        A link to a folder is followed.
-        """
+        """Make a folder's names, behind a link too, durable where folders can be opened. Raises OSError."""
         if os.name == "nt":
             return
         descriptor = self.open(Path(os.path.realpath(folder)), os.O_RDONLY)

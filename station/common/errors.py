@@ -31,11 +31,8 @@ class ExplainedError(Protocol):
 
 @contextmanager
 def reporting_errors() -> Iterator[None]:
-    """Convert exceptions of a command to a sentence on stderr and an exit code.
-
-    Errors of this program bring their own; an interruption is 130; an unexpected fault is named, with the way to its
-    traceback.
-    """
+    """Exceptions of a command as a sentence on stderr and an exit code, 130 for an interruption; an unexpected fault
+    also names its traceback."""
     try:
         yield
     except (KeyboardInterrupt, click.Abort) as error:

@@ -21,10 +21,7 @@ RANDOM_BYTES = 8
 
 
 def hold(folder: Path) -> int | None:
-    """Lock a folder against `sweep`; returns the descriptor, None on systems without such locks.
-
-    Raises BlockingIOError if it is locked already.
-    """
+    """Lock a folder against `sweep`; its descriptor, or None without such locks. Raises BlockingIOError if locked."""
     try:
         import fcntl
     except ImportError:  # Windows

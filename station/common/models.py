@@ -276,11 +276,8 @@ def shown(value: Any) -> str:
 
 
 def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, path: KeyPath = ()) -> T:
-    """A model of the values of a table; one value is accepted for a list.
-
-    Raises the source's error if a key is not known (the nearest one is named), a value is not valid, or a required one
-    is missing.
-    """
+    """A model of a table's values; one value makes a list. Raises the source's error for a key not known (with the
+    nearest), invalid or missing."""
     fields = {one.name: one for one in fields_of(model)}
     for key in given:
         if key not in fields:

@@ -13,11 +13,8 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """The table as TOML: plain values first, then a section for each subtable; None is omitted.
-
-    Strings are quoted safely. Surrogates, which UTF-8 cannot represent, become "?". Raises TypeError for values that
-    have no form in TOML.
-    """
+    """The table as TOML, subtables as sections, None omitted, surrogates, which UTF-8 lacks, as "?". Raises TypeError
+    for values without a form."""
     return "".join(_section(table, ()))
 
 

@@ -54,10 +54,8 @@ ACROSS = 2
 
 
 def big_lines(text: str, width: int, height: int, ink: str) -> list[str]:
-    """The text in letters drawn with `ink`, as large as fits into `width` x `height` characters; else unchanged.
-
-    Raises KeyError for characters without a glyph.
-    """
+    """The text in letters of `ink`, as large as fits `width` x `height`, else unchanged. Raises KeyError without a
+    glyph."""
     rows = [" ".join(GLYPHS[letter].split()[row] for letter in text) for row in range(ROWS)]
     points = len(rows[0])
     scale = min(width // (ACROSS * points), height // ROWS) if points else 0

@@ -60,10 +60,7 @@ def _blue_first(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def described_tiff(tiff: bytes, description: str) -> bytes:
-    """A little-endian TIFF of one image, with an ImageDescription: its directory is repeated at the end with the entry.
-
-    Source: TIFF 6.0, sections 2 and 8.
-    """
+    """A little-endian TIFF with an ImageDescription, its directory repeated at the end (TIFF 6.0, sections 2, 8)."""
     if tiff[:4] != b"II*\0":
         raise ValueError("a little-endian TIFF is required; got another file")
     (at,) = struct.unpack_from("<I", tiff, 4)

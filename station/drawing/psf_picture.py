@@ -13,10 +13,7 @@ _INK = (60, 60, 60)
 
 
 def psf_picture(psf: Psf, title: str) -> bytes:
-    """A PNG of the PSF: a square per sample, axes in pixels of the plane, colour bar from minimum to maximum.
-
-    A cross marks the geometric centre.
-    """
+    """A PNG of the PSF: a square per sample, axes in pixels of the plane, a colour bar, a cross at the centre."""
     import cv2
 
     zoom = max(1, _SIDE // psf.k)

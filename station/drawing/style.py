@@ -96,10 +96,7 @@ def _smaller(encoded: str) -> str:
 def axes_grid(
     width_in: float, height_in: float, rows: int = 1, columns: int = 1, *, rim_in: Sequence[float], **grid: Any
 ) -> tuple[Figure, Any]:
-    """A figure and its axes, with a margin (left, right, bottom, top) for labels.
-
-    The margin is explicit because its computation by matplotlib takes as long as drawing.
-    """
+    """A figure and its axes, with a margin (left, right, bottom, top), as matplotlib's own takes as long as drawing."""
     left, right, bottom, top = rim_in
     place = {"left": left / width_in, "right": 1 - right / width_in}
     place |= {"bottom": bottom / height_in, "top": 1 - top / height_in}

@@ -25,10 +25,8 @@ CUT = "..."
 
 @dataclass(frozen=True, eq=False)
 class TerminalCurve:
-    """y over x, both (n,), x rising; `band` is the half-width of its error band; NaN leaves a gap.
-
-    `letter` draws it in ASCII; dashes distinguish curves without colour.
-    """
+    """y over rising x, both (n,), NaN a gap, `band` the half-width of its error; `letter` in ASCII, dashes without
+    colour."""
 
     x: Array
     y: Array

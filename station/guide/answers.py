@@ -11,10 +11,7 @@ YES, NO = ("y", "yes", "ok", "done", "true"), ("n", "no", "false")
 
 
 def parse(ask: Ask, text: str) -> Fact:
-    """The answer in a line of text; an empty line is the default.
-
-    Raises ValueError if it is invalid; the message states the requirement.
-    """
+    """The answer in a line of text, empty for the default. Raises ValueError with the requirement if invalid."""
     text = text.strip()
     if not text and ask.default is not None:
         return ask.default

@@ -73,10 +73,8 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
 
 
 def _guided(title: str, name: str, procedure: str = "", *, in_session: bool = False) -> GuidedProcedure:
-    """A procedure with `plan` and `results` in a module of station.guide.plans.
-
-    The module has `measurement` if its files are those of the command of `procedure`, else `write`.
-    """
+    """A procedure with `plan` and `results` in a module of station.guide.plans, `measurement` or else `write` for its
+    files."""
     plan, results, measurement, write = (
         _imported(f"station.guide.plans.{name}", one) for one in ("plan", "results", "measurement", "write")
     )

@@ -38,11 +38,8 @@ class CertificateCheck:
 
 
 def check_certificate(path: Path, originals: Path | None = None) -> Iterator[CertificateCheck]:
-    """The checks of a certificate, each as it is done.
-
-    path : certificate.html or certificate.pdf; originals : folder of the photographs, if they are no longer where they
-    were measured. Raises BadInput if the file cannot be read, or is no certificate with a digest.
-    """
+    """The checks of certificate.html or .pdf, each as it is done; originals : photographs' folder, if they moved.
+    Raises BadInput if it is no such file with a digest."""
     digest = _stated_digest(path)
     folder = _result_of(path.parent, digest)
     if folder is None:

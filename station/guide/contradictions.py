@@ -55,10 +55,7 @@ class LookProgress:
 
 
 def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tuple[str, ...], *, last: bool) -> None:
-    """Report a contradiction, and let the operator correct the numbers or confirm them. Raises Stopped.
-
-    `last` : earlier corrections did not help; the plan stops.
-    """
+    """Report a contradiction; the operator corrects or confirms, or, the `last` time, stops. Raises Stopped."""
     known = tuple(key for key in keys if key in asks)
     answers = {key: words(talk.facts[key], asks[key].unit) for key in known if key in talk.facts}
     given = " ".join(f"{asks[key].question} {answer}." for key, answer in answers.items())

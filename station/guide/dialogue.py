@@ -175,11 +175,8 @@ class Conversation:
     def attempt(
         self, work: Callable[[], T], recover: Callable[[Exception], None] = lambda error: None, *, always: bool = False
     ) -> T:
-        """The value of `work()`. After a failure the operator decides; `recover` runs before each further attempt.
-
-        always : run it even if the operator has asked to stop, to keep a file that was begun. Raises Skipped if the
-        operator continues without it; Stopped if the operator stops, or the emergency stop was pressed.
-        """
+        """The value of `work()`, with `recover` before further attempts, even after a stop if `always`. Raises Skipped,
+        Stopped as the operator decides, or on emergency."""
         failure: Exception | None = None
         while True:
             if not always:

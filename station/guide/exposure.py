@@ -66,10 +66,8 @@ class PhotographRecorder:
         self._exposures_s: set[float] = set()
 
     def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> RecordedPhotograph:
-        """One photograph: of a settled rig, or of a moving one with the IMU recorded, shaken or not.
-
-        Raises Skipped, Stopped.
-        """
+        """One photograph: of a settled rig, or of a moving one with its IMU record, shaken or not. Raises Skipped,
+        Stopped."""
         vibration = None if moving else self.talk.attempt(self._settled, self.rig.recover)
         photograph = self.read(self._store(purpose, step, vibration, moving=moving, shake=shake))
         self._check_flicker(photograph.frame.exposure.exposure_s)

@@ -216,10 +216,7 @@ def seen_lines(advice: Advice) -> list[str]:
 
 
 def plane_words(plane: PlaneResult) -> str:
-    """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003".
-
-    Without an MTF50, the numbers of the group LINE.
-    """
+    """A plane's verdict and MTF50, "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003", else its group LINE."""
     mtf50 = [plane.numbers[key] for key in (MTF50_HORIZONTAL, MTF50_VERTICAL) if key in plane.numbers]
     if not mtf50:
         numbers = "; ".join(line_numbers(plane))

@@ -45,10 +45,8 @@ UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": 
 
 
 def session_page(folder: Path, result: SessionResult | None = None) -> str:
-    """The report of a session's last result as HTML; recomputed where neither `result` nor the page is available.
-
-    Raises Refused if it has no result; Damaged if a photograph or the page has changed.
-    """
+    """The page of a session's last result, stored or recomputed. Raises Refused without one; Damaged if a file has
+    changed."""
     record = _with_result(folder)
     verify(folder, record.state)
     last = record.state.results[-1]
@@ -79,10 +77,8 @@ def _drawn(report: Report) -> str:
 
 
 def session_report(folder: Path, result: SessionResult | None = None) -> Report:
-    """Contents of the report of a session's last result, for plans without a page of their own.
-
-    Raises Refused if it has no result, or one without PSFs; Damaged if a photograph has changed.
-    """
+    """Report of a session's last result without a page of its own. Raises Refused without PSFs; Damaged if a photograph
+    has changed."""
     record = _with_result(folder)
     plan, last = record.state.plan, record.state.results[-1]
     certified = plan in METHODS or entry_named(plan).general
@@ -99,10 +95,8 @@ def session_report(folder: Path, result: SessionResult | None = None) -> Report:
 def certificate_files(
     folder: Path, result: SessionResult | None = None, details: CertificateDetails | None = None
 ) -> dict[str, bytes]:
-    """Certificate of a session's last result: page and PDF by name. Raises as `session_report`.
-
-    details : as in a file; by default those of certificate.toml in the current folder
-    """
+    """Certificate of a session's last result: page and PDF by name; details : else of certificate.toml. Raises as
+    `session_report`."""
     from station.reports import certificate_print
 
     report, last = session_report(folder, result), read_session(folder).state.results[-1]

@@ -52,11 +52,8 @@ CACHE_BYTES = 500e6
 
 
 class Frames(Sequence[RawFrame]):
-    """Photographs of a session, read on access and cached in memory, with their IMU records and shaker paths.
-
-    `progress` is called with the number of each photograph that is accessed, and their total. Raises Damaged where the
-    hash of a photograph differs from the recorded one.
-    """
+    """Photographs of a session, read on access and kept, with IMU records and shaker paths; `progress` has their number
+    and total. Raises Damaged for another hash."""
 
     def __init__(self, folder: Path, shots: Sequence[SessionShot], progress: Progress = no_progress) -> None:
         self._folder, self._shots, self.progress = folder, shots, progress
@@ -100,10 +97,8 @@ COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
 
 
 def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
-    """The shaker's path during a photograph; None without one, or if it also turned the camera.
-
-    It is measured where an inertial unit is on the shaker's box, otherwise what the response makes of the command.
-    """
+    """The shaker's path during a photograph, measured by its inertial unit, else by its response; None if it also
+    turned."""
     shake, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not shake or not set(shake["offsets"]) <= set(COLUMNS):
         return None
@@ -130,10 +125,7 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
 def derive(
     session: Session, plan: Plan, step: str, progress: Progress = no_progress, known: Known | None = None
 ) -> tuple[Path, SessionResult]:
-    """Compute, write and store the session's result; gives its folder, too. Raises ProcedureError.
-
-    `known` holds the estimates that were made when the shots were checked.
-    """
+    """Compute, write and store the session's result; gives its folder, too. Raises ProcedureError."""
     start_s, state = session.clock.now_s(), session.state
     result = compute(session.folder, state, plan, session.result_folder(), progress, known=known)
     duration_s = session.clock.now_s() - start_s
@@ -153,12 +145,8 @@ def compute(
     sealed: bool = True,
     known: Known | None = None,
 ) -> SessionResult:
-    """The result of a session in this state, written into a folder; bitwise the same files at every call.
-
-    `progress` is called with the number of each photograph that is accessed, and their total; `sealed` applies to the
-    result's folder; `known` holds earlier estimates of the same photographs. Raises ProcedureError if a photograph
-    cannot be read, or the result cannot be written.
-    """
+    """The result of a session in this state, in a folder, bitwise the same at every call; progress as `Frames`, `known`
+    estimates of the shots. Raises ProcedureError."""
     shots, entry = state.counting(), entry_named(plan.name)
     frames = Frames(folder, shots, progress)
     with same_bits():

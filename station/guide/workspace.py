@@ -50,11 +50,8 @@ class OpenedBench:
 
 
 class StationLab:
-    """Bench and sessions: of a station.toml, of the simulated bench, or of manual work alone.
-
-    Methods that access the disk or devices block; `emergency_stop` does not. `names` are the proposed camera and lens
-    of a new session.
-    """
+    """Bench and sessions: of a station.toml, simulated, or by hand; all but `emergency_stop` block. `names` are
+    proposed for a new session."""
 
     def __init__(
         self,
@@ -137,10 +134,8 @@ class StationLab:
     def resume(
         self, folder: Path, operator: Frontend, *, back_to: str | None = None, without: Collection[int] = ()
     ) -> Run:
-        """A run that resumes a session, from the step `back_to` or where it stopped. Raises ProcedureError.
-
-        `without` discards shots whose photographs are lost.
-        """
+        """Run a session from `back_to` or where it stopped, `without` shots whose photographs are lost. Raises
+        ProcedureError."""
         from drivers.clock import SystemClock
         from station.sessions.session import Session
 

@@ -36,10 +36,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A plane against its specification.
-
-    judged : the worst of its limits; undecided where the plane was refused; None where no limit holds for it.
-    """
+    """A plane against its specification; judged : the worst of its limits, undecided if refused, None without one."""
 
     judged: Compliance | None = None
     judgements: tuple[Judgement, ...] = ()

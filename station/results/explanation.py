@@ -55,10 +55,7 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: its cause, its headline number in words, and the budget of it, the largest term first.
-
-    `number` is the name of the headline number; "" if the plane has none with a budget.
-    """
+    """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first."""
 
     plane: str
     verdict: str

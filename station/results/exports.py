@@ -21,10 +21,7 @@ from station.results.fits import Cards, image_extension, primary_image
 
 
 def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> bytes:
-    """The support's samples as a TIFF, (k, k) float32, sum 1; with a description and the camera's metadata.
-
-    The first row is the photograph's upper one.
-    """
+    """The support's samples, the photograph's upper row first, as a TIFF of (k, k) float32, sum 1, with metadata."""
     share, uncertainty = psf.energy_outside
     noted = {} if exposure is None else _noted(exposure)
     what = f"support of a PSF of plane {plane}" if plane else "support of a PSF"
@@ -73,11 +70,8 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
 
 
 def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
-    """The kernel of a photograph's motion as FITS, (K, K) float64, one sample a pixel, of sum 1.
-
-    The first row of the data is the photograph's upper one; the world coordinates are pixels from the kernel's middle,
-    x to the right and y down.
-    """
+    """The kernel of a photograph's motion as FITS, (K, K) float64, sum 1, the upper row first; coordinates are pixels
+    from its middle, right and down."""
     middle = float(len(kernel) // 2 + 1)
     grid: Cards = [
         ("EXTNAME", "KERNEL"), ("CRPIX1", middle), ("CRPIX2", middle), ("CRVAL1", 0.0), ("CRVAL2", 0.0),

@@ -88,10 +88,8 @@ def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
 
 
 def table_columns(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], dict[str, Array]]:
-    """Units and columns (n,) of a table, from its headings `name [unit]`.
-
-    Raises ValueError if it does not begin with the columns `first`, or has a cell that is not a finite number.
-    """
+    """Units and columns (n,) of a table headed `name [unit]`. Raises ValueError without the columns `first`, or for no
+    number."""
     head, *cells = rows or [[]]
     names, units = [one.partition(" [")[0] for one in head], [one.partition("[")[2].rstrip("]") for one in head]
     values = np.array([[float(cell) for cell in row] for row in cells], dtype=np.float64)

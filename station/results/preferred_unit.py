@@ -25,10 +25,8 @@ def unit_named(name: Any, source: TableSource) -> Unit:
 
 
 def preferred_unit(file: Path | None = None) -> Unit:
-    """The unit that a station.toml asks for; the one in this folder where none is named. Cycles per pixel by default.
-
-    Raises BadParameter if the file cannot be read, or there is no such unit.
-    """
+    """The unit of a station.toml, by default this folder's, else cycles per pixel. Raises BadParameter if it is
+    unreadable or unknown."""
     if file is None and not FILE.is_file():
         return Unit.CYCLES
     content, source = TableSource.read(file or FILE)

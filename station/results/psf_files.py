@@ -97,10 +97,7 @@ def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
 
 
 def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
-    """The MTF as CSV: frequency with its unit in the heading; horizontal, vertical, radial mean, each with its error.
-
-    Moduli have no unit.
-    """
+    """The MTF as CSV: frequency with its unit; horizontal, vertical, radial mean, each with its error."""
     head = [f"{name} [{unit}]" if name == "frequency" else name for name in curves]
     return csv_bytes([head, *([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))])
 

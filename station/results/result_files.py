@@ -91,10 +91,8 @@ class ResultFolder:
         return BadParameter(reason, "name another folder with --out, or make room")
 
     def publish(self) -> None:
-        """Put the staged files in the place of the older result's, and remove what only that one had.
-
-        Raises BadParameter if the disk does not take it.
-        """
+        """Put the staged files in the older result's place, and remove what only that had. Raises BadParameter if the
+        disk refuses."""
         try:
             self._publish(Disk())
         except OSError as error:

@@ -52,10 +52,8 @@ class Gap:
 
 
 def gap(path: Path, sums: Sequence[str], *, expected: bool) -> Gap:
-    """Compare a journal whose lines have these sums with its head.
-
-    expected : whether a head must exist; journals of earlier versions have none.
-    """
+    """Compare a journal whose lines have these sums with its head; expected : whether there must be one, as in all
+    recent versions."""
     try:
         data = read_own(path)
     except FileNotFoundError:

@@ -74,10 +74,8 @@ def has_parts(folder: Path) -> bool:
 
 
 def check_layout(folder: Path) -> None:
-    """Check that every part of a session is a file or folder of its own, not a link.
-
-    Raises BadInput if it is not a session; Damaged if a part is missing or is a link.
-    """
+    """Check that a session's parts are its own files and folders. Raises BadInput if it is none; Damaged for links and
+    gaps."""
     if not is_session(folder):
         raise BadInput(f"{folder} is not a session: it needs {CONFIG} and {JOURNAL}", "name a session's folder")
     for name in (CONFIG, JOURNAL, *FOLDERS):
@@ -122,10 +120,7 @@ def own(path: Path) -> Path:
 
 
 class Lock:
-    """Excludes other programs from a session; released by the system if the program ends.
-
-    Raises Busy if another program has it, named by the content of the lock.
-    """
+    """Excludes other programs from a session until this one ends. Raises Busy with the holder that the lock names."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
@@ -179,10 +174,7 @@ def is_given(name: str) -> bool:
 
 
 def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
-    """Make read-only copies of related files in a new folder of the session; returns hashes by path.
-
-    Raises NotKept, Changed if the disk refuses, or they cannot be read.
-    """
+    """Read-only copies of files in a new folder of the session; hashes by path. Raises NotKept, Changed."""
     place = _free(own(folder / GIVEN))
     hashes = {}
     for source in (file.resolve() for file in files):

@@ -64,10 +64,7 @@ class SessionRecord:
 
 
 def read_session(folder: Path) -> SessionRecord:
-    """A session's configuration and journal, verified; photographs are verified by `verify`.
-
-    Raises BadInput if the folder is not a session; Damaged if the configuration or the journal is damaged.
-    """
+    """A session's configuration and journal, verified, its photographs by `verify`. Raises BadInput, Damaged."""
     check_layout(folder)
     config, first_sum = read_config(folder)
     for pause_s in (*BETWEEN_WRITES_S, 0.0):
@@ -96,10 +93,7 @@ def unknown_files(folder: Path, state: SessionState) -> list[str]:
 
 
 def verify(folder: Path, state: SessionState, without: Collection[int] = ()) -> None:
-    """Verify that photographs and files of answers have the hashes in the journal.
-
-    Raises Damaged, naming all that differ.
-    """
+    """Raise Damaged, naming all, unless photographs and files of answers have the journal's hashes."""
     if lost := [name for name, digest in state.given.items() if not holds(folder / name, digest)]:
         raise Damaged(f"{folder.name}: missing or changed: {', '.join(lost)}", "bring these files back from a copy")
     here = [shot for shot in state.shots if not shot.lost and shot.number not in without]
@@ -161,10 +155,7 @@ def sessions_in(root: Path) -> Iterator[Path]:
 
 
 def delete_session(folder: Path) -> None:
-    """Delete a session with its photographs and results.
-
-    Raises BadInput if the folder is not a session; Busy if a program has it open; NotKept if the disk refuses.
-    """
+    """Delete a session with photographs and results. Raises BadInput if it is none; Busy if open; NotKept."""
     check_layout(folder)
     Lock(folder).release()  # raises if another program has it open
     doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")

@@ -43,10 +43,8 @@ class OpenSession(Protocol):
 
 
 def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
-    """Clean up, report incomplete or lost lines, complete announced photographs, and list missing or unknown files.
-
-    record : the session as read; without : shots to give up. Raises NotKept if the disk refuses.
-    """
+    """Clean up, complete photographs, report lost lines, missing and unknown files, `without` some shots. Raises
+    NotKept."""
     _sweep(session.folder)
     if record.gap.lines:
         session.note("cut", lines=record.gap.lines)

@@ -46,10 +46,11 @@ from station.common.durable_files import (
 from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
-from station.sessions.creation import furnish, settle
-from station.sessions.journal import Journal, JournalLine
+from station.sessions.journal import Contents, Journal, JournalLine
 from station.sessions.layout import (
+    CONFIG,
     DERIVED,
+    FOLDERS,
     JOURNAL,
     SCHEMA,
     SUMS,
@@ -60,6 +61,7 @@ from station.sessions.layout import (
     free_original,
     inside,
     own,
+    read_config,
     safe_name,
 )
 from station.sessions.reader import SessionRecord, read_session, sums, verify
@@ -284,10 +286,7 @@ class Session:
         return inside(self.folder, shot.path)
 
     def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
-        """Copy an announced photograph, unless it is there, and confirm it. Raises ContentChanged, WriteFailed.
-
-        If its name has been taken meanwhile, it gets another.
-        """
+        """Copy an announced photograph, under a free name, and confirm it. Raises ContentChanged, WriteFailed."""
         if os.path.lexists(self.folder / shot.path) and not holds(self.folder / shot.path, shot.sha256):
             path = free_original(self.folder, shot.number, source.name, shot.sha256)
             shot = self._announce(replace(shot, path=path))
@@ -371,3 +370,33 @@ class Session:
             self._disk.write_whole(path, text)
         except (WriteFailed, OSError):
             return
+
+
+# --- creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically ---------
+
+
+def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
+    """Write everything that a session needs, durably."""
+    for name in FOLDERS:
+        with write_errors(folder / name):
+            (folder / name).mkdir()
+    for name, data in ((CONFIG, config), (JOURNAL, b"")):
+        disk.write_whole(folder / name, data)
+    _, first_sum = read_config(folder)
+    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
+    try:
+        journal.append(first.event, first.at, first.clock_s, first.data)
+    finally:
+        journal.close()
+
+
+def settle(raw: Path, name: str, disk: Disk) -> Path:
+    """Rename the folder to its name, with a number if that is taken."""
+    for number in range(1, 10_000):
+        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
+        if not folder.exists() and not folder.is_symlink():
+            with write_errors(folder):
+                disk.replace(raw, folder)
+                disk.sync_folder(folder.parent)
+            return folder
+    raise WriteFailed(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

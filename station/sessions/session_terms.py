@@ -29,10 +29,7 @@ def frozen(path: Path) -> dict[str, str]:
 
 
 def terms_of_session(folder: Path) -> Terms:
-    """The terms of a session's results; the default ones if it was begun without any.
-
-    Raises BadParameter if it names an invalid unit or specification.
-    """
+    """The terms of a session's results, or the default. Raises BadParameter for an invalid unit or specification."""
     config, _ = read_config(folder)
     frozen_config = config.get("config", {})
     unit = unit_named(frozen_config.get(UNIT, Unit.CYCLES), TableSource(places={UNIT: (f"{folder}, {UNIT}",)}))
@@ -43,11 +40,8 @@ def terms_of_session(folder: Path) -> Terms:
 
 
 def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
-    """Express a plane's result in these terms, its MTF also at their frequencies; unchanged without terms.
-
-    If the limits' unit requires an unknown quantity, they stay undecided and the verdict gives the reason; if
-    the session's unit does, cycles per pixel are used.
-    """
+    """Express a plane's result in these terms. If the unit requires an unknown, limits stay undecided for that reason,
+    frequencies are in cycles per pixel."""
     terms = terms.with_known_unit(pixels)
     if not terms.specification.limits:
         return terms.apply(result, pixels)

@@ -19,9 +19,8 @@ from restoration_scenes import picture
 from scipy.ndimage import gaussian_filter
 
 from procedures.raw import Plane
-from procedures.restoration.colour.estimate import descended, in_colour, problem_of, unknowns_of
+from procedures.restoration.colour.estimate import descended, in_colour, mixing, problem_of, unknowns_of
 from procedures.restoration.colour.mosaic import mosaics, spread
-from procedures.restoration.colour.picture import mixing
 from procedures.restoration.joint.estimate import restoration_of
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator

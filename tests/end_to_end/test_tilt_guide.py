@@ -13,9 +13,8 @@ from procedures.outcome import Outcome
 from procedures.plan import Ask
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.facts import TiltFacts
-from procedures.tilt.plan import plan
+from procedures.tilt.plan import bracket_mm, off_reach_mm, plan
 from procedures.tilt.plane import fit_plane
-from procedures.tilt.reach import bracket_mm, off_reach_mm
 from procedures.tilt.screws import SURE, Screws, turns_for
 from simulators.bench.view import SensorMount
 from station.bench.opening import simulated_bench

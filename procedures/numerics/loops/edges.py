@@ -72,10 +72,8 @@ def edge_gram(
 def edge_lines(
     cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array, pieces: int, weight: Array32
 ) -> tuple[Array32, Indices]:
-    """Values (m, width) of the vertical lines around each sample, and the first line of each (m,).
-
-    `steps` (257, 256) is the step of the chart over each line, cell by cell, `scale` takes cells to samples of `fine`.
-    """
+    """Values (m, width) of the vertical lines around each sample, and the first line of each (m,); `steps` (257, 256)
+    is the chart's step over each line, `scale` takes cells to samples of `fine`."""
     m = len(cells)
     n = steps.shape[1]
     middle = fine.shape[0] // 2

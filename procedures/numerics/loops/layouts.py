@@ -92,11 +92,8 @@ def _is_step(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
 def _may_be_steps(
     field: BinnedSaddles, i: int, first: int, last: int, rules: LayoutRules, fit: npt.NDArray[np.bool_]
 ) -> None:
-    """Mask of the saddles in a range that are similar to one, a lattice step away and not backwards.
-
-    A vectorised pre-test of `_is_step` without the direction. Each line is tested in one direction, or in both where it
-    is nearly horizontal, as the second step may turn a little.
-    """
+    """Mask of the saddles in a range that are similar to one and a lattice step ahead; where the line is nearly
+    horizontal, both directions count, as the second step may turn."""
     x, y = field.points[i].real, field.points[i].imag
     u, v, merit = field.axes[i].real, field.axes[i].imag, field.merits[i]
     points, axes, merits = field.points[first:last], field.axes[first:last], field.merits[first:last]

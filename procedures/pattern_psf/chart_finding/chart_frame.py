@@ -122,11 +122,8 @@ def rectify(image: Picture, H_image_cells: Array) -> Picture:
 
 
 def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
-    """Correlations (n,), 0 to 1, of a rectified picture with templates (n, SIDE, SIDE) under linear illumination.
-
-    The picture is fitted by a(x, y) + b(x, y) T with a template T and linear a and b. The correlation is the root of
-    the share of the variance about a alone that b T explains, 0 where b is negative.
-    """
+    """Correlations (n,), 0 to 1, of a rectified picture with templates T (n, SIDE, SIDE) under linear light: the root
+    of the share of the variance about a(x, y) that b(x, y) T explains."""
     rows, columns = np.nonzero(where & np.isfinite(rectified))
     if len(rows) < ring().sum() / 3:
         return np.zeros(len(frames))
@@ -159,11 +156,8 @@ def _screen_samples() -> tuple[Array, Array]:
 
 
 def screen(image: Picture, layouts: Layouts) -> Array:
-    """Correlation (n, 8) of the surroundings of layouts with the eight templates.
-
-    A coarse and fast version of `agreements`: a few samples per block, with additive light only; blocks around missing
-    x-corners are excluded as hidden.
-    """
+    """Correlation (n, 8) of the surroundings of layouts with the eight templates: `agreements` with few samples per
+    block, additive light, and blocks around missing x-corners excluded."""
     parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
     scores = [_screen_part(image, layouts.maps[i : i + SCREENED_AT_ONCE], layouts.hits[i : i + SCREENED_AT_ONCE])
               for i in parts]  # fmt: skip
@@ -190,11 +184,8 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
 
 
 def locate_marks(rectified: Picture) -> tuple[Array, Array]:
-    """Locate each mark near its expected position by normalised correlation, to a fraction of a rectified pixel.
-
-    Returns the cell coordinates (12, 2) of the x-corners by the present map, and the correlations (12,) with the
-    template; 0 where it leaves the photograph or the search window.
-    """
+    """Cell coordinates (12, 2) of the marks near their expected positions, to a fraction of a rectified pixel, and
+    correlations with the template; 0 outside photograph or search window."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))
     for n, (column, row) in enumerate(X_CORNER_BLOCKS):

@@ -155,10 +155,7 @@ def _distinct(field: BinnedSaddles, hits: Indices) -> Indices:
 
 
 def find_layouts(saddles: Saddles) -> Layouts:
-    """Find the sets of saddles in the layout of a chart's x-corners, those with the most hits first.
-
-    saddles : saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
-    """
+    """The sets of a level's saddles in the layout of a chart's x-corners, those with the most hits first."""
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:
         return none

@@ -83,10 +83,8 @@ def _kernels() -> Picture:
 
 
 def _noise(image: Picture) -> float:
-    """Standard deviation of white noise, from the highest frequencies in the quietest places.
-
-    Illumination and blurred texture have little energy there. Bands of rows suffice; clipped places are excluded.
-    """
+    """Standard deviation of white noise, from the highest frequencies in the quietest unclipped places, where light and
+    blurred texture have little energy."""
     energies = []
     for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BAND_DISTANCE):
         band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]

@@ -45,10 +45,8 @@ def is_mosaic(planes: Collection[str]) -> bool:
 
 
 def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics:
-    """The photographs' planes on one grid. light : (P,) of each relative to the first, which is corrected for.
-
-    Raises BadInput if a photograph does not have the four planes of a mosaic, or another layout than the first.
-    """
+    """The photographs' planes on one grid; light : (P,) relative to the first. Raises BadInput for other planes than a
+    mosaic's, or layouts that differ."""
     origins = {name: plane.origin for name, plane in photographs[0].items()}
     for planes in photographs:
         if not is_mosaic(planes):
@@ -89,11 +87,8 @@ def _on_sensor(plane: Array, origin: tuple[int, int]) -> Array:
 
 
 def depth_on_sensor(w: Array, jump: float) -> NDArray[np.floating]:
-    """w (h, w) of the planes at all pixels of the sensor, in pixels of the sensor.
-
-    The planes' common grid is offset by half a pixel of the sensor; w is linear between its samples, and edges of more
-    than `jump` are preserved.
-    """
+    """w (h, w) of the planes at all pixels of the sensor, in its pixels: linear between samples of the planes' grid,
+    half a pixel off, but for edges of more than `jump`."""
     size = (2 * w.shape[1], 2 * w.shape[0])
     wide = np.asarray(w, dtype=np.float64)
     smooth, steps = (cv2.resize(wide, size, interpolation=how) for how in (cv2.INTER_LINEAR, cv2.INTER_NEAREST))

@@ -55,11 +55,8 @@ LEAST_SIGMA = 1.4e-3
 
 @dataclass(frozen=True)
 class DepthStart:
-    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it.
-
-    At a depth edge the window contains both sides and no depth fits, so that w is unreliable. Algorithms II and III do
-    not mark these pixels.
-    """
+    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it: not at depth
+    edges, which Algorithms II and III do not mark."""
 
     w: Array
     confidence: Array
@@ -247,10 +244,8 @@ def algorithm_3(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
 
 
 def matched(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
-    """The default initial depth: whitened Algorithm III, its labels matched over the whole frame.
-
-    Near the frame's border the differences contain light from outside, so their weight is small.
-    """
+    """The default initial depth: whitened Algorithm III, matched over the frame, with less weight near its border,
+    where light enters."""
     # over the scene's range only: how a level's window and cost compare with others' depends on the largest
     rough = _matched_at(z, stacks, sigmas, levels_of(stacks, 2 * LEVEL_PX)).w
     levels = levels_of(stacks)
@@ -320,10 +315,8 @@ DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 
 
 
 def semi_global(cost: NDArray[np.float32], small: float, large: float) -> NDArray[np.float32]:
-    """Cost volume aggregated along straight paths, (H, W, L); its minimum is the matched label.
-
-    cost : (H, W, L); small : penalty of a change by one label between neighbours; large : of any other change.
-    """
+    """Cost volume (H, W, L) aggregated along straight paths; penalties of a change by one label (small), by more
+    (large)."""
     total = np.zeros_like(cost)
     for dy, dx in DIRECTIONS:
         _along(cost, total, dy, dx, small, large)

@@ -80,10 +80,7 @@ def _common(costs: Sequence[Array]) -> Displacement:
 
 
 def _tiles(grey: Array, R: int) -> list[tuple[Array, tuple[float, float]]]:
-    """Windowed, half overlapping parts (2, n, n) of both photographs; if there are many, those with most texture.
-
-    Each with the position of its centre, as fractions of the frame's height and width.
-    """
+    """Windowed, half overlapping parts (2, n, n) with most texture, and the positions of their centres as fractions."""
     n = min(*grey.shape[1:], max(96, 8 * R))
     hann = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
     starts = [np.linspace(0, size - n, max(1, round(2 * size / n) - 1)).astype(int) for size in grey.shape[1:]]
@@ -116,10 +113,8 @@ def _tile_cost(tile: Array, stacks: list[MaskStack]) -> Array:
 
 
 def _valley(cost: Array) -> tuple[Array, float]:
-    """Minimum (y, x) of the paraboloid through costs (3, 3), and its depth below the central one.
-
-    The mixed term matters: where both masks suppress one direction, the minimum is elongated and oblique.
-    """
+    """Minimum (y, x) of the paraboloid through costs (3, 3), and its depth below the centre; it may be oblique, so the
+    mixed term counts."""
     slope = np.array([cost[2, 1] - cost[0, 1], cost[1, 2] - cost[1, 0]]) / 2
     mixed = (cost[2, 2] - cost[2, 0] - cost[0, 2] + cost[0, 0]) / 4
     down, across = cost[2, 1] + cost[0, 1] - 2 * cost[1, 1], cost[1, 2] + cost[1, 0] - 2 * cost[1, 1]
@@ -213,10 +208,8 @@ class RelativeLight:
 
 
 def check_tone(n: int, light: RelativeLight) -> None:
-    """Refuse a photograph that is not linear relative to the first.
-
-    Raises Refused if a curve explains much more than a factor.
-    """
+    """Refuse a photograph that is not linear relative to the first: raises Refused if a curve explains more than a
+    factor."""
     if light.residual_of_curve < AGREE and light.residual > BENT * light.residual_of_curve:
         raise Refused(
             f"photograph {n} has another tone curve or black level than photograph 1: the curve between their levels "
@@ -226,10 +219,8 @@ def check_tone(n: int, light: RelativeLight) -> None:
 
 
 def relative_light(z: Array, stacks: Sequence[Masks], trust: Array | None = None) -> RelativeLight:
-    """Light of photograph z[1] relative to z[0]: from z1 * h2 and z2 * h1 at the best depth.
-
-    trust : (2, 1, H, W), 0 for samples to be excluded, as are all that their light reaches
-    """
+    """Light of z[1] relative to z[0], from z1 * h2 and z2 * h1 at the best depth; trust : (2, 1, H, W), 0 excludes all
+    that a sample reaches."""
     R = stacks[0].R
     y, x = (slice(max(0, (size - LIGHT_PART_PX) // 2), None) for size in z.shape[2:])
     one, two = z.mean(axis=1)[:, y, x][:, :LIGHT_PART_PX, :LIGHT_PART_PX]

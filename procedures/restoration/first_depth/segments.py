@@ -40,11 +40,8 @@ def span(w: Array) -> Array:
 
 
 def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:
-    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by an edge where they meet.
-
-    The map is cut at edges, at the borders of segments already `known`, and at necks between them; then parts with
-    matching surfaces are merged again. doubt : pixels about a cut whose depth is ignored.
-    """
+    """Segments 1, 2, ... (H, W) of a depth map, cut at edges, borders of `known` ones and necks, and merged where
+    surfaces match; depths near a cut, in `doubt`, are ignored."""
     steep = span(w)
     cuts = steep > jump
     if known is not None:
@@ -98,11 +95,8 @@ def _meetings(labels: Labels, surface: Array) -> dict[tuple[int, int], Array]:
 
 
 def extrapolate(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> Array:
-    """w extrapolated from where `known` is 1: at each pixel, the plane that best fits the known depths around it.
-
-    Gaussian window of `sigma` pixels, enlarged by factors of two where it contains nearly nothing known; scarce :
-    known fraction of the window below which its plane is unreliable.
-    """
+    """w extrapolated by the plane that fits the known depths in a Gaussian window, enlarged where nearly nothing is
+    known: less than `scarce` makes a plane unreliable."""
     plane = fit_planes(w, known, sigma)
     value, mass = plane.value, plane.mass
     if mass.min() > scarce or min(w.shape) < 4 * sigma:
@@ -207,10 +201,8 @@ class Planes:
 
 
 def fit_planes(w: Array, known: Array, sigma: float) -> Planes:
-    """Least-squares planes of w (H, W) under a Gaussian window of `sigma` pixels, weighted by `known`.
-
-    Slopes are regularised, so that far from any known depth a plane is a mean.
-    """
+    """Least-squares planes of w (H, W) in a Gaussian window, weighted by `known`; regularised, so that far from depths
+    a plane is a mean."""
 
     def mean(a: Array) -> Array:
         return gaussian(a, sigma, TRUNCATE)

@@ -39,10 +39,8 @@ class Similarity:
 
 
 def similarity(places: Sequence[Place], shifts: NDArray[np.float64], shape: tuple[int, int]) -> Similarity:
-    """Rotation and zoom from the shifts (n, 2), x and y in pixels, of parts of the frame.
-
-    places : their centres, y and x as fractions of the frame's height and width
-    """
+    """Rotation and zoom from the shifts (n, 2), pixels, of parts of the frame with centres at these fractions of height
+    and width."""
     if len(places) < FEWEST:
         return Similarity(0.0, 1.0, 0.0, 0.0)
     y, x = ((np.array(at) - 0.5) * size for at, size in zip(zip(*places, strict=True), shape, strict=True))
@@ -64,10 +62,8 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def rotate_back(photograph: Array, trust: Array, similarity: Similarity) -> tuple[Array, Array]:
-    """Photograph (C, H, W) and its trust (1, H, W) with rotation and zoom relative to the first corrected.
-
-    Pixels from outside the photograph have no trust.
-    """
+    """Photograph (C, H, W) and trust (1, H, W), rotation and zoom relative to the first corrected; 0 where nothing was
+    photographed."""
     H, W = photograph.shape[1:]
     cos, sin = similarity.zoom * np.cos(similarity.turn), similarity.zoom * np.sin(similarity.turn)
     A, middle = np.array([[cos, -sin], [sin, cos]]), np.array([W - 1.0, H - 1.0]) / 2

@@ -95,10 +95,7 @@ def inner(a: Array, b: Array) -> float:
 def conjugate_gradients(
     apply: Callable[[Array], Array], gradient: Array, iterations: int, divide: Array | float = 1.0
 ) -> Array:
-    """Approximate solution x of A x = gradient, from zero.
-
-    apply : x -> A x, symmetric, positive; divide : diagonal preconditioner.
-    """
+    """Approximate solution x of A x = gradient, from zero; apply : x -> A x; divide : diagonal preconditioner."""
     x = np.zeros(gradient.shape, gradient.dtype)
     r = gradient.copy()
     plain = np.ndim(divide) == 0 and divide == 1
@@ -128,10 +125,8 @@ def restore_picture(
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     divide: Array | float = 1.0,
 ) -> Array:
-    """The picture of minimal cost at the depth of the data term: conjugate gradients from u (6.6).
-
-    `diffusion` are the weights of the picture prior on differences; `divide` is a diagonal preconditioner.
-    """
+    """The picture of minimal cost at the data term's depth: conjugate gradients from u (6.6); `diffusion` : weights of
+    the prior."""
 
     def apply(x: Array) -> Array:
         out = data.blur_adjoint(data.blur(x))

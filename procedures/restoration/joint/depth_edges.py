@@ -93,11 +93,8 @@ def layers_of(
 def shared(
     high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, effort: Effort
 ) -> tuple[Array, Array]:
-    """Picture (C, H', W') and share (H', W') that fit the photographs best, by Gauss-Newton over both.
-
-    high, low : two copies of the data term, one for each layer; weight : of the picture's prior. Only the band and its
-    surroundings change.
-    """
+    """Picture and share (H', W') that fit the photographs best, by Gauss-Newton over both, near the band; high, low :
+    the data term for each layer; weight : of the prior."""
     band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
     around = surroundings(layers.band, high.R)
     for _ in range(effort.rounds):
@@ -200,10 +197,8 @@ def place_steps(
     decided: float = 1.0,
     effort: Effort = FULL,
 ) -> tuple[Array, Array, Labels]:
-    """Picture, depth and segments with the depth edges moved to their best positions.
-
-    The border follows the median-filtered share, but the share itself where it is `decided` from one half.
-    """
+    """Picture, depth and segments with depth edges at the border of the median-filtered share, or of the share where
+    `decided`."""
     if not layers.band.any():
         return u, w, labels
     sharper, b = _shared_in_window(high, low, u, layers, weight, effort)

@@ -83,12 +83,8 @@ class RestorationParameters:
 
 
 def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVEL_PX) -> float:
-    """Standard deviation of the photographs' noise, from the residual of any common picture at any depth.
-
-    Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
-    the levels, `step` pixels apart, is taken, and its lower quartile over the frame, where blur is constant and levels
-    fit.
-    """
+    """Standard deviation of the photographs' noise: whitened differences (8.1) have unit variance at the true depth;
+    lower quartile over the frame of the least windowed mean over levels."""
     levels = initial_depth.levels_of(stacks, step)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
@@ -223,10 +219,8 @@ def _rms(residual: Array, trust: Array) -> float:
 
 
 def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float) -> Array:
-    """Lower bound of the standard deviation of w, pixels.
-
-    Squared derivatives of the photographs with respect to w, summed over a window, against the noise (chapter 9).
-    """
+    """Lower bound of the standard deviation of w, pixels: squared derivatives in a window against the noise (chapter
+    9)."""
     delta, window = 0.1, 7
     data.focus(w + delta)
     above = data.blur(u)

@@ -46,11 +46,8 @@ def joint_step(
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     edges: tuple[Array | float, Array | float] = (1.0, 1.0),
 ) -> tuple[Array, Array]:
-    """Picture and depth after one Gauss-Newton step, solved by conjugate gradients.
-
-    `diffusion` and `edges` are the priors' weights on differences of picture and depth.
-    u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels.
-    """
+    """Picture (C, H + 2R, W + 2R) and depth after one Gauss-Newton step by conjugate gradients; `diffusion`, `edges` :
+    the priors' weights on differences."""
     data.focus(w)
 
     def add_smoothing(out: Array, x: Array, y: Array, sign: int) -> Array:

@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_edt, label, uniform_filter
 
-from procedures.restoration.first_depth.segments import Labels, joined, remove_blemishes, segments
+from procedures.numerics.arrays import Mask
+from procedures.restoration.first_depth.segments import Labels, joined, remove_blemishes, segments, surfaces
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
@@ -26,7 +28,6 @@ from procedures.restoration.joint.noise_and_contrast import (
     moments,
 )
 from procedures.restoration.joint.priors import bending, depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.joint.restart_regions import DOUBT, RegionAttempt, relative_residual, restart
 from procedures.restoration.joint.schedule import (
     DEPTH_SLOPE,
     PlaceEdges,
@@ -187,10 +188,8 @@ def one_round(problem: JointProblem, state: DescentState) -> DescentState:
 def _joint(
     problem: JointProblem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, converged: bool = True
 ) -> tuple[Array, Array]:
-    """Picture and depth after one joint Gauss-Newton step.
-
-    converged : whether the residual of u is due to the depth, not to a picture that is still smooth.
-    """
+    """Picture and depth after a joint Gauss-Newton step; converged : the residual is due to depth, not to a smooth
+    picture."""
     iterations = problem.scheme.picture + problem.scheme.depth
     problem.data.focus(w)
     edges = _edges(problem, problem.data.residual(u) if converged else None, w, weights, labels)
@@ -227,11 +226,8 @@ def _edges_localised(
 
 
 def _statistics(problem: JointProblem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
-    """Noise and contrast estimated from residual and picture of a round. The data term is focused on w.
-
-    The noise is limited to 1.5 times the first estimate, which no picture at any depth explains: that includes errors
-    of the masks, but not a depth that is still wrong.
-    """
+    """Noise, at most 1.5 times the first estimate, which no picture at any depth explains, and contrast of a round; the
+    data term is focused on w."""
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
     e = problem.data.residual(u)
     inside, downhill = (one[:, R:-R, R:-R].astype(np.float64) for one in (u, problem.data.blur_adjoint(e)))
@@ -286,3 +282,117 @@ def run(
     if progress:
         progress(done.history[-1])
     return done
+
+
+# --- restart of regions that a restoration does not explain, from the depths around them -----------------------------
+# Descent does not leave a region whose depth belongs to the wrong surface: it bends that surface until the photographs
+# nearly fit, and picture and depth are wrong together. Its residual exceeds the noise. Such regions are restarted from
+# the surfaces extrapolated into them from where the photographs fit, and the edges between these are localised again.
+# After a few rounds each place keeps the version with the smaller residual.
+
+WINDOW = 7
+"""Side of the window in which the residual is compared with the rest of the frame, pixels."""
+UNEXPLAINED = 1.7
+"""Mean square residual, relative to the frame's median, above which a window is unexplained: noise alone varies by
+0.15."""
+LEAST_PART, MOST = 30, 0.2
+"""Smallest number of pixels of a region, and largest fraction of the frame: without noise, errors of one region affect
+a wide surrounding."""
+LEAST_SEGMENT, LEAST_EXPLAINED = 40, 0.3
+"""Smallest number of pixels and fraction of a segment that must be explained; otherwise it is a blemish."""
+DOUBT = 2
+"""Pixels about a border whose depth is ignored."""
+SOFT = 1e-4
+"""Smallest weight of the picture's prior at the start of a region."""
+ROUNDS = 8
+"""Rounds of edge localisation, twice as many as elsewhere, as they start undecided."""
+
+
+@dataclass(frozen=True)
+class RegionAttempt:
+    """Picture (C, H', W'), depth and segments (H', W') of one attempt."""
+
+    u: Array
+    w: Array
+    labels: Labels
+
+
+def relative_residual(e: Array) -> Array:
+    """Local mean square of the residuals e (P, C, H, W), relative to the frame's median: (H, W)."""
+    power = uniform_filter((e**2).mean(axis=(0, 1)), WINDOW)
+    return np.asarray(power / max(float(np.median(power)), 1e-20))
+
+
+def unexplained(data: DataTerm, u: Array) -> Mask:
+    """Where the residual is larger than elsewhere, (H', W'); data : focused on the picture's depth."""
+    power = relative_residual(data.residual(u))
+    wrong = np.pad(power > max(UNEXPLAINED, float(np.percentile(power, 100 * (1 - MOST)))), data.R, mode="edge")
+    parts, n = label(wrong)
+    large = np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PART
+    large[0] = False
+    return np.asarray(binary_dilation(large[parts], iterations=3))
+
+
+def reliable_segments(labels: Labels, wrong: Mask) -> Labels:
+    """Labels without the segments that are nearly all wrong; their pixels join the nearest other segment."""
+    count = np.bincount(labels.ravel())
+    right = np.bincount(labels[~wrong], minlength=len(count))
+    lost = ((right < LEAST_SEGMENT) | (right < LEAST_EXPLAINED * count))[labels]
+    if lost.all() or not lost.any():
+        return labels
+    nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
+    return np.asarray(labels[tuple(nearest)])
+
+
+def restarted(
+    data: DataTerm,
+    other: DataTerm,
+    old: RegionAttempt,
+    wrong: Mask,
+    reach: int,
+    weight: float,
+    iterations: int = FULL.iterations,
+) -> RegionAttempt:
+    """The pair with its wrong regions restarted, edges localised within `reach`; the terms remain focused elsewhere."""
+    soft = max(weight, SOFT)
+    labels = reliable_segments(old.labels, wrong)
+    w = np.where(wrong, surfaces(old.w, labels, 0, DOUBT, valid=~wrong).surface, old.w).astype(old.w.dtype)
+    layers = layers_of(w, labels, reach, DOUBT, where=wrong, valid=~wrong)
+    layers = replace(layers, share=np.where(layers.band, 0.5, layers.share))
+    data.focus(w)
+    u = restore_picture(data, np.where(wrong, data.mean(), old.u).astype(old.u.dtype), soft, 15)
+    return RegionAttempt(*place_steps(data, other, u, w, labels, layers, soft, effort=Effort(ROUNDS, iterations)))
+
+
+def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mask) -> RegionAttempt:
+    """At every place near the wrong regions the pair with the smaller residual within the masks' reach."""
+    residuals = []
+    for pair in (old, new):
+        data.focus(pair.w)
+        power = np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R)
+        residuals.append(uniform_filter(power, 2 * data.R + 1))
+    take = binary_dilation(wrong, iterations=DOUBT) & (residuals[1] < residuals[0])
+    return RegionAttempt(
+        np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels)
+    )
+
+
+def restart(
+    data: DataTerm,
+    other: DataTerm,
+    old: RegionAttempt,
+    reach: int,
+    weight: float,
+    onward: Callable[[RegionAttempt], RegionAttempt],
+    iterations: int = FULL.iterations,
+) -> RegionAttempt:
+    """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds.
+
+    See `restarted` for the other parameters.
+    """
+    data.focus(old.w)
+    wrong = unexplained(data, old.u)
+    if not wrong.any():
+        return onward(old)
+    new = restarted(data, other, old, wrong, reach, weight, iterations)
+    return better_of(data, onward(old), onward(new), wrong)

@@ -56,10 +56,8 @@ def stacks_of(
 
 
 def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:
-    """Default ratios: 1, or those of the kernels' sizes if these explain the photographs better.
-
-    photographs : (C, H, W) each. Raises as `stacks_of`.
-    """
+    """Default ratios for photographs (C, H, W): 1, or the kernels' sizes where these explain them better. Raises as
+    `stacks_of`."""
     even, sized = (1.0,) * len(shapes), size_ratios(shapes)
     frame = (photographs[0].shape[1], photographs[0].shape[2])
     if sized == even:

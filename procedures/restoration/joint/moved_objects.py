@@ -29,10 +29,7 @@ LEAST_PART = 60
 
 
 def moved_objects(residual: Array, z: Array, noise: float) -> Mask:
-    """Where something moved, (H, W).
-
-    residual, z : (P, C, H, W) residuals of a restoration, and photographs; noise : standard deviation of these.
-    """
+    """Where something moved, (H, W), by residuals and photographs (P, C, H, W) and their noise."""
     local = np.sqrt(_mean((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), WINDOW))
     contrast = np.sqrt(np.mean([_variance(one, WINDOW) for photograph in z for one in photograph], axis=0))
     moved = local > OVER_FRAME * np.median(local)

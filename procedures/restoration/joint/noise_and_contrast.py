@@ -83,10 +83,8 @@ def moments(
 def _separated(
     parts: list[tuple[Array, Array]], weight: float, count: int, fitted: float, residual: float, gradient: float
 ) -> tuple[float, float]:
-    """Noise and squared gradient of a band, from the residual of all photographs and the restored gradient.
-
-    parts : S and L at these frequencies, for every part of the frame.
-    """
+    """Noise and squared gradient of a band, from residual and restored gradient; parts : S and L here, by part of the
+    frame."""
     S, L = (np.concatenate(spectra) for spectra in zip(*parts, strict=True))
     kept, lost = S / (S + weight * L + 1e-12), weight * L / (S + weight * L + 1e-12)
     free = max(count - 1 + float(np.mean(lost**2)) - fitted, 0.2)
@@ -119,11 +117,8 @@ def _spectra(images: Array) -> NDArray[np.complex128]:
 
 
 def effective_weights(u: Array, downhill: Array) -> Array:
-    """Effective weight of the quadratic prior of a picture (C, H, W) in every band of frequencies, (BANDS,).
-
-    downhill : the data term's gradient, blur's adjoint of the residual, (C, H, W). At the minimum it is the weight
-    times the prior's gradient; incomplete iterations correspond to a larger weight, first at high frequencies.
-    """
+    """Effective prior weight of a picture in every band (BANDS,): the data term's gradient `downhill` over the prior's;
+    larger for incomplete iterations, first at high frequencies."""
     steep = diffuse(u)
     return np.maximum(band_powers(steep, downhill) / np.maximum(band_powers(steep), 1e-30), 1e-9)
 
@@ -142,10 +137,8 @@ def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
 
 
 def depth_freedom(data: DataTerm, u: Array, weights: PriorWeights) -> float:
-    """Degrees of freedom that w takes from the photographs' noise, per pixel and channel.
-
-    data : focused on w; weights : of the priors. The curvature of the data term is estimated by a random change of w.
-    """
+    """Degrees of freedom that w takes from the noise, per pixel and channel, for a data term focused on w and prior
+    weights."""
     probe = np.zeros((len(u) + 1, *data.extended), u.dtype)
     probe[-1] = np.random.default_rng(0).choice([-1.0, 1.0], data.extended)
     curvature = DETERMINED * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())

@@ -91,11 +91,8 @@ def error_map(std: float, residual: Array, window: int) -> Array:
 
 
 def noise_upper_bound(z: Array) -> float:
-    """Largest standard deviation of any photograph's white noise, from the photograph alone: an upper bound.
-
-    Second differences along both axes (Immerkaer 1996) contain little of a blurred picture; their upper quartile is
-    used, as dark ground may be clipped.
-    """
+    """Upper bound of any photograph's white noise, from it alone: upper quartile (dark ground may be clipped) of second
+    differences along both axes (Immerkaer 1996)."""
     bend = np.array([1.0, -2.0, 1.0])
     rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
     quartile = np.percentile(rough.reshape(len(z), -1), 75, axis=1)

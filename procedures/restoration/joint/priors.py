@@ -39,10 +39,8 @@ def bending(x: Array, down: Array, across: Array) -> float:
 
 
 def total_variation(u: Array, least: float) -> tuple[Array, Array]:
-    """Weights 1 / |grad u| of lagged diffusivity (6.10), with the gradient of all channels jointly (6.11).
-
-    u : (C, H, W); least : the gradient below which the weight stops growing. Returns (H - 1, W), (H, W - 1).
-    """
+    """Weights 1 / |grad u| of lagged diffusivity (6.10), over all channels jointly (6.11), for gradients of `least` and
+    more."""
     dy, dx = differences(u)
     y2, x2 = (dy**2).sum(axis=0), (dx**2).sum(axis=0)
     down = y2 + _centred(x2, down=True)
@@ -68,10 +66,7 @@ def depth_variation(w: Array, slope: float) -> tuple[Array, Array]:
 
 
 def steps_allowed(w: Array, step: float) -> tuple[Array, Array]:
-    """Weights that vanish where w changes by more than `step` between neighbours.
-
-    1 / (1 + (d / step)^4): slopes are smoothed as by a quadratic prior, depth edges are preserved.
-    """
+    """Weights 1 / (1 + (d / step)^4) of changes d of w: slopes are smoothed, depth edges preserved."""
     # squared twice: NumPy takes a hundred times as long for fourth powers of negative numbers
     down, across = (np.square(np.square(d / step)) for d in differences(w))
     return 1 / (1 + down), 1 / (1 + across)

@@ -48,10 +48,7 @@ def turn(p: Array, y: Array, part: float) -> None:
 def add_diffusion(
     out: Array, x: Array, weight: float = 1.0, down: Array | float = 1.0, across: Array | float = 1.0
 ) -> None:
-    """Add weight times the gradient of half the weighted sum of x's squared differences, -div(g grad x) of (6.3).
-
-    out, x : (..., H, W), contiguous; down, across : weights of differences, (H - 1, W) and (H, W - 1), or of all.
-    """
+    """Add weight times -div(g grad x) of (6.3) to out; x : (..., H, W); down, across : g of differences, or of all."""
     flat = (-1, *x.shape[-2:])
     g, h = _rows(down, x.shape[-1], x.dtype), _rows(across, x.shape[-1] - 1, x.dtype)
     _add_diffusion(out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)

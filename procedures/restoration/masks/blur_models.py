@@ -48,10 +48,7 @@ def pillbox() -> Array:
 
 
 def gaussian(k: float = 0.5, reach: float = 3.0) -> Array:
-    """Gaussian of sigma = k r, for a blur circle of radius r = w / (k reach) (4.17 to 4.19).
-
-    The shape's half-width is `reach` sigma, so w = reach k r; truncated to a circle there.
-    """
+    """Gaussian of sigma = k r for a blur circle r = w / (k reach) (4.17 to 4.19), truncated at `reach` sigma."""
     if k <= 0 or reach <= 0:
         raise BadParameter(f"sigma = k r needs k > 0 and a positive reach, got k = {k}, reach = {reach}", "use k = 0.5")
     x, y = _axes()
@@ -70,11 +67,8 @@ def polygon(blades: int, angle_rad: float = 0.0) -> Array:
 
 
 def path_shape(path: Array, extent: float | None = None) -> Array:
-    """Shape of a path of the rig in its plane, (n, 2) x, y at equal times, scaled to its own half-width (5.3).
-
-    The path's origin is the centre of the mask; `extent`, in the path's unit, defines the half-width where several
-    paths share one scale.
-    """
+    """Shape of a rig's path (n, 2) at equal times, about its origin, scaled to its half-width (5.3) or a common
+    `extent`."""
     extent = float(np.abs(path).max()) if extent is None else extent
     if extent == 0:
         raise BadInput("the motion path does not move", "record the rig while it vibrates, or use a defocus model")
@@ -99,10 +93,8 @@ def uniform_motion(angle_rad: float = 0.0) -> Array:
 
 
 def named(name: str) -> Array | None:
-    """The shape of an aperture that has a name: pillbox, gaussian, polygon:BLADES[:DEGREES]; None for other names.
-
-    Raises BadParameter if a polygon has another form.
-    """
+    """The shape of an aperture by name, pillbox, gaussian or polygon:BLADES[:DEGREES]; None for others. Raises
+    BadParameter."""
     if name == "pillbox":
         return pillbox()
     if name == "gaussian":
@@ -125,10 +117,7 @@ def _polygon(name: str) -> Array:
 
 
 def read_shape(path: Path) -> Array:
-    """A shape from a text file of numbers, checked.
-
-    Raises BadInput if it cannot be read, is not an odd square, or has negative or no content.
-    """
+    """A shape from a text file. Raises BadInput if it is unreadable, no odd square, negative or empty."""
     return check_shape(read_numbers(path, "shape file"), f"the shape {path}")
 
 
@@ -217,10 +206,8 @@ def reach(max_w: float, ratio: float = 1.0, offset: float = 0.0) -> int:
 
 
 def masks_of(shape: Array, half_widths: NDArray[np.floating[Any]], R: int) -> Array:
-    """Masks (n, 2R + 1, 2R + 1) of the signed half-widths.
-
-    Negative half-widths, in front of the plane of focus, have the shape upside down, as the light has not crossed yet.
-    """
+    """Masks (n, 2R + 1, 2R + 1) of signed half-widths; in front of the plane of focus, upside down: light has not
+    crossed yet."""
     return np.stack([mask(shape if half >= 0 else shape[::-1, ::-1], abs(half), R) for half in half_widths])
 
 
@@ -233,11 +220,8 @@ class DepthUnit:
 
 
 def as_shape(mask: Array, half_width: float) -> Array:
-    """The mask as a shape on [-1, 1], its half-width at 1: (5.3) stretches it to every other depth.
-
-    Constant over every pixel, so that the mask is reproduced where the shape is stretched to it; interpolation would
-    blur it by a pixel.
-    """
+    """The mask as a shape on [-1, 1], half-width 1, constant over pixels, so that it is reproduced at its size; (5.3)
+    stretches it to other depths."""
     R = mask.shape[0] // 2
     at = np.clip(np.floor(np.linspace(-1, 1, SHAPE_SIZE) * half_width + R + 0.5), 0, 2 * R).astype(int)
     return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

@@ -93,10 +93,7 @@ class BlurOperator:
         return BlurOperator(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
-        """Set w, pixels, as the depth; values outside the stack are clipped to it.
-
-        Pixels that are not `active` neither send nor receive until the next call.
-        """
+        """Set w, pixels, clipped to the stack, as the depth; pixels not `active` take no part until the next call."""
         scaled = np.clip(w, 0, self.stack.max_w) / self.stack.step
         self.level = np.minimum(scaled.astype(np.int32), len(self.stack.masks) - 2)
         self.f = (scaled - self.level).astype(self.dtype)
@@ -141,10 +138,7 @@ class BlurOperator:
         return self._spread(du, u, dw, 1 / self.stack.step)
 
     def change_adjoint(self, u: Array, e: Array, into: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
-        """Gradients of <e, change> with respect to du (6.6) and dw, summed over channels (6.7).
-
-        They are added to `into` if given.
-        """
+        """Add the gradients of <e, change> by du (6.6), and by dw, summed over channels (6.7), to `into` or zeros."""
         u = np.ascontiguousarray(u, self.dtype)
         du, dw = (np.zeros_like(u), np.zeros(self.extended, self.dtype)) if into is None else into
         self._gather(e, u, 1 / self.stack.step, du, dw)

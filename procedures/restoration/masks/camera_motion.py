@@ -57,10 +57,8 @@ LEAST_PATH_M = 2e-5
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of a camera at equal times of an exposure, relative to the rig at rest.
-
-    position_m, turn_rad : (n, 3), x right, y down, z ahead; rotations are rotation vectors.
-    """
+    """Poses at equal times relative to the rig at rest: positions and rotation vectors (n, 3), x right, y down, z
+    ahead."""
 
     position_m: Array
     turn_rad: Array
@@ -206,10 +204,7 @@ def image_curves(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
 
 
 def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
-    """Masks of recorded paths (n, 2) relative to the rig at rest, with w the half-width in pixels. Raises Refused.
-
-    Source: (5.2), (5.3): without rotation the path is the same at every depth, scaled by the inverse depth.
-    """
+    """Masks of recorded paths (n, 2) without rotation, w their half-width in pixels (5.2), (5.3). Raises Refused."""
     half = max(float(np.abs(path).max()) for path in paths)
     if half < LEAST_PATH_M:
         raise Refused("the rig must move during the exposures; it was at rest", "set it in motion, then expose")

@@ -30,10 +30,8 @@ def as_channels(photographs: Sequence[object]) -> list[Array]:
 
 
 def check_photographs(photographs: list[Array]) -> Array:
-    """The photographs as one array (P, C, H, W).
-
-    Raises BadInput if there are fewer than two, their sizes differ, two are identical, or they are not finite numbers.
-    """
+    """The photographs as one array. Raises BadInput for fewer than two, other sizes, two identical, or non-finite
+    numbers."""
     if len(photographs) < 2:
         raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
     for n, one in enumerate(photographs, 1):
@@ -51,11 +49,8 @@ def check_photographs(photographs: list[Array]) -> Array:
 
 
 def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
-    """Refuse blurs that do not determine depth, or masks that leave nothing of the photograph.
-
-    Raises BadParameter if all photographs have the same masks, fields of them are on different grids, or they are too
-    large for the photographs.
-    """
+    """Refuse blurs that do not determine depth, all alike or on different grids, or too large for the photographs.
+    Raises BadParameter."""
     if alike(stacks):
         raise BadParameter(
             "ratio 1 with equal shapes blurs all photographs equally, which does not determine depth",
@@ -74,10 +69,7 @@ def check_extent(R: float, shape: tuple[int, int]) -> None:
 
 
 def trust_of(z: Array) -> Array:
-    """Weights (P, 1, H, W) of the photographs' samples: 0 where any channel is saturated.
-
-    Raises Refused if more than `MOST_SATURATED` of a photograph is saturated.
-    """
+    """Weights (P, 1, H, W): 0 where saturated. Raises Refused if that is more than `MOST_SATURATED` of a photograph."""
     saturated = (z >= SATURATED).any(axis=1, keepdims=True)
     worst = float(saturated.mean(axis=(1, 2, 3)).max())
     if worst > MOST_SATURATED:

@@ -20,10 +20,8 @@ from procedures.restoration.masks.shape_fields import ShapeField
 def with_defocus(
     motion: Sequence[Masks], shapes: Sequence[ShapeField], ratios: Sequence[float], offsets: Sequence[float]
 ) -> list[MaskField]:
-    """Masks of motion, convolved with defocus of half-width `ratios` w + `offsets` pixels in each photograph.
-
-    Raises BadParameter if motion and shapes both vary over the frame, on different grids.
-    """
+    """Masks of motion convolved with defocus of half-width `ratios` w + `offsets`. Raises BadParameter for fields on
+    different grids."""
     R = max(reach(one.max_w, a, b) for one, a, b in zip(motion, ratios, offsets, strict=True))
     each = zip(motion, shapes, ratios, offsets, strict=True)
     return [_spread(MaskField.of(one), shape, a, b, R) for one, shape, a, b in each]

@@ -26,10 +26,7 @@ TAIL = 5.0
 
 @jitted(nogil=True, error_model="numpy")
 def line_mask(path: Array, R: int, sigma: float) -> Array:
-    """Mask (2R + 1, 2R + 1) of a path (T, 2) of x, y at equal times, pixels, with a line of width sigma.
-
-    Its sum is 1, less the light outside the mask.
-    """
+    """Mask (2R + 1, 2R + 1) of a path (T, 2) at equal times, a line of width sigma, of sum 1 less the light outside."""
     size = 2 * R + 1
     out, across, down = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     whole = 0.0
@@ -95,10 +92,8 @@ def _add_change(
 
 @numba.njit(error_model="numpy")
 def _shares(x: float, R: int, sigma: float, out: Array) -> tuple[int, int, float]:
-    """Light of an instant at x in each of 2R + 1 pixels: the first and one past the last with light, and the sum.
-
-    Only those of `out` are set. Samples of a Gaussian at equal distances are computed by recurrence.
-    """
+    """Light of an instant at x in each of 2R + 1 pixels, its range and sum: a Gaussian's samples by recurrence; only
+    those of `out` are set."""
     place, step = (x + R + 0.5) * SAMPLES - 0.5, 1 / (SAMPLES * sigma)
     first, last = int(np.ceil(place - TAIL / step)), int(np.floor(place + TAIL / step))
     away = (first - place) * step
@@ -143,12 +138,8 @@ def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int
 
 
 def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
-    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2) in pixels relative to its point: equation (5.2).
-
-    Each instant is distributed linearly over four pixels, then blurred by the pixel's aperture `softness_px`.
-
-    Raises BadInput if the curve leaves the mask.
-    """
+    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2), equation (5.2): each instant in four pixels, blurred by the
+    aperture `softness_px`. Raises BadInput if it leaves the mask."""
     if not np.abs(path_px).max() <= R - 1:  # nor where it is NaN
         raise BadInput(
             f"the motion of {np.abs(path_px).max():.1f} pixels leaves masks of half-size {R}", "raise --max-w"

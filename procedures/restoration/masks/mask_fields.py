@@ -88,10 +88,7 @@ class MaskField:
         return self.stacks[i][j]
 
     def spread(self, grid: tuple[int, int]) -> MaskField:
-        """The field on a larger grid, along axes where it is constant.
-
-        Raises BadParameter if it varies over another grid.
-        """
+        """The field on a larger grid, along axes where it is constant. Raises BadParameter if it varies otherwise."""
         if self.grid == grid:
             return self
         if self.grid != (1, 1):

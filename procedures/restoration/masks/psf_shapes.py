@@ -50,12 +50,8 @@ def measured_heights(psfs: Sequence[Array], samples_per_px: float, shape: tuple[
 
 
 def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int] = GRID) -> MeasuredShape:
-    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width, that of their supports.
-
-    Beyond the field's nodes the nearest position among them is used.
-
-    Raises BadInput if the photograph is not of the size of the field's plane.
-    """
+    """The PSFs of a field over a photograph (H, W) as shapes of their support's half-width, beyond its nodes those of
+    the nearest position. Raises BadInput for another size."""
     if tuple(field.shape) != shape:
         raise BadInput(
             f"photographs need the size of the field's plane, {field.shape[1]} x {field.shape[0]}; they are "

@@ -15,10 +15,8 @@ from procedures.outcome import BadParameter
 
 @dataclass(frozen=True)
 class CameraSetting:
-    """Focal length f, f-number, distance l_s of the plane of focus (may be infinite), pixel pitch.
-
-    Raises BadParameter if a length is not positive, or the plane of focus lies within the focal length.
-    """
+    """Focal length, f-number, distance of the plane of focus (may be infinite), pixel pitch. Raises BadParameter if
+    impossible."""
 
     focal_length_mm: float
     f_number: float

@@ -25,10 +25,8 @@ BEND_WIDTHS = (0.06, 0.25)
 
 @dataclass(frozen=True)
 class BasinHopping:
-    """Starts to try: pools of curves (POINTS, 2) for each photograph, none for recorded curves, and random bends.
-
-    bends : their number; each costs a descent.
-    """
+    """Starts to try: pools of curves (POINTS, 2) by photograph, none for recorded ones, and `bends` random bends, a
+    descent each."""
 
     pools: Sequence[Sequence[Array]]
     rng: np.random.Generator

@@ -34,10 +34,8 @@ it."""
 
 @dataclass(frozen=True)
 class Prototypes:
-    """Masks of both photographs (2, K, K), sum 1, about their common centre, and as shapes on [-1, 1].
-
-    half_width : of the masks, pixels: the w of the flat part; residual : of the last fit, white = 1.
-    """
+    """Masks (2, K, K), sum 1, about their common centre, and shapes on [-1, 1]; half_width : the flat part's w;
+    residual : of the last fit."""
 
     masks: Array
     shapes: Array

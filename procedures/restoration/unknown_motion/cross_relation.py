@@ -46,10 +46,8 @@ class FrameCut:
 
 
 class Disagreement:
-    """Disagreement of two photographs (2, H, W), of noise 1, for curves of half-width `half` in the flat part.
-
-    w : rough depth (H, W), pixels, for the sizes tried.
-    """
+    """Disagreement of photographs (2, H, W) of noise 1 for curves of half-width `half` in the flat part, at sizes by a
+    rough w (H, W)."""
 
     def __init__(self, z: Array, flat: tuple[slice, slice], half: float, w: Array) -> None:
         self.half = half

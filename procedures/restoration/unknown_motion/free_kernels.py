@@ -26,10 +26,8 @@ def unit(kernels: Kernels) -> Kernels:
 
 
 def thin(kernels: Kernels, least: float) -> Kernels:
-    """Kernels without values below `least` of their maximum, and without small isolated pieces.
-
-    Raises Refused if nothing remains of any kernel.
-    """
+    """Kernels without values below `least` of their maximum and small isolated pieces. Raises Refused if nothing
+    remains."""
     thinned = np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels])
     if not thinned.any():
         raise Refused("no kernels explain the photographs", "put structure into the scene, or give larger photographs")

@@ -48,10 +48,7 @@ DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
 
 @dataclass
 class MaskEvidence:
-    """Chi-square c - 2 g.d + d'G d of a change d of both masks from `masks`, (2, K, K), of half-width w.
-
-    G : (2 K^2, 2 K^2); g : (2 K^2,).
-    """
+    """Chi-square c - 2 g.d + d'G d of a change d of both masks (2, K, K) of half-width w; G : (2 K^2, 2 K^2)."""
 
     w: float
     masks: Array
@@ -91,10 +88,8 @@ def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) 
 
 
 def filters(masks: Array, size: int) -> Array:
-    """Filters that remove from both errors of a tile the part explained by a common picture, (2, size, size // 2 + 1).
-
-    (e1 * h2 - e2 * h1) over the root of its noise's spectrum: one half of white errors remains, white.
-    """
+    """Filters of both errors of a tile, (2, size, size // 2 + 1), to (e1 * h2 - e2 * h1) over its noise: the part by no
+    common picture, white."""
     R = masks.shape[1] // 2
     offsets = np.arange(-R, R + 1) % size
     wrapped = np.zeros((2, size, size))
@@ -129,10 +124,8 @@ class EvidenceTile:
 
 
 def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[EvidenceTile]) -> list[float]:
-    """Add the evidence of tiles of one w; returns the mean squares of their unexplained errors.
-
-    slope : derivative of both masks with respect to w, (2, K, K).
-    """
+    """Add the evidence of tiles of one w, and give the mean squares of their unexplained errors; slope : of both masks
+    by w."""
     filtering: Array | None = None
     residuals = []
     for tile in tiles:
@@ -203,10 +196,8 @@ def fit_curves(
     least: float = 1e-4,
     below: float = np.inf,
 ) -> tuple[float, Array]:
-    """Cost and points of the curves of least cost near `points`, with `free` ones varied: Levenberg and Marquardt.
-
-    below : target cost; the descent is abandoned where it is hardly reachable.
-    """
+    """Cost and points of the curves of least cost near `points`, `free` ones varied, by Levenberg and Marquardt;
+    abandoned where `below` is hardly reachable."""
     values, damping = [cost(evidence, points, half, instants)], 1e-3
     while len(values) <= rounds and not _hopeless(values, below):
         H, gradient = _equations(evidence, points, half, free, instants)

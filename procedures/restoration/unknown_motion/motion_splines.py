@@ -61,10 +61,8 @@ def third_derivative_penalty() -> Array:
 
 
 def spline_mask(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
-    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma.
-
-    Its sum is 1, less the light outside the mask.
-    """
+    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), a line of width sigma, of sum 1 less the light
+    outside."""
     return line_mask(basis(instants) @ points, R, sigma)
 
 

@@ -27,10 +27,8 @@ class PathPair:
 
 
 def distinct(flat: Sequence[MaskEvidence], points: Array, half: float, k: int, pool: Sequence[Array]) -> list[Array]:
-    """The distinct curves of a pool that best draw the flat part's masks as curve k, after descent.
-
-    flat : evidence of the flat part; points : (2, POINTS, 2), of half-width `half`.
-    """
+    """The distinct curves of a pool that best draw the flat part's masks as curve k, after descent from `points` (2,
+    POINTS, 2)."""
     costs = []
     for curve in pool:
         cost, pair = fit_curves(flat, replaced(points, k, curve), half, (k,), INSTANTS, 15, 1e-3)
@@ -54,10 +52,8 @@ def replaced(points: Array, k: int, curve: Array) -> Array:
 
 
 class Search:
-    """Search of curves that the flat part allows and the frame contradicts least.
-
-    flat : evidence of the flat part; descents : of a pair with renewed evidence, of which the best is used.
-    """
+    """Search of curves that the flat part allows and the frame contradicts least; descents : of a pair with renewed
+    evidence."""
 
     def __init__(self, around: Disagreement, flat: Sequence[MaskEvidence], descents: int = 2) -> None:
         self.around, self.flat, self.descents = around, flat, descents

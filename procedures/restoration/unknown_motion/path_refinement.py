@@ -242,11 +242,8 @@ def _pixels(view: _View, prototypes: Prototypes) -> tuple[_View, float]:
 
 
 def _origins(points: Array) -> list[Array]:
-    """Candidate offsets in whole pixels of the paths' origin from the masks' centre: at their mean, or between
-    extremes.
-
-    Masks to whole pixels retain the fractions of a pixel, so that only whole ones are unknown.
-    """
+    """Candidate offsets in whole pixels, to which masks are known, of the paths' origin from the masks' centre: at
+    their mean, or between extremes."""
     paths = basis() @ points
     ends = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
     each = [np.round(at) for at in (paths.mean(axis=(0, 1)), ends)]
@@ -346,10 +343,8 @@ def _matched(view: _View, points: Array) -> _Fit:
 
 
 def _restored(view: _View, points: Array, start: _Fit, done: float) -> _Fit:
-    """A fit with the picture and the depth of a restoration, and its evidence on the masks.
-
-    start : provides the initial depth; done : the fraction of the scheme that is skipped.
-    """
+    """A fit with the picture and depth of a restoration from `start`, `done` of the scheme skipped, and its evidence on
+    the masks."""
     stacks, R, scheme = view.stacks(points), view.R, view.effort.scheme
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
     w = view.pinned(start.w)

@@ -28,10 +28,8 @@ def read_path(path: Path) -> Array:
 
 
 def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:
-    """Masks (2, K, K), K = 2 largest + 1, of a flat part (2, H, W) from the paths of the rig, (n, 2) in one unit.
-
-    Raises BadInput if there are not two paths of two columns, or a path does not move.
-    """
+    """Masks (2, K, K), K = 2 largest + 1, of a flat part from the rig's paths (n, 2). Raises BadInput if these are not
+    two that move."""
     if len(paths) != 2 or any(p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 for p in paths):
         raise BadInput("two recorded paths of x and y are needed", "give one text array of two columns per photograph")
     extent = [float(np.abs(p - _middle(p)).max()) for p in paths]

@@ -24,10 +24,8 @@ MIDDLE = 128
 def kernels_of_rotated_scene(
     photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
 ) -> FreeKernels:
-    """`kernels_of_flat_scene` for photographs (P, H, W) that may be rotated and zoomed relative to the first.
-
-    Raises BadInput, Refused as there, and where some of three photographs or more show another scene.
-    """
+    """`kernels_of_flat_scene` for photographs (P, H, W) rotated and zoomed. Raises BadInput, Refused as there, and for
+    another scene."""
     if odd := outlier_frames(photographs):
         which, show = ("photograph", "shows") if len(odd) == 1 else ("photographs", "show")
         raise Refused(
@@ -82,10 +80,8 @@ MOST_COMPARED = 6
 
 
 def outlier_frames(photographs: Array) -> list[int]:
-    """Indices of those of three photographs or more (P, H, W) that show another scene than the rest.
-
-    Empty where that is undecidable: for two photographs, or where half of them or more differ.
-    """
+    """Indices of those of three or more photographs (P, H, W) that show another scene than most; empty where
+    undecidable."""
     count = len(photographs)
     if count < 3:
         return []

@@ -19,10 +19,7 @@ HEIGHTS = (0.6, 0.8, 1.0, 1.25, 1.6)
 
 
 def search_window(z: Array, flat: Window, half: float, w: Array, pixels: int) -> Window:
-    """Rows and columns of at most `pixels` of a frame with most detail at depths other than the flat part's.
-
-    z : photographs (P, 1, H, W); half : w of the flat part; w : rough depth (H, W).
-    """
+    """Rows and columns of at most `pixels` with most detail at depths other than the flat part's w, `half`."""
     H, W = w.shape
     if pixels >= H * W:
         return slice(0, H), slice(0, W)

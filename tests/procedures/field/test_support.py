@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.field.support import widened, with_common_support
+from procedures.field.interpolate import widened, with_common_support
 from procedures.outcome import Refused
 from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node

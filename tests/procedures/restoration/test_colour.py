@@ -11,6 +11,7 @@ from procedures.raw import Plane
 from procedures.restoration.colour.estimate import (
     descended,
     error_of,
+    mixing,
     problem_of,
     searched,
     shifted,
@@ -18,7 +19,6 @@ from procedures.restoration.colour.estimate import (
     unknowns_of,
 )
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
-from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator
 

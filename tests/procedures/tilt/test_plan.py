@@ -13,8 +13,19 @@ from procedures.outcome import BadParameter
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Ask, Give, Home
 from procedures.tilt.facts import TiltFacts
-from procedures.tilt.plan import depth_mm, plan, say_turns, to_depth, turns_by_hand, worth_turning
-from procedures.tilt.reach import BY_HAND, bracket_mm, check_width, off_reach_mm, width_within_reach
+from procedures.tilt.plan import (
+    BY_HAND,
+    bracket_mm,
+    check_width,
+    depth_mm,
+    off_reach_mm,
+    plan,
+    say_turns,
+    to_depth,
+    turns_by_hand,
+    width_within_reach,
+    worth_turning,
+)
 
 SHAPE, PRINCIPAL_PX = (480, 640), 2071.0
 BASE = {"pan_deg": 2.0, "tilt_deg": -1.0, "z_mm": 150.0, "x_mm": 150.0, "y_mm": 100.0}

@@ -8,8 +8,7 @@ import pytest
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
-from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.restart_regions import (
+from procedures.restoration.joint.joint_descent import (
     RegionAttempt,
     better_of,
     relative_residual,
@@ -17,6 +16,7 @@ from procedures.restoration.joint.restart_regions import (
     restart,
     unexplained,
 )
+from procedures.restoration.joint.priors import steps_allowed
 
 WEIGHTS = PriorWeights(1e-4, 0.01)
 

@@ -12,13 +12,14 @@ from procedures.outcome import Outcome as Made
 from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of, judge_with_alternative
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
+    EdgePicture,
     FreeKernels,
     KernelEffort,
     KernelStart,
     kernels_of_flat_scene,
+    periodic,
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_change
-from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, periodic
 from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
 
 R = 7
