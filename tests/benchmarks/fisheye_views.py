@@ -28,7 +28,6 @@ sys.path.insert(0, str(ROOT))
 
 import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
 import numpy as np  # noqa: E402
-from procedures.pattern_print.raster import bitmap  # noqa: E402
 from scipy.interpolate import BSpline, RectBivariateSpline  # noqa: E402
 from scipy.ndimage import gaussian_filter  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
@@ -38,6 +37,7 @@ from procedures.geometry.estimate import GeometryParameters, calibrate_geometry 
 from procedures.geometry.uncertainty import enclosed  # noqa: E402
 from procedures.geometry.views import chart_nodes  # noqa: E402
 from procedures.pattern import BLOCK, CELLS, Chart  # noqa: E402
+from procedures.pattern_print.formats import bitmap  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 
 Array = np.ndarray

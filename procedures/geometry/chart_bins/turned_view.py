@@ -174,5 +174,5 @@ def fitted_registration(points: Array, cells: Array) -> Registration:
     H, centre = fit_homography(points, cells), points.mean(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max())
     columns = np.column_stack([cubic_monomials(*((points - centre) / radius).T), np.ones(len(points))])
-    displacement: Array = np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0]
-    return Registration(H, centre, radius, np.asarray(displacement[:9].T)).translated(displacement[9])
+    displacement = np.asarray(np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0])
+    return Registration(H, centre, radius, displacement[:9].T).translated(displacement[9])
