@@ -144,8 +144,10 @@ class AlpacaShutter:
             closed_s = self.clock.now_s()
             with self._end:
                 self.clock.wait(self._end, lambda: self._aborts != aborts, closed_s + pulse_s)
-        finally:
             self._switch.set(False)
+        except BaseException as error:
+            self._switch.preempt_off()
+            raise self._stopped or error  # the stop's own order to open may have refused this one
         if self._stopped is not None:
             raise self._stopped
         if self._aborts != aborts:
@@ -157,6 +159,8 @@ class AlpacaShutter:
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.set(False)
+        elif self._switch.link.is_claimed:
+            self._switch.preempt_off()
 
     def _interrupt(self) -> None:
         self._aborts += 1
@@ -169,7 +173,7 @@ class AlpacaShutter:
         """Open the contact without waiting for pending requests."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then fire again")
         self._interrupt()
-        if self._switch.link.is_open:
+        if self._switch.link.is_claimed:
             self._switch.preempt_off()
 
 
