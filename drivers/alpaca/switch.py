@@ -145,9 +145,10 @@ class AlpacaShutter:
             with self._end:
                 self.clock.wait(self._end, lambda: self._aborts != aborts, closed_s + pulse_s)
             self._switch.set(False)
-        except BaseException as error:
+        except BaseException:
             self._switch.preempt_off()
-            raise self._stopped or error  # the stop's own order to open may have refused this one
+            if self._stopped is None:  # else the stop's own order may have made the server refuse this one
+                raise
         if self._stopped is not None:
             raise self._stopped
         if self._aborts != aborts:
