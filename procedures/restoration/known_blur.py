@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.facts import required
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
@@ -27,7 +27,6 @@ from procedures.restoration.photograph_blur import (
     UnknownMotion,
 )
 
-Array = npt.NDArray[np.float64]
 ReadShape = Callable[[str, str | None, tuple[int, int] | None], Shape]
 """Reads a named shape for photographs (H, W) of a plane, or of any if None; raises ProcedureError."""
 

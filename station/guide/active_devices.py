@@ -31,8 +31,6 @@ DISTANCE = "distance_mm"
 class Snapshot:
     """State of the devices when a frame was taken; values that a device did not report are absent.
 
-    Attributes
-    ----------
     axes : position by name, in the unit of the name
     distance_mm : from the rangefinder's housing
     silent : devices that did not answer, with the reason

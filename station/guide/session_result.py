@@ -156,12 +156,8 @@ def compute(
     """The result of a session in this state, written into a folder; bitwise the same files at every call.
 
     `progress` is called with the number of each photograph that is accessed, and their total; `sealed` applies to the
-    result's folder; `known` holds earlier estimates of the same photographs.
-
-    Raises
-    ------
-    ProcedureError
-        If a photograph cannot be read, or the result cannot be written.
+    result's folder; `known` holds earlier estimates of the same photographs. Raises ProcedureError if a photograph
+    cannot be read, or the result cannot be written.
     """
     shots, entry = state.counting(), entry_named(plan.name)
     frames = Frames(folder, shots, progress)
