@@ -43,6 +43,10 @@ class Correspondences:
         """The bins' centres (n, 2) in cells."""
         return bin_centres()[self.index]
 
+    def take(self, chosen: npt.NDArray[np.bool_]) -> Correspondences:
+        """Some of the bins."""
+        return Correspondences(self.index[chosen], self.points[chosen], self.covariance[chosen])
+
 
 def bin_centres() -> Array:
     """The bins' centres (x, y) in cells, row by row, (BINS^2, 2)."""
