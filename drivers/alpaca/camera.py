@@ -192,7 +192,7 @@ class AlpacaCamera:
     def emergency_stop(self) -> None:
         """Abort the exposure without waiting for pending requests."""
         self._one_frame.stop()
-        if self._link.is_open:
+        if self._link.is_claimed:
             self._link.preempt("abortexposure")
 
 

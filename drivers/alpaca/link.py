@@ -75,7 +75,8 @@ class AlpacaLink:
         self._host, self._port = parts.hostname or "", parts.port or 80
         self._headers: dict[str, str] = {}
         self._requests = count(1)
-        self.is_open = False
+        self.is_open = self.is_claimed = False
+        """`is_claimed` from `open` to `close`, also after the server was lost: stops are sent then."""
         self.can_resume = False
 
     @property
@@ -88,7 +89,7 @@ class AlpacaLink:
         password = self._server.password()
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
-        self.is_open = True
+        self.is_open = self.is_claimed = True
         try:
             self.put("connected", Connected=True)
             identity = Identity(f"Alpaca {self.get('name')}", str(self.get("driverversion")), "", self.address)
@@ -101,7 +102,7 @@ class AlpacaLink:
 
     def close(self) -> None:
         """Disconnect here; the device stays connected, as other programs may use it."""
-        self.is_open = False
+        self.is_open = self.is_claimed = False
 
     # --- requests
 
@@ -140,7 +141,7 @@ class AlpacaLink:
     def _failure(self, number: int, message: str) -> Rejected | LineLost | Held:
         reason = f"{self.address}: {message}"
         if number == NO_CONNECTION:
-            self.close()
+            self.is_open = False
             return LineLost(reason, "connect it again")
         if number == HELD and self.can_resume:
             return Held(reason, "end the pause there, or try again")
@@ -155,7 +156,7 @@ class AlpacaLink:
                 f"{self.address} did not answer {member} within {timeout_s:g} s", "look at its server"
             ) from error
         except (OSError, HTTPException) as error:
-            self.close()
+            self.is_open = False
             raise LineLost(f"{self.address} cannot be reached", "start its server, check address and port") from error
         if status in (401, 403):
             remedy = "set password_variable to the name of the environment variable with its password or token"

@@ -92,7 +92,6 @@ class AlpacaStage:
         self._parts = {axis.name: FocuserAxis(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
         self._patience_s = patience_s
         self._one_mover = OneMover()
-        self._connected = False
 
     @property
     def address(self) -> str:
@@ -102,8 +101,11 @@ class AlpacaStage:
     def connect(self) -> Identity:
         """Connect every focuser and read step sizes and travel. Raises DeviceError."""
         self.close()
-        identities = [self._prepare(part) for part in self._parts.values()]
-        self._connected = True
+        try:
+            identities = [self._prepare(part) for part in self._parts.values()]
+        except BaseException:
+            self.close()
+            raise
         models = "; ".join(dict.fromkeys(identity.model for identity in identities))
         return Identity(models, identities[0].firmware, "", self.address)
 
@@ -123,7 +125,6 @@ class AlpacaStage:
 
     def close(self) -> None:
         """Disconnect the focusers."""
-        self._connected = False
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         for part in self._parts.values():
@@ -131,8 +132,8 @@ class AlpacaStage:
 
     @property
     def _open(self) -> bool:
-        """Whether it is connected, and no focuser has been lost since."""
-        return self._connected and all(part.link.is_open for part in self._parts.values())
+        """Whether every focuser is connected."""
+        return all(part.link.is_open for part in self._parts.values())
 
     def condition(self) -> Condition:
         """Whether it may move."""
@@ -249,11 +250,10 @@ class AlpacaStage:
         """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""
         self._one_mover.stop()
         self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
-        if self._connected:
-            self._halt_all()
+        self._halt_all()
 
     def _halt_all(self) -> None:
-        links = [part.link for part in self._parts.values()]
+        links = [part.link for part in self._parts.values() if part.link.is_claimed]
         threads = [threading.Thread(target=link.preempt, args=(HALT,), name="halt", daemon=True) for link in links]
         for thread in threads:
             thread.start()

@@ -144,8 +144,11 @@ class AlpacaShutter:
             closed_s = self.clock.now_s()
             with self._end:
                 self.clock.wait(self._end, lambda: self._aborts != aborts, closed_s + pulse_s)
-        finally:
             self._switch.set(False)
+        except BaseException:
+            self._switch.preempt_off()
+            if self._stopped is None:  # else the stop's own order may have made the server refuse this one
+                raise
         if self._stopped is not None:
             raise self._stopped
         if self._aborts != aborts:
@@ -157,6 +160,8 @@ class AlpacaShutter:
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.set(False)
+        elif self._switch.link.is_claimed:
+            self._switch.preempt_off()
 
     def _interrupt(self) -> None:
         self._aborts += 1
@@ -169,7 +174,7 @@ class AlpacaShutter:
         """Open the contact without waiting for pending requests."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then fire again")
         self._interrupt()
-        if self._switch.link.is_open:
+        if self._switch.link.is_claimed:
             self._switch.preempt_off()
 
 

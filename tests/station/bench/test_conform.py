@@ -16,6 +16,8 @@ from station.bench.twins import BUILT_IN, TWINS
 
 from . import hasty_stage
 
+DRIVERS = [*BUILT_IN, *TWINS, "alpaca_stage"]
+
 
 @pytest.fixture
 def hasty(monkeypatch, tmp_path):
@@ -70,7 +72,7 @@ def test_a_move_that_reaches_its_server_after_the_stop_is_halted(tmp_path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("driver", [*BUILT_IN, *TWINS])
+@pytest.mark.parametrize("driver", DRIVERS)
 def test_a_stage_stands_every_fault(driver, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert soak(rig, np.random.default_rng(1), 60, FAULTS) == "60 operations"
@@ -78,7 +80,7 @@ def test_a_stage_stands_every_fault(driver, tmp_path):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("driver", [*BUILT_IN, *TWINS])
+@pytest.mark.parametrize("driver", DRIVERS)
 def test_a_stage_stands_each_fault_long(driver, fault, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert soak(rig, np.random.default_rng(1), 200, (fault,)) == "200 operations"

@@ -188,6 +188,26 @@ def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up, monkeypa
     assert isinstance(outcome[0], EmergencyStopped)
 
 
+def test_a_move_whose_end_cannot_be_asked_is_halted_and_the_stage_must_be_connected_again(homed, held_up, monkeypatch):
+    ask = AlpacaLink._ask
+
+    def lose(link, method, member, *rest):
+        if member == "ismoving":
+            held_up.moving.wait()
+            raise ConnectionResetError
+        return ask(link, method, member, *rest)
+
+    monkeypatch.setattr(AlpacaLink, "_ask", lose)
+    with pytest.raises(LineLost, match="cannot be reached"):
+        homed.move_to(z_mm=400.0)
+    assert held_up.halted.is_set()
+    assert homed.condition().word == "not connected"
+    monkeypatch.setattr(AlpacaLink, "_ask", ask)
+    homed.connect()
+    with pytest.raises(NotHomed):
+        homed.move_to(z_mm=400.0)
+
+
 def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
     sent = []
 
@@ -275,6 +295,25 @@ def test_a_shutter_on_a_switch(at, served):
     assert reply[-1] is False
     with pytest.raises(Rejected, match="no focus contact"):
         shutter.focus(True)
+
+
+def test_a_contact_whose_closing_was_not_acknowledged_is_opened(at, served, monkeypatch):
+    shutter, pressed = AlpacaShutter(AlpacaSwitch(at, 0, 2)), []
+    shutter.connect()
+    press, ask = served.bench.shutter.focus, AlpacaLink._ask
+    served.bench.shutter.focus = lambda down: (pressed.append(down), press(down))
+
+    def lose(link, method, member, values, timeout_s):
+        reply = ask(link, method, member, values, timeout_s)
+        if "State=True" in values:
+            raise ConnectionResetError
+        return reply
+
+    monkeypatch.setattr(AlpacaLink, "_ask", lose)
+    with pytest.raises(LineLost, match="cannot be reached"):
+        shutter.fire(0.05)
+    assert pressed == [True, False]
+    assert not shutter.condition().usable
 
 
 @pytest.mark.parametrize(("switch", "words"), [(4, "distance at .* is read only"), (5, "has 5 switches; number 5")])
