@@ -21,7 +21,7 @@ from station.demo.demo import SHOWN_PLANE, compared_planes
 from station.reports import otf_figures, psf_figures
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
-"""What a drawing needs as a file of its own."""
+"""Namespace of an SVG file; an element of a page has none."""
 SETUP = Staging("manual", "Manual", (0.5, 0.5), 1.0, rows=340, columns=340)
 """The smallest frame that holds the whole chart."""
 
