@@ -40,7 +40,7 @@ class Film:
     Attributes
     ----------
     histogram : (rows, columns, 3, 20) float32
-        Votes; each colour's sum is the count.
+        Votes; each colour's sum is the count. No bins, (rows, columns, 3, 0), where only mean and variance are known.
     mean : (rows, columns, 3) float64
         The picture: linear, 1 = white.
     moment2 : (rows, columns, 3) float64 or None
@@ -147,11 +147,13 @@ class Film:
         _check_sizes(self)
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
+        _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
+        if self.histogram.shape[-1] == 0:
+            return self
         votes = self.histogram @ np.ones(BINS, np.float32)
         if not self.histogram.min() >= 0:  # false for NaN too
             bad = ~(self.histogram >= 0).all((-2, -1))
             _refuse_where(bad, "pixels have negative or NaN votes in their histograms", "write the histograms again")
-        _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
         counts = self.count.astype(np.float32)[..., None]
         excess = np.abs(votes - counts) > SUM_TOLERANCE * (counts + 1)
         _refuse_where(
@@ -175,7 +177,8 @@ def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:
 
 def _check_sizes(film: Film) -> None:
     size = film.count.shape
-    if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, BINS):
+    bins = 0 if film.histogram.shape[-1] == 0 and film.moment2 is not None else BINS
+    if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, bins):
         raise BadInput(
             f"picture, histograms and counts need one size; got {film.mean.shape}, {film.histogram.shape} and {size}",
             f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",

@@ -57,13 +57,17 @@ class FilterParameters:
         to twice itself.
     coarse : float
         Fraction of the low frequencies taken from the next coarser scale.
+    pixel : float
+        Two patches differ by at least this fraction of the chi-square per bin of their most different pixels.
+    bound : float
+        Largest change of a pixel in standard deviations of its samples' mean; 0 for no limit.
     """
 
     kappa: float = 1.0
     scales: int = 3
     search: int = 6
     patch: int = 1
-    at_least: int = 2
+    at_least: int = 0
     least_count: float = 2.0
     welch: float = 3.0
     doubt: float = 3.0
@@ -71,6 +75,8 @@ class FilterParameters:
     trend: bool = True
     trust: float = 0.25
     ease: float = 0.005
+    pixel: float = 0.25
+    bound: float = 4.0
     coarse: float = 0.8
 
     def __post_init__(self) -> None:
@@ -83,6 +89,8 @@ class FilterParameters:
         _require(self.welch >= 0, f"welch must be 0 or more; got {self.welch}")
         _require(self.doubt >= 0, f"doubt must be 0 or more; got {self.doubt}")
         _require(self.ease >= 0, f"ease must be 0 or more; got {self.ease}")
+        _require(0 <= self.pixel <= 1, f"pixel must be between 0 and 1; got {self.pixel}")
+        _require(self.bound >= 0, f"bound must be 0 or more; got {self.bound}")
         _require(0 <= self.softness <= 1, f"softness must be between 0 and 1; got {self.softness}")
         _require(0 <= self.coarse <= 1, f"coarse must be between 0 and 1; got {self.coarse}")
 
@@ -92,8 +100,11 @@ def _require(holds: bool, requirement: str) -> None:
         raise BadParameter(requirement, "choose a value in this range")
 
 
-PAPER = FilterParameters(least_count=1.0, welch=0.0, softness=0.0, trend=False, trust=0.0, ease=0.0, coarse=1.0)
-"""The filter exactly as in Algorithms 1 and 2."""
+PAPER = FilterParameters(
+    at_least=2, least_count=1.0, welch=0.0, softness=0.0, trend=False,
+    trust=0.0, ease=0.0, coarse=1.0, pixel=0.0, bound=0.0,
+)  # fmt: skip
+"""The filter as in Algorithms 1 and 2, which average every patch with two others, however different."""
 
 
 @dataclass(frozen=True)
@@ -167,8 +178,7 @@ def fuse_scale(
         _stacked([_compared(f, parameters) for f in frames]),
     )
     candidates, half = search_block(parameters.search, len(frames))
-    p = parameters
-    rules = Rules(p.patch, p.kappa, p.softness, p.at_least, p.least_count, p.welch, p.doubt, p.trend, p.trust, p.ease)
+    rules = Rules(*(getattr(parameters, name) for name in Rules._fields))
     rows, columns = frame.count.shape
     similar = np.empty((rows, columns), np.float32)
     fused = np.empty((rows, columns, stack.planes.shape[1]), np.float32)

@@ -56,6 +56,7 @@ class Rules(NamedTuple):
     trend: bool
     trust: float
     ease: float
+    pixel: float
 
 
 @vectorised
@@ -71,11 +72,22 @@ def means_distance(x: Floats, y: Floats, rules: Rules) -> np.float32:
 
 
 @vectorised
+def squared_differences(x: Floats, y: Floats) -> tuple[np.float32, np.float32]:
+    """Sum of the squared Welch statistics of the three colours, and their number."""
+    distance = np.float32(0.0)
+    n = x.size // 2
+    for m in range(min(3, n)):
+        step = x[m] - y[m]
+        distance += step * step / (x[n + m] + y[n + m])
+    return distance, np.float32(3.0)
+
+
+@vectorised
 def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: Floats, k: Floats) -> None:
     """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those of the candidate.
 
     Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` samples in total are excluded.
-    Equation (4.3), plus a term where means differ significantly.
+    Equation (4.3), plus a term where means differ significantly. Without histograms the colours' means are compared.
     """
     frame, dr, dc = candidate
     target, other = stack.histograms[0], stack.histograms[frame]
@@ -99,20 +111,27 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: 
                 valid = both > floor
                 distance += e * e / both if valid else np.float32(0.0)
                 bins += np.float32(1.0) if valid else np.float32(0.0)
+            if x.shape[0] == 0:
+                distance, bins = squared_differences(stack.means[0, r, c], stack.means[frame, r + dr, c + dc])
             d[i, c] = distance + means_distance(stack.means[0, r, c], stack.means[frame, r + dr, c + dc], rules)
             k[i, c] = bins
 
 
 @vectorised
-def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> np.float32:
-    """Chi-square per bin over the patch of half size `patch` around row i, column c of the maps. Equation (4.4)."""
+def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int, share: np.float32) -> np.float32:
+    """Chi-square per bin over the patch of half size `patch` around row i, column c of the maps. Equation (4.4).
+
+    At least `share` of that of its most different pixel: a mean conceals one bright pixel among dark ones.
+    """
     distance = np.float32(0.0)
     bins = np.float32(0.0)
+    most = np.float32(0.0)
     for ii in range(max(0, i - patch), min(d.shape[0], i + patch + 1)):
         for cc in range(max(0, c - patch), min(d.shape[1], c + patch + 1)):
             distance += d[ii, cc]
             bins += k[ii, cc]
-    return np.float32(distance / bins) if bins > 0 else FAR
+            most = max(most, d[ii, cc] / max(k[ii, cc], np.float32(1.0)))
+    return max(np.float32(distance / bins), share * most) if bins > 0 else FAR
 
 
 @vectorised
@@ -149,7 +168,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
         pixel_distances(stack, candidates[j], start, rules, d, k)
         for r in range(low, high):
             for c in range(max(0, -dc), min(columns, columns - dc)):
-                ratio = patch_ratio(d, k, r - start, c, patch)
+                ratio = patch_ratio(d, k, r - start, c, patch, np.float32(rules.pixel))
                 if r >= first and allowed(r, dr, rows, patch) and allowed(c, dc, columns, patch):
                     ratios[j, r - first, c] = ratio
                 q, s = r + dr, c + dc

@@ -1,4 +1,4 @@
-"""OpenEXR pictures: selected channels of the first part, within the limit of memory."""
+"""OpenEXR pictures: selected channels of the first part, within the limit of memory, and pictures to write."""
 
 from __future__ import annotations
 
@@ -25,10 +25,7 @@ def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[
     BadInput
         If the package OpenEXR is missing, the file is not a picture in scan lines or tiles, or it is too large.
     """
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise BadInput(f"{path} requires the package OpenEXR", "pip install 'calibration-station[exr]'") from error
+    OpenEXR = _library(path)
     open_file(path, "picture").close()
     with decoding(str(path), "an OpenEXR picture", "write it again"):
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
@@ -39,6 +36,33 @@ def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[
             channels = file.channels()
             pixels = {name: np.array(channels[name].pixels) for name in channels if name in wanted}
             return pixels, sorted(channels)
+
+
+def write_exr(path: Path, layers: Mapping[str, npt.NDArray[np.floating]]) -> None:
+    """Write pictures (rows, columns, 3) in single precision as layers; that of the name "" has no prefix.
+
+    Raises
+    ------
+    BadInput
+        If the package OpenEXR is missing.
+    """
+    OpenEXR = _library(path)
+    channels = {
+        f"{layer}.{colour}".lstrip("."): np.ascontiguousarray(picture[..., i], np.float32)
+        for layer, picture in layers.items()
+        for i, colour in enumerate("RGB")
+    }
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+def _library(path: Path) -> Any:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise BadInput(f"{path} requires the package OpenEXR", "pip install 'calibration-station[exr]'") from error
+    return OpenEXR
 
 
 def _check_part(header: Mapping[str, Any], room: Room) -> None:

@@ -45,19 +45,11 @@ def calibrate(
 ) -> Iterator[PlaneResult]:
     """Every plane of a photograph in order; a refused plane does not affect the others.
 
-    Parameters
-    ----------
-    physics : bool
-        Whether a model of sensor and lens is fitted to every PSF.
-    sensor : StoredSensor, optional
-        Result of the sensor's calibration; planes without one are estimated without it.
-    progress : Progress
-        Called, without a step, after every model of sensor and lens that was fitted.
+    Raises BadParameter if `physics` is set and the diffraction limit of a plane is not known.
 
-    Raises
-    ------
-    BadParameter
-        If `physics` is set and the diffraction limit of a plane is not known.
+    progress : called, without a step, after every model of sensor and lens that was fitted
+    physics : whether a model of sensor and lens is fitted to every PSF
+    sensor : result of the sensor's calibration; planes without one are estimated without it
     """
     if physics:
         from procedures.physics.estimate import check_known, estimate_physics  # a slow import
@@ -90,10 +82,7 @@ def calibrate_pair(
 ) -> Iterator[PlaneResult]:
     """Every plane of two photographs of one wall, in any order, as `calibrate` does.
 
-    Raises
-    ------
-    BadInput
-        If the two have different planes.
+    Raises BadInput if the two have different planes.
     """
     if list(a.planes) != list(b.planes):
         raise BadInput(
@@ -183,10 +172,7 @@ def diffraction_limit(
 ) -> Diffraction | None:
     """A plane's diffraction limit, where pitch and aperture are known.
 
-    Raises
-    ------
-    BadParameter
-        If they are not known and the limit is `needed`; names the missing options.
+    Raises BadParameter if they are not known and the limit is `needed`; names the missing options.
     """
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:

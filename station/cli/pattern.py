@@ -105,7 +105,7 @@ def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
     """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO
-    from procedures.pattern_psf.gamma.words import gamma_diagram
+    from procedures.pattern_psf.gamma import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.drawing.diagrams import diagram_lines
     from station.drawing.glyphs import glyphs_for

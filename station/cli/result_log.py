@@ -35,8 +35,8 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
+    from station.results.comparison import measurement_words
     from station.results.line_numbers import line_numbers
-    from station.results.verdict_words import measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
@@ -52,7 +52,7 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
     The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
     is `strict`, is doubtful or undecided.
     """
-    from station.results.verdict_words import specification_words
+    from station.results.comparison import specification_words
 
     for one in records:
         comparison = one.specification

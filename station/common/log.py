@@ -72,15 +72,10 @@ def log(
 
     A quiet program omits level "info".
 
-    Parameters
-    ----------
-    event : str
-        A stable name, for programs.
+    event : a stable name, for programs
     level : "info", "warning" or "error"
-    other_causes
-        Alternative causes, each with its own remedy.
-    facts
-        Values of the event; numbers that are not finite become null.
+    other_causes : alternative causes, each with its own remedy
+    facts : values of the event; numbers that are not finite become null
     """
     if level == "info" and is_quiet():
         return

@@ -17,8 +17,8 @@ from station.common.uncertainty_text import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
+from station.results.comparison import measurement_words
 from station.results.record_head import PartBeside
-from station.results.verdict_words import measurement_words
 
 Text = str
 """Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""

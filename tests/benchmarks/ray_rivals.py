@@ -107,7 +107,7 @@ def collaborative(film: Film, covariance: Doubles, kappa: float = 1.0) -> Double
         stack = Stack(np.moveaxis(level.picture, -1, 0)[None].copy(), level.histogram[None], level.count[None], nothing)
         candidates, half = search_block(SEARCH, 1)
         ratios = np.empty((len(candidates), *level.count.shape), np.float32)
-        rules = Rules(PATCH, kappa, 0.0, 0, 1.0, 0.0, 0.0, False, 0.0, 0.0)
+        rules = Rules(PATCH, kappa, 0.0, 0, 1.0, 0.0, 0.0, False, 0.0, 0.0, 0.0)
         band_ratios(stack, candidates, half, rules, 0, ratios)
         total, weight = _groups(level.picture.astype(np.float64), noise, ratios < kappa, candidates, PATCH)
         pictures.append((total.sum(0) / weight.sum(0)[..., None]).astype(np.float32))

@@ -20,8 +20,8 @@ from station.common.log import log, log_json_option
 def session_delete(name: str, root: Path, yes: bool) -> None:
     """Delete SESSION with its photographs and results permanently, after confirmation."""
     from procedures.outcome import BadParameter
-    from station.sessions.deletion import delete_session
     from station.sessions.layout import check_layout
+    from station.sessions.reader import delete_session
 
     folder = find_session(name, root)
     check_layout(folder)

@@ -7,7 +7,7 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,14 +25,17 @@ from procedures.numbers import (
 )
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.ray_histogram.adaptive import allot
+from procedures.ray_histogram.blend import blend, open_image_denoise
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+from procedures.ray_histogram.render_files import read_halves
 from procedures.ray_histogram.sequence import filter_sequence
 from procedures.ray_histogram.uncertainty import coverage
 from procedures.reading.arrays import checked_array, read_npz
+from procedures.reading.exr import write_exr
 from station.common.progress import Progress, silent
 from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure
@@ -69,6 +72,11 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
     ] = None
     published: Annotated[bool, setting("Filter as Algorithms 1 and 2 state it, without what was added since.")] = False
     uncertainty: Annotated[bool, setting("Report the standard uncertainty of each pixel too.")] = False
+    blend: Annotated[
+        bool, setting("Blend candidates by cross-validation between halves: FILM of samples, or FILM and --add of EXR.")
+    ] = False
+    oidn: Annotated[bool, setting("Open Image Denoise as one more candidate of the blend.")] = False
+    exr: Annotated[bool, setting("Write filtered.exr too, with the uncertainty as a layer.")] = False
     budget: (
         Annotated[
             int, setting("Samples to cast next: writes how many each pixel needs to more.npy.", least=0, most=2**63 - 1)
@@ -87,10 +95,14 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
 
     def check_for(self, films: int) -> None:
         """Raises BadParameter where settings do not go together."""
-        alone = {"--picture": self.picture, "--neighbour": self.neighbour, "--add": self.add}
+        alone = {"--picture": self.picture, "--neighbour": self.neighbour, "--add": self.add, "--blend": self.blend}
         for option, given in {**alone, "--reference": self.reference}.items():
             if given and films > 1:
                 raise BadParameter(f"{option} with {films} films", "give one film, or leave the option out")
+        if self.oidn and not self.blend:
+            raise BadParameter("--oidn without --blend", "give both: Open Image Denoise is a candidate of the blend")
+        if self.blend and (self.neighbour or self.picture):
+            raise BadParameter("--blend with --neighbour or --picture", "blend a render by itself")
         if self.neighbour and self.uncertainty:
             raise BadParameter("--uncertainty with --neighbour", "give all frames in order as a sequence instead")
 
@@ -110,11 +122,13 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, eq=False)
 class FilteredRender:
-    """A film, what the filter made of it, and the converged render where there is one."""
+    """A film, its filtered picture, the converged render where there is one, and the weights of a blend."""
 
     film: Film
     filtered: FilteredFilm
     truth: Picture | None
+    weights: dict[str, float] | None = None
+    exr: bool = False
 
     @cached_property
     def decibels(self) -> dict[str, tuple[float, float]]:
@@ -172,6 +186,8 @@ class FilteredRender:
         if spread is not None:
             covered = {} if self.coverage is None else {COVERAGE: self.coverage}
             entries["uncertainty"] = {"median": float(np.median(spread)), "most": float(spread.max()), **covered}
+        if self.weights is not None:
+            entries["blend"] = self.weights
         if self.decibels:
             entries["psnr_db"] = {
                 name: {"clipped": clipped, "unclipped": unclipped}
@@ -182,11 +198,13 @@ class FilteredRender:
     def files(self) -> dict[str, bytes | Callable[[Path], None]]:
         """The pictures and the map."""
         result, spread = self.filtered, self.filtered.uncertainty
+        layers = {"": result.picture, **({} if spread is None else {"uncertainty": spread})}
         return {
             "filtered.tiff": described_tiff(float_tiff(result.picture), DESCRIPTION),
             "filtered.png": display_png(result.picture),
             "similar.npy": npy(result.similar, result.similar.dtype),
             **({} if spread is None else {"uncertainty.tiff": described_tiff(float_tiff(spread), UNCERTAINTY)}),
+            **({"filtered.exr": partial(write_exr, layers=layers)} if self.exr else {}),
         }
 
     def page(self) -> bytes:
@@ -246,9 +264,9 @@ class Rays(Procedure[RaysSettings]):
     ) -> Iterator[Measurement]:
         """The picture of every film; films are read as they are needed."""
         settings.check_for(len(paths))
-        for i, (film, filtered) in enumerate(_filtered(paths, settings, progress)):
+        for i, (film, filtered, weights) in enumerate(_filtered(paths, settings, progress)):
             truth = None if settings.reference is None else _reference(settings.reference, film.mean.shape)
-            result = FilteredRender(film, filtered, truth)
+            result = FilteredRender(film, filtered, truth, weights, settings.exr)
             yield self._measurement(result, settings, settings.sources(paths, i), len(paths)).compared(terms)
 
     def _measurement(
@@ -256,6 +274,7 @@ class Rays(Procedure[RaysSettings]):
     ) -> Measurement:
         given = {name: getattr(settings, name) for name in ("kappa", "scales", "search", "patch")}
         given |= {"published": True} if settings.published else {}
+        given |= {name: True for name in ("blend", "oidn") if getattr(settings, name)}
         given |= {"reach": settings.reach} if films > 1 else {}
         read = tuple(InputFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in sources)
         head = RecordHead(self.name, read, given)
@@ -281,9 +300,19 @@ class Rays(Procedure[RaysSettings]):
         return [f"similar patches in the median, finest scale first: {similar}"]
 
 
-def _filtered(paths: Sequence[Path], settings: RaysSettings, progress: Progress) -> Iterator[tuple[Film, FilteredFilm]]:
-    """Every film and what the filter makes of it."""
+def _filtered(
+    paths: Sequence[Path], settings: RaysSettings, progress: Progress
+) -> Iterator[tuple[Film, FilteredFilm, dict[str, float] | None]]:
+    """Every film and its filtered picture, with the weights of a blend."""
     threads, kept = settings.threads or os.cpu_count() or 1, deque[Film]()
+
+    if settings.blend:
+        halves, whole = read_halves((*paths, *settings.add))
+        progress(f"read {paths[0]}")
+        denoiser = open_image_denoise if settings.oidn else None
+        filtered, weights = blend(halves, whole, settings.parameters, denoiser=denoiser, threads=threads)
+        yield whole.film, filtered, weights
+        return
 
     def films() -> Iterator[Film]:
         for path in paths:
@@ -294,13 +323,13 @@ def _filtered(paths: Sequence[Path], settings: RaysSettings, progress: Progress)
     if settings.neighbour:
         (film,) = films()
         others = [read_film(path) for path in settings.neighbour]
-        yield film, filter_film(film, settings.parameters, neighbours=others, threads=threads)
+        yield film, filter_film(film, settings.parameters, neighbours=others, threads=threads), None
         return
     sequence = filter_sequence(
         films(), settings.parameters, reach=settings.reach, uncertain=settings.uncertainty, threads=threads
     )
     for frame in sequence:
-        yield kept.popleft(), frame
+        yield kept.popleft(), frame, None
 
 
 def _reference(path: Path, shape: tuple[int, ...]) -> Picture:

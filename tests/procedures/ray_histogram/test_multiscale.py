@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import (
+    allowed_variance,
     bicubic_upsample,
     downsample,
     filter_film,
@@ -135,3 +137,38 @@ def test_a_lamp_causes_no_dark_rim(light):
     filtered = filter_film(film).picture
     assert filtered.min() >= film.mean.min()
     np.testing.assert_array_equal(within_range(filtered, film.mean.astype(np.float32)), filtered)
+
+
+@pytest.fixture
+def lamp_samples(rng):
+    """Samples (rows, columns, 256, 3) of a wall and a round lamp 600 times as bright, and the lamp's part of pixels."""
+
+    def lit(n):
+        y, x = np.mgrid[:48, :48][..., None] + rng.random((2, 48, 48, n)) - 0.5
+        return np.hypot(y - 24.3, x - 20.6) < 4.2
+
+    wall = 0.05 * rng.gamma(2.0, 0.5, (48, 48, 256))
+    return np.where(lit(256), 30.0, wall)[..., None].repeat(3, -1), lit(1024).mean(-1)
+
+
+@pytest.mark.parametrize("n", [16, 64, 256])
+def test_a_pixel_beside_a_lamp_keeps_what_its_own_samples_allow(lamp_samples, n):
+    samples, covered = lamp_samples
+    film = film_of_samples(samples[:, :, :n])
+    filtered = filter_film(film).picture
+    # wall pixels whose neighbours a few pixels away see the lamp; noise of one: 0.05 / sqrt(2 n)
+    beside = (covered == 0) & (gaussian_filter(covered, 2) > 0.02)
+    assert np.abs(filtered - film.mean)[beside].max() < 6 * 0.05 / np.sqrt(2 * n)
+    truth = (30.0 * covered + 0.05 * (1 - covered))[..., None]
+    relative = [np.mean((picture - truth) ** 2 / (truth**2 + 0.01)) for picture in (film.mean, filtered)]
+    assert relative[1] < relative[0]
+
+
+def test_rare_light_is_shared_by_pixels_that_are_alike(rng):
+    # one path in 200 finds light of 40: most of 16-sample pixels have none and a variance far too small
+    samples = np.where(rng.random((40, 40, 16, 1)) < 0.005, 40.0, 0.01).repeat(3, -1)
+    film = film_of_samples(samples)
+    none = film.mean[..., 0] < 0.02
+    assert np.median(allowed_variance(film)[none]) == pytest.approx(40**2 * 0.005 / 16, rel=0.5)
+    # and their filtered values are nearer to the mean of 0.21 than to the 0.01 of their own samples
+    assert np.median(filter_film(film).picture[none]) > 0.11

@@ -62,6 +62,32 @@ def test_numbers_without_an_uncertainty_are_limited_and_certified(run, small, tm
     assert "PSF" not in certificate  # a render has none
 
 
+def test_a_blend_has_weights_an_uncertainty_and_layers(run, small, tmp_path):
+    pytest.importorskip("OpenEXR", reason="OpenEXR is an extra")
+    from procedures.reading.exr import read_exr
+
+    done = run("rays", small, "--blend", "--exr", "--scales", "2", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    record = record_of(tmp_path / "out")
+    assert sum(record["blend"].values()) == pytest.approx(1.0)
+    assert record["parameters"]["blend"] is True
+    channels, _ = read_exr(tmp_path / "out" / "filtered.exr", ["R", "uncertainty.R"])
+    assert channels["R"][:, :10].mean() == pytest.approx(0.3, abs=4 * 0.3 / np.sqrt(32 * 240))
+    assert 0 < np.median(channels["uncertainty.R"]) < 0.3 / np.sqrt(32)  # less than the noise of a pixel
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [(["--oidn"], "--oidn without --blend"), (["--blend", "--neighbour", "other.npz"], "--blend with --neighbour")],
+)
+def test_a_blend_of_other_films_is_refused(run, small, tmp_path, words, says):
+    (tmp_path / "other.npz").write_bytes(small.read_bytes())
+    words = [tmp_path / word if word.endswith(".npz") else word for word in words]
+    done = run("rays", small, *words, "--out", tmp_path / "out")
+    assert done.exit_code == 2, done.output
+    assert says in done.stderr
+
+
 def test_the_record_comes_to_stdout_on_request(run, small, tmp_path):
     done = run("rays", small, "--out", tmp_path / "out", "--scales", "2", "--json")
     assert json.loads(done.stdout) == record_of(tmp_path / "out")

@@ -1,0 +1,123 @@
+"""Filters on scenes of an independent renderer, Mitsuba 3: relative error, PSNR, coverage of the uncertainty.
+
+python tests/benchmarks/ray_truth.py FOLDER [scene ...] [--converged 2048]; FOLDER keeps the renders. Requires the
+packages mitsuba and, for the columns of Open Image Denoise, pyoidn. relMSE is the mean of (x - t)^2 / (t^2 + 0.01)
+less the converged picture's own noise; PSNR is of values clipped to [0, 1]. The bilateral filter is the best by PSNR of
+36 settings, chosen by the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from ray_histograms import nl_means  # the scripts beside this one
+from ray_truth_scenes import SCENES, Render, render
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.blend import blend, open_image_denoise
+from procedures.ray_histogram.comparison import psnr_db
+from procedures.ray_histogram.multiscale import filter_film
+from procedures.ray_histogram.render_files import Halves, halves_of_pictures, halves_of_samples
+from procedures.ray_histogram.uncertainty import standard_uncertainty
+
+Picture = npt.NDArray[np.floating]
+Result = tuple[str, Picture, npt.NDArray[np.float32] | None]
+
+SAMPLES = (16, 64, 256)
+THREADS = os.cpu_count() or 1
+
+
+def bilateral(picture: Picture, truth: Picture) -> Picture:
+    """The best of 36 bilateral filters, half of them of the logarithm."""
+    attempts = []
+    for colour, space in product((0.02, 0.05, 0.1, 0.2, 0.4, 0.8), (1.5, 3.0, 5.0)):
+        attempts.append(cv2.bilateralFilter(picture.astype(np.float32), -1, colour, space))
+        scaled = np.log1p(10 * np.maximum(picture, 0)).astype(np.float32)
+        attempts.append(np.expm1(cv2.bilateralFilter(scaled, -1, 2 * colour, space)) / 10)
+    return max(attempts, key=lambda attempt: psnr_db(attempt, truth)[0])
+
+
+def results(scene: Render, n: int) -> Iterator[Result]:
+    """Name, picture and uncertainty of every filter."""
+    samples, features = scene.samples[:, :, :n], scene.features[:, :, :n]
+    halves, whole = halves_of_samples(
+        {"samples": samples, "albedo": features[..., :3], "normal": features[..., 3:6], "depth": features[..., 6]}
+    )
+    yield "unfiltered", whole.film.mean, None
+    yield "NL-means", nl_means(whole.film), None
+    yield "bilateral", bilateral(whole.film.mean, scene.truth), None
+    filtered = filter_film(whole.film, threads=THREADS).picture
+    yield "default", filtered, standard_uncertainty(whole.film, filtered, threads=THREADS)
+    yield from blends("blend", (halves, whole))
+    yield from blends("EXR pair", pictures(scene, n))
+    try:
+        yield "Open Image Denoise", open_image_denoise(whole), None
+    except BadInput:
+        return
+
+
+def blends(name: str, render: Halves) -> Iterator[Result]:
+    """The blend without and with Open Image Denoise."""
+    blended = blend(*render, threads=THREADS)[0]
+    yield name, blended.picture, blended.uncertainty
+    try:
+        blended = blend(*render, denoiser=open_image_denoise, threads=THREADS)[0]
+    except BadInput:
+        return
+    yield f"{name}, OIDN", blended.picture, blended.uncertainty
+
+
+def pictures(scene: Render, n: int) -> Halves:
+    """Even and odd samples as two renderers' pictures, of which only means are known."""
+    layers = []
+    for start in range(2):
+        colour = scene.samples[:, :, start:n:2].mean(2, dtype=np.float64)
+        surface = scene.features[:, :, start:n:2].mean(2, dtype=np.float64)
+        layers.append(
+            {"image": colour, "albedo": surface[..., :3], "normal": surface[..., 3:6], "depth": surface[..., 6]}
+        )
+    return halves_of_pictures(*layers)
+
+
+def relative_error(picture: Picture, scene: Render) -> float:
+    """Mean squared error over the squared truth."""
+    squares = (picture - scene.truth) ** 2 - scene.truth_variance
+    return float(np.mean(squares / (scene.truth**2 + 0.01)))
+
+
+def covered(picture: Picture, uncertainty: npt.NDArray[np.float32] | None, scene: Render) -> str:
+    """Share of values within two standard uncertainties, those of the converged picture included."""
+    if uncertainty is None:
+        return ""
+    combined = np.sqrt(uncertainty**2 + scene.truth_variance)
+    return f"{np.mean(np.abs(picture - scene.truth) <= 2 * combined):.1%}"
+
+
+def main() -> None:
+    """Print a table of every scene and number of samples."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("scenes", nargs="*", default=list(SCENES))
+    parser.add_argument("--converged", type=int, default=2048)
+    options = parser.parse_args()
+    for name in options.scenes:
+        scene = render(name, options.folder, options.converged)
+        for n in SAMPLES:
+            print(f"\n{name}, {n} samples      relMSE   PSNR, dB   within 2 u")
+            for label, picture, uncertainty in results(scene, n):
+                error, decibels = relative_error(picture, scene), psnr_db(picture, scene.truth)[0]
+                print(
+                    f"{label:20s} {error:10.5f} {decibels:10.2f} {covered(picture, uncertainty, scene):>12s}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
