@@ -121,11 +121,12 @@ class StationApp(WorkingApp):
     # --- commands ------------------------------------------------------------------------------------------------
 
     def offered(self) -> list[type[Command]]:
-        """The available commands: those of the screen, then those of every screen."""
+        """The available commands: first the way back to the guide, then the screen's and those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
         stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
-        return [stop, help_, *here, *others]
+        back = [command for command in others if command is ShowGuide]
+        return [stop, help_, *back, *here, *(command for command in others if command not in back)]
 
     def _can(self, command: type[Command]) -> bool:
         if command is EndRun:

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from station.cli.terminal.command import StationCommand
+from station.common.log import log
+
+if TYPE_CHECKING:
+    from station.manual.pages import Page
 
 NARROWEST, WIDEST = 40, 100
 """Limits of the width of a page, in columns."""
+MOST_HITS = 20
+"""Sections that a search lists."""
 
 
 @click.command("manual", cls=StationCommand)
-@click.argument("topic", required=False)
+@click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
 @click.option(
     "--html",
     "folder",
@@ -28,21 +37,48 @@ NARROWEST, WIDEST = 40, 100
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )
 @click.pass_context
-def manual(context: click.Context, topic: str | None, folder: Path | None, schemas: Path | None) -> None:
-    """Show the manual's page TOPIC, or the list of all pages."""
+def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, schemas: Path | None) -> None:
+    """Show the manual's page TOPIC, the sections that have all WORDs, or the list of all pages."""
     if schemas is not None:
         _write_schemas(schemas)
         return
     from station.manual.pages import find_page, for_terminal, index_text, read_pages
 
-    pages = read_pages(_generated(context, topic if folder is None else None))
-    text = find_page(pages, topic).text if topic else index_text(pages)
-    if folder is None:
-        click.echo_via_pager(_formatted(for_terminal(text)))
-        return
-    from station.manual.browser_pages import write_manual
+    words = topic[1:] if topic[:1] == ("search",) else ()
+    name = " ".join(topic)
+    pages = read_pages(_generated(context, name if topic and not words and folder is None else None))
+    if folder is not None:
+        from station.demo.manual_pictures import manual_pictures
+        from station.manual.browser_pages import write_manual
 
-    click.echo(write_manual(pages, folder))
+        log("pictures", "drawing the pictures from a simulated photograph")
+        click.echo(write_manual(pages, folder, manual_pictures()))
+    elif words:
+        click.echo_via_pager(_formatted(_hits(pages, words)))
+    else:
+        text = find_page(pages, name).text if topic else index_text(pages)
+        click.echo_via_pager(_formatted(for_terminal(text)))
+
+
+def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:
+    """The sections that have all words, as Markdown. Raises BadParameter if there are none."""
+    from procedures.outcome import BadParameter
+    from station.manual.pages import PAGE_LINK, search
+
+    hits = search(pages, words)
+    if not hits:
+        raise BadParameter(f"no section of the manual has all of: {' '.join(words)}", "give fewer or other words")
+    lines = [
+        f"- **{section.page.title}**{f', {section.heading}' if section.heading else ''} "
+        f"(`station manual {section.page.name}`)  \n  {PAGE_LINK.sub(_words_of_link, line).strip()}"
+        for section, line in hits[:MOST_HITS]
+    ]
+    rest = [f"\nand {len(hits) - MOST_HITS} more: add a word"] if len(hits) > MOST_HITS else []
+    return "\n".join([*lines, *rest])
+
+
+def _words_of_link(match: re.Match[str]) -> str:
+    return match[1]
 
 
 def _write_schemas(folder: Path) -> None:

@@ -173,7 +173,7 @@ def _shoot(
     truth = photograph(setup, chart.chart, rng, root / path)
     progress(f"{setup.title}: photographed")
     frame = read_frame(root / path)
-    planes = tuple(_check(frame, truth, chart, parameters, setup, progress))
+    planes = tuple(compared_planes(frame, truth, chart, parameters, setup, progress))
     head = RecordHead(
         "pattern",
         (InputFile(path.as_posix(), frame.sha256),),
@@ -185,7 +185,7 @@ def _shoot(
     return DemoPhotograph(setup, path, frame, planes)
 
 
-def _check(
+def compared_planes(
     frame: RawFrame,
     truth: Photograph,
     chart: Source,

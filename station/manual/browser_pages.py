@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererProtocol
 from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
 from markupsafe import Markup
 
 from procedures.outcome import BadParameter
 from station.common.atomic_files import write_whole
 from station.manual.notebooks import notebook_of
-from station.manual.pages import PARTS, Page, index_text
-from station.reports.page import render
+from station.manual.pages import PARTS, Page, index_text, sections_of
+from station.reports.page import html, render
 
 INDEX = "index"
+SEARCH = "search.js"
+"""The texts of all pages, for the search."""
 
 
-def write_manual(pages: Sequence[Page], folder: Path) -> Path:
-    """Write all pages, those with Python as notebooks too, and their index into a folder; returns the index.
+def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, bytes]) -> Path:
+    """Write all pages, those with Python as notebooks too, pictures and index into a folder; returns the index.
 
     Raises BadParameter if it cannot be written.
     """
@@ -33,6 +38,9 @@ def write_manual(pages: Sequence[Page], folder: Path) -> Path:
         notebook = notebook_of(page)
         if notebook is not None:
             write_whole(folder / f"{page.name}.ipynb", notebook.encode())
+    for name, data in pictures.items():
+        write_whole(folder / name, data)
+    write_whole(folder / SEARCH, _search_index(pages).encode())
     index = folder / f"{INDEX}.html"
     write_whole(index, _html(Page("", INDEX, index_text(pages)), pages).encode())
     return index
@@ -40,7 +48,21 @@ def write_manual(pages: Sequence[Page], folder: Path) -> Path:
 
 def _html(page: Page, pages: Sequence[Page]) -> str:
     menu = [(called, [one for one in pages if one.part == part]) for part, called in PARTS.items()]
-    return render("manual.html", title=page.title, body=Markup(html_of(page.text)), menu=menu, here=page.name)
+    contents = [(section_name(one.heading), one.heading) for one in sections_of(page) if one.heading]
+    return render(
+        "manual.html", title=page.title, body=Markup(html_of(page.text)), menu=menu, here=page.name,
+        contents=contents if len(contents) > 1 else [],
+    )  # fmt: skip
+
+
+def _search_index(pages: Sequence[Page]) -> str:
+    """Address, page, heading and text of every section."""
+    entries = []
+    for section in (one for page in pages for one in sections_of(page)):
+        place = f"#{section_name(section.heading)}" if section.heading else ""
+        text = " ".join(re.sub(r"\]\([^)]*\)|[*`|\[]|^-+$", " ", section.text, flags=re.MULTILINE).split())
+        entries.append([f"{section.page.name}.html{place}", section.page.title, section.heading, text])
+    return f"const SECTIONS = {json.dumps(entries, ensure_ascii=False)};\n"
 
 
 def html_of(markdown: str) -> str:
@@ -52,7 +74,14 @@ def html_of(markdown: str) -> str:
             token.attrSet("id", section_name(following.content))
         for child in token.children or ():
             _link_to_html(child)
+    reader.add_render_rule("image", _picture)
     return str(reader.renderer.render(tokens, reader.options, {}))
+
+
+def _picture(renderer: RendererProtocol, tokens: Sequence[Token], at: int, options: OptionsDict, env: EnvType) -> str:
+    """A picture with its caption."""
+    source, caption = str(tokens[at].attrGet("src")).removeprefix("picture:"), tokens[at].content
+    return html('<span class="picture"><img src="{}" alt="">{}</span>', source, caption)
 
 
 def _link_to_html(token: Token) -> None:

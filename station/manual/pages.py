@@ -16,7 +16,7 @@ WELCOME = """\
 The tutorials go through a first calibration step by step. Each how-to page has one task. The reference lists every
 command, number, file and option. The explanations define the numbers and their reliability."""
 FIRST = (
-    "without-a-camera", "with-a-camera",
+    "which-procedure", "without-a-camera", "with-a-camera", "gallery",
     "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
     "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
     "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "vocabulary",
@@ -27,6 +27,8 @@ FIRST = (
 """Order of the pages; others follow by title."""
 GENERATED = "<!-- drawn from the program -->"
 """Placeholder for text generated from the program."""
+PICTURE = re.compile(r"^!\[[^\]]*\]\(picture:[^)]*\)\n+", re.MULTILINE)
+"""A picture, which pages in a browser show."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
 """A link between pages: text, page name, section."""
 
@@ -88,6 +90,34 @@ def index_text(pages: Sequence[Page]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@dataclass(frozen=True)
+class PageSection:
+    """A section of a page: its heading, empty above the first one, and its text."""
+
+    page: Page
+    heading: str
+    text: str
+
+
+def sections_of(page: Page) -> list[PageSection]:
+    """The sections of a page."""
+    above, *rest = re.split(r"^#{2,3} (.*)\n", page.text, flags=re.MULTILINE)
+    parts = [("", above), *zip(rest[::2], rest[1::2], strict=True)]
+    return [PageSection(page, heading, PICTURE.sub("", text)) for heading, text in parts]
+
+
+def search(pages: Sequence[Page], words: Sequence[str]) -> list[tuple[PageSection, str]]:
+    """Sections that have all words, with the first line that has one, those with a word in a heading first."""
+    wanted = [word.lower() for word in words]
+    hits = []
+    for section in (one for page in pages for one in sections_of(page)):
+        headings = f"{section.page.title} {section.heading}".lower()
+        if all(word in f"{headings} {section.text.lower()}" for word in wanted):
+            lines = [line for line in section.text.splitlines() if any(word in line.lower() for word in wanted)]
+            hits.append((-sum(word in headings for word in wanted), section, (lines or [section.heading])[0]))
+    return [(section, line) for _, section, line in sorted(hits, key=lambda hit: hit[0])]
+
+
 def for_terminal(text: str) -> str:
-    """The Markdown with links to other pages as the command that shows them."""
-    return PAGE_LINK.sub(r"\1 (`station manual \2`)", text)
+    """The Markdown without pictures, and with links to other pages as the command that shows them."""
+    return PAGE_LINK.sub(r"\1 (`station manual \2`)", PICTURE.sub("", text))

@@ -77,6 +77,7 @@ def make_example_file(chart_photograph):
     """make_example_file(name): writes the file or folder that an example reads into the current folder."""
     makers = {
         "photo.dng": lambda path: chart_photograph(path, 1),
+        "demo/photographs/2-centre.dng": lambda path: chart_photograph(path, 1),
         "shoot1": lambda path: chart_photograph(path / "frame0.dng", 2),
         "guided": make_session,
         "specification.toml": lambda path: path.write_text(SPECIFICATION, encoding="utf-8"),

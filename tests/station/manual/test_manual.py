@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 import click
 import html5lib
 import pytest
+from click.testing import CliRunner
 
 from drivers.frame_files.dng_folder import OpticsMetadata
 from procedures.numbers import NUMBERS, reference_text
@@ -23,10 +24,11 @@ from station.common.models import fields_of
 from station.manual.browser_pages import html_of, section_name
 from station.manual.command_reference import commands_text
 from station.manual.field_reference import attributes
-from station.manual.pages import Page, find_page, for_terminal, read_pages
+from station.manual.pages import PICTURE, Page, find_page, for_terminal, read_pages, search
+from tests.printed import print_faults, screen_faults
 
 PAGES = read_pages({"commands": commands_text(main), "numbers": reference_text()})
-LINK = re.compile(r"\]\(([^)\s]+)\)")
+LINK = re.compile(r"\]\((?!picture:)([^)\s]+)\)")
 
 
 def text_of(name):
@@ -128,12 +130,61 @@ def test_command_says_which_topics_there_are(run):
     assert "numbers" in done.output
 
 
-@pytest.fixture
-def written(run, tmp_path):
-    folder = tmp_path / "manual"
-    done = run("manual", "--html", folder)
+def test_search_finds_the_sections_with_all_words_those_with_a_heading_first(run):
+    hits = search(PAGES, ["MTF50", "edge"])
+    texts = [f"{one.page.title} {one.heading} {one.text}".lower() for one, _ in hits]
+    assert texts
+    assert all("mtf50" in one and "edge" in one for one in texts)
+    assert search(PAGES, ["vignetting"])[0][0].page.name == "vignetting"
+    shown = run("manual", "search", "coverage")
+    assert "station manual" in shown.output
+    nothing = run("manual", "search", "zygote")
+    assert nothing.exit_code == 2
+    assert "no section of the manual" in nothing.output
+
+
+def test_a_terminal_shows_no_pictures():
+    assert "picture:" in text_of("psf")
+    assert "picture:" not in for_terminal(text_of("psf"))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("manual")
+    done = CliRunner().invoke(main, ["manual", "--html", str(folder)], prog_name="station")
     assert done.exit_code == 0, done.output
     return folder
+
+
+@pytest.mark.slow
+def test_pictures_of_the_pages_are_drawn_and_all_are_used(written):
+    used = {one.rpartition("picture:")[2].strip(")\n") for page in PAGES for one in PICTURE.findall(page.text)}
+    drawn = {one.name for one in written.iterdir() if one.suffix in (".svg", ".png")}
+    assert used == drawn
+
+
+@pytest.mark.slow
+def test_search_in_the_browser_leads_to_sections(written, browser):
+    browser.shown(1440, 900)
+    browser.open(written / "index.html")
+    found = browser.evaluate(
+        "box.value = 'mtf50 edge'; box.dispatchEvent(new Event('input'));"
+        " [...hits.querySelectorAll('a')].map(one => one.getAttribute('href'))"
+    )
+    assert found
+    for href in found:
+        page, _, section = href.partition("#")
+        assert (written / page).is_file()
+        assert not section or f'id="{section}"' in (written / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["psf", "chart", "commands", "which-procedure", "gallery"])
+def test_pages_fit_on_screens_and_on_paper(written, browser, name, tmp_path):
+    page = written / f"{name}.html"
+    assert list(screen_faults(browser, page)) == []
+    assert browser.evaluate("[...document.images].filter(one => !one.naturalWidth).map(one => one.src)") == []
+    assert list(print_faults(browser, page, "A4", tmp_path)) == []
 
 
 @pytest.mark.slow
@@ -143,13 +194,13 @@ def test_pages_for_a_browser_need_nothing_from_outside(written):
     for page in pages:
         root = html5lib.parse(page.read_text(encoding="utf-8"), namespaceHTMLElements=False)
         ids = {one.get("id") for one in root.iter() if one.get("id")}
-        assert not list(root.iter("script"))
+        assert [one.get("src") for one in root.iter("script")] == ["search.js", None]
         for link in root.iter("a"):
             parts = urlsplit(link.get("href"))
             assert not parts.scheme
             assert (written / (parts.path or page.name)).is_file(), link.get("href")
             assert parts.path or parts.fragment in ids
-        assert not [one for one in root.iter() if one.get("src")]
+        assert all((written / one.get("src")).is_file() for one in root.iter() if one.get("src"))
 
 
 def test_markdown_cannot_bring_markup_of_its_own():
