@@ -37,7 +37,7 @@ from procedures.geometry.estimate import GeometryParameters, calibrate_geometry 
 from procedures.geometry.uncertainty import enclosed  # noqa: E402
 from procedures.geometry.views import chart_nodes  # noqa: E402
 from procedures.pattern import BLOCK, CELLS, Chart  # noqa: E402
-from procedures.pattern_print.raster import bitmap  # noqa: E402
+from procedures.pattern_print.formats import bitmap  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 
 Array = np.ndarray

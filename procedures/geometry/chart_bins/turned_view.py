@@ -33,7 +33,7 @@ SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""
 SEARCHED_PX = 400
 """Half the side of a picture that is searched: 45 degrees."""
-SURROUNDINGS = 0.9
+SURROUNDINGS = 1.3
 """Half the side of a picture of one chart, relative to the width of its noise region."""
 
 
@@ -174,5 +174,5 @@ def fitted_registration(points: Array, cells: Array) -> Registration:
     H, centre = fit_homography(points, cells), points.mean(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max())
     columns = np.column_stack([cubic_monomials(*((points - centre) / radius).T), np.ones(len(points))])
-    displacement: Array = np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0]
-    return Registration(H, centre, radius, np.asarray(displacement[:9].T)).translated(displacement[9])
+    displacement = np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0]
+    return Registration(H, centre, radius, displacement[:9].T.astype(np.float64)).translated(displacement[9])
