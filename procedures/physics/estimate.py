@@ -55,7 +55,9 @@ class Physics:
     __repr__ = summary
 
 
-def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
+def estimate_physics(
+    psf: Psf, diffraction: Diffraction | None, pitch: int, progress: Callable[[str], object] | None = None
+) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
 
     Parameters
@@ -66,6 +68,8 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
         Aperture, pitch of the plane's pixels, wavelength.
     pitch : int
         Sensor pixels per pixel of the plane.
+    progress : callable, optional
+        Called with a sentence after every model that was fitted.
 
     Raises
     ------
@@ -74,7 +78,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
-    fit, tried = choose(data)
+    fit, tried = choose(data, progress)
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
@@ -179,7 +183,7 @@ ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(
 """None, defocus, spherical, both, all eight."""
 
 
-def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
+def choose(data: WhitenedPsf, progress: Callable[[str], object] | None = None) -> tuple[ModelFit, list[ModelFit]]:
     """The best model, and all models tried in order of the criterion.
 
     One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
@@ -192,6 +196,8 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
         for parts in candidates:
             if parts not in tried:
                 tried[parts] = fit_parts(data, parts, start_near(tried[near], parts) if near else None)
+                if progress is not None:
+                    progress(f"{len(tried)} models of sensor and lens fitted")
         scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, StoredSensor
+from station.common.progress import Progress, silent
 from station.common.threads import threads
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
@@ -39,11 +41,13 @@ def calibrate(
     *,
     physics: bool = False,
     sensor: StoredSensor = NO_SENSOR,
+    progress: Progress = silent,
 ) -> Iterator[PlaneResult]:
     """Every plane of a photograph in order; a refused plane does not affect the others.
 
     Raises BadParameter if `physics` is set and the diffraction limit of a plane is not known.
 
+    progress : called, without a step, after every model of sensor and lens that was fitted
     physics : whether a model of sensor and lens is fitted to every PSF
     sensor : result of the sensor's calibration; planes without one are estimated without it
     """
@@ -62,7 +66,9 @@ def calibrate(
             if plane.name in sensor.noise:
                 result = replace(result, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
-                result = replace(result, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
+                report = partial(_of_plane, progress, plane.name)
+                physical = estimate_physics(outcome.value.psf, limit(plane), plane.pitch, report)
+                result = replace(result, physics=physical)
         return replace(result, duration_s=time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()))
@@ -105,6 +111,10 @@ def _of_pair(
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return estimate_psf_of_pair(a.planes[name], b.planes[name], parameters, diffraction)
+
+
+def _of_plane(progress: Progress, name: str, words: str) -> None:
+    progress(f"{name}: {words}", 0)
 
 
 def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:

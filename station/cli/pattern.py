@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.paper import PAPERS, paper_named, papers_of_locale
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import ImagingGeometry
 
 
-@click.command()
+@click.command(cls=StationCommand)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
     "--paper",

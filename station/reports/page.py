@@ -84,10 +84,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures side by side; `wide` ones have at least half of the page each."""
+    """Figures side by side; `wide` ones have half of the page each, those of the `summary` stand with the verdict."""
 
     figures: Sequence[Figure]
     wide: bool = False
+    summary: bool = False
     kind: ClassVar[str] = "figures"
 
 
@@ -124,6 +125,7 @@ class Section:
     verdict : of a section that states one: it is drawn with the colour of the verdict
     kicker : line above the heading of such a section
     new_page : in print
+    closing : of the last sections, which stay on one page, in print
     """
 
     heading: Text
@@ -131,6 +133,7 @@ class Section:
     verdict: str = ""
     kicker: Text = ""
     new_page: bool = False
+    closing: bool = False
     anchor: str = ""
 
 
@@ -191,7 +194,7 @@ def plane_name(name: str, *verdicts: Markup) -> Markup:
     """The name of a plane with its colour, and verdicts on it."""
     colour = PLANE_COLOURS.get(name)
     swatch = html('<span class="swatch" style="background: {}"></span>', colour) if colour else ""
-    return Markup(" ").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
+    return Markup("&nbsp;").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
 
 
 def quantity(number: Quantity) -> str:

@@ -53,7 +53,6 @@ def restoration_page(report: Report) -> str:
     refocused_ = [shown(one, caption) for caption, one in _refocused(restoration)]
     note = Note("Computed from picture and depth: a blur circle that grows with the distance from the chosen depth.")
     sections = [
-        Section("Before and after", [Figures([*before, after])]),
         *([Section("Estimated motion", [Figures(kernels)])] if kernels else []),
         Section("Depth and its uncertainty", [Figures(_depth(restoration))]),
         *_metres(restored.distances),
@@ -61,7 +60,7 @@ def restoration_page(report: Report) -> str:
         Section("Residual", [Figures(_residual(restoration))]),
         *([Section("Refocused", [Figures(refocused_), note])] if refocused_ else []),
     ]
-    return report_page(report, summary=[_facts(restoration)], closing=sections)
+    return report_page(report, summary=[Figures([*before, after]), _facts(restoration)], closing=sections)
 
 
 def _facts(restoration: Restoration) -> KeyNumbers:
