@@ -159,7 +159,7 @@ def _normalised(camera: CameraModel, nodes: Array, view: ChartView) -> tuple[Arr
         raise Refused(
             f"a view must show {FEWEST_NODES} of the {FIRST_NODES} nodes of the first estimate; {view.source} shows "
             f"{int(known.sum())}",
-            "leave out that photograph, or show the whole chart in it",
+            "remove that photograph, or show the whole chart in it",
         )
     return nodes[view.index[known]], (turned[known, :2] / turned[known, 2:])[:, None], turn
 
