@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from procedures.geometry.bundle import first_bundle
-from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel
+from procedures.geometry.cameras import MODELS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.stereographic import EQUIDISTANT
 from procedures.geometry.views import ChartView, chart_nodes
+from station.calibration.exports.geometry import StoredCamera, export_camera
 from tests.benchmarks.fisheye_views import CELL_MM, polynomial, poses
 
 CAMERA = CameraModel(STEREOGRAPHIC, np.array([1000.0, 1003.0, 1500.0, 990.0, -0.08, 0.01, -0.002, 2e-4]), 3000, 2000)
@@ -56,3 +57,11 @@ def test_views_at_90_degrees_from_the_axis_give_a_first_camera():
     assert bundle.camera.model == STEREOGRAPHIC
     # four terms of a series leave a small part of the lens's polynomial
     assert bundle.cost_px < 0.5
+
+
+def test_colmap_gets_a_model_that_it_has():
+    region = np.array([[800.0, 500.0], [2200.0, 500.0], [2200.0, 1500.0], [800.0, 1500.0]])
+    export = export_camera(StoredCamera(CAMERA, region, "a fisheye"), "colmap")
+    assert export.text.splitlines()[-1].split()[1] in MODELS
+    assert export.difference is not None
+    assert export.difference.max_px < 0.5
