@@ -35,8 +35,8 @@ WIDE_RATIOS = (0.3, 0.45, 0.7)
 """Initial focal lengths of wide lenses, relative to the longer side of the frame."""
 WIDE_PX = 2.0
 """Residual of a pinhole with radial distortion above which the lens may be wide."""
-FIRST_NODES = 60
-"""Number of nodes of the initial estimate, chosen at random so that they are not collinear."""
+FIRST_NODES, FEWEST_NODES = 60, 4
+"""Nodes of the initial estimate, chosen at random so that they are not collinear; nodes of a view at least."""
 MAX_ITERATIONS, TOLERANCE = 200, 1e-7
 """Limits of Ceres' iteration; the tolerance applies to the relative change of the sum of squares."""
 
@@ -155,6 +155,12 @@ def _normalised(camera: CameraModel, nodes: Array, view: ChartView) -> tuple[Arr
     turn = np.asarray(Rotation.align_vectors([[0.0, 0.0, 1.0]], [sight])[0].as_matrix())
     turned = unit @ turn.T
     known = turned[:, 2] > 0
+    if known.sum() < FEWEST_NODES:
+        raise Refused(
+            f"a view must show {FEWEST_NODES} of the {FIRST_NODES} nodes of the first estimate; {view.source} shows "
+            f"{int(known.sum())}",
+            "remove that photograph, or show the whole chart in it",
+        )
     return nodes[view.index[known]], (turned[known, :2] / turned[known, 2:])[:, None], turn
 
 

@@ -7,7 +7,7 @@ what remains of the bending is small over one chart, and the positions of its bi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -33,7 +33,7 @@ SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""
 SEARCHED_PX = 400
 """Half the side of a picture that is searched: 45 degrees."""
-SURROUNDINGS = 0.9
+SURROUNDINGS = 1.3
 """Half the side of a picture of one chart, relative to the width of its noise region."""
 
 
@@ -68,6 +68,11 @@ class TurnedView:
         rho = np.hypot(x, y)
         stretch = self.focal_px * np.arctan2(rho, z) / np.maximum(rho, np.finfo(float).tiny)
         return np.asarray(self.centre + stretch[:, None] * np.column_stack([x, y]))
+
+    @property
+    def looks_at(self) -> Array:
+        """The place of the plane in the middle of the pinhole's picture."""
+        return np.asarray(self.centre + self.focal_px * self.turn)
 
     @property
     def _rotation(self) -> Array:
@@ -121,34 +126,36 @@ def find_turned(samples: Array32, most_px: float, near: Array | None = None) -> 
         Its place in the plane, approximately; None: it is searched for.
     """
     size = np.array(samples.shape[::-1], dtype=np.float64)
-    if near is None:
-        views = (
-            _view(size, *one) for one in product(SEARCH_RATIOS, (np.array(p) * size for p in product(PLACES, PLACES)))
-        )
-        near = next((view.to_plane(one.centre()[None])[0] for view, one in _sightings(samples, views)), None)
     most, best = 0, None
-    views = (_view(size, ratio, near) for ratio in FOCAL_RATIOS if near is not None)
-    for view, sighting in _sightings(samples, views):
-        if sighting.visible.sum() > most:
-            place = view.to_plane(sighting.centre()[None])[0]
-            most = int(sighting.visible.sum())
-            best = view.towards(place, float(sighting.widths().max()) / view.scale, most_px)
-        if most == len(X_CORNERS):
-            break
+    if near is None:
+        places = [np.array(one) * size for one in product(PLACES, PLACES)]
+        most, best = _best(samples, (_view(size, *one) for one in product(SEARCH_RATIOS, places)), most_px)
+        near = None if best is None else best.looks_at
+    if near is not None and most < len(X_CORNERS):
+        marks, view = _best(samples, (_view(size, ratio, near) for ratio in FOCAL_RATIOS), most_px)
+        best = view if marks > most else best
     charts = [] if best is None else find_charts(best.picture(samples))
     return None if best is None or not charts else (one_chart(charts), best)
+
+
+def _best(samples: Array32, views: Iterable[TurnedView], most_px: float) -> tuple[int, TurnedView | None]:
+    """The number of marks of the chart with the most of them, and the camera turned towards it."""
+    most, best = 0, None
+    for view in views:
+        for sighting in find_charts(view.picture(samples)):
+            if sighting.visible.sum() > most:
+                place = view.to_plane(sighting.centre()[None])[0]
+                most = int(sighting.visible.sum())
+                best = view.towards(place, float(sighting.widths().max()) / view.scale, most_px)
+        if most == len(X_CORNERS):
+            break
+    return most, best
 
 
 def _view(size: Array, ratio: float, place: Array) -> TurnedView:
     """Camera to search with around a place of a plane of a size."""
     centre, focal = (size - 1) / 2, ratio * float(np.linalg.norm(size)) / 2
     return TurnedView(centre, focal, (place - centre) / focal, min(1.0, SEARCHED_PX / focal), SEARCHED_PX)
-
-
-def _sightings(samples: Array32, views: Iterable[TurnedView]) -> Iterator[tuple[TurnedView, ChartSighting]]:
-    for view in views:
-        for sighting in find_charts(view.picture(samples)):
-            yield view, sighting
 
 
 def quarters(bins: Correspondences) -> list[Correspondences]:
@@ -174,5 +181,5 @@ def fitted_registration(points: Array, cells: Array) -> Registration:
     H, centre = fit_homography(points, cells), points.mean(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max())
     columns = np.column_stack([cubic_monomials(*((points - centre) / radius).T), np.ones(len(points))])
-    displacement = np.asarray(np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0])
-    return Registration(H, centre, radius, displacement[:9].T).translated(displacement[9])
+    displacement = np.linalg.lstsq(columns, apply_homography(inverse(H), cells) - points, rcond=None)[0]
+    return Registration(H, centre, radius, displacement[:9].T.astype(np.float64)).translated(displacement[9])

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, CameraModel, split_model
+from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, STEREOGRAPHIC, CameraModel, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.numerics.arrays import Array
@@ -138,9 +138,9 @@ def _kalibr(stored: StoredCamera) -> CameraExport:
 
 
 def _colmap(stored: StoredCamera) -> CameraExport:
-    """COLMAP's cameras.txt, with pixel centres at 0.5; a spline is converted to COLMAP's most accurate model."""
+    """COLMAP's cameras.txt, with pixel centres at 0.5; others are converted to COLMAP's most accurate model."""
     camera, lost = stored.camera, None
-    if any(split_model(camera.model)[1]):
+    if any(split_model(camera.model)[1]) or camera.model == STEREOGRAPHIC:
         fits = [as_model(camera, stored.region, model) for model in MODELS]
         camera, lost = min(fits, key=lambda one: one[1].rms_px)
     centre = np.array([name in ("cx", "cy") for name in camera.names])

@@ -30,7 +30,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     ) = None  # fmt: skip
     model: Annotated[
         str | None,
-        setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
+        setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by views left out]"),
     ] = None
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 

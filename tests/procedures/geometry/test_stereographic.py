@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from procedures.geometry.bundle import first_bundle
-from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel
+from procedures.geometry.cameras import MODELS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.stereographic import EQUIDISTANT
 from procedures.geometry.views import ChartView, chart_nodes
+from station.calibration.exports.geometry import StoredCamera, export_camera
 from tests.benchmarks.fisheye_views import CELL_MM, polynomial, poses
 
 CAMERA = CameraModel(STEREOGRAPHIC, np.array([1000.0, 1003.0, 1500.0, 990.0, -0.08, 0.01, -0.002, 2e-4]), 3000, 2000)
@@ -43,7 +44,8 @@ def test_the_series_of_the_equidistant_lens(degrees):
 
 def test_views_at_90_degrees_from_the_axis_give_a_first_camera():
     lens = polynomial((3000, 2000), 790.0, (1503.0, 1004.0), (0.02, -0.006, 0.001, 0.0))
-    nodes, index = chart_nodes(CELL_MM), np.arange(0, 576, 11)
+    nodes = chart_nodes(CELL_MM)[::7]
+    index = np.arange(len(nodes))
     covariance = np.tile(1e-4 * np.eye(2), (len(index), 1, 1))
     views = [
         ChartView(f"{i}", index, lens.project(nodes[index] @ pose.R.T + pose.t), covariance)
@@ -55,3 +57,11 @@ def test_views_at_90_degrees_from_the_axis_give_a_first_camera():
     assert bundle.camera.model == STEREOGRAPHIC
     # four terms of a series leave a small part of the lens's polynomial
     assert bundle.cost_px < 0.5
+
+
+def test_colmap_gets_a_model_that_it_has():
+    region = np.array([[800.0, 500.0], [2200.0, 500.0], [2200.0, 1500.0], [800.0, 1500.0]])
+    export = export_camera(StoredCamera(CAMERA, region, "a fisheye"), "colmap")
+    assert export.text.splitlines()[-1].split()[1] in MODELS
+    assert export.difference is not None
+    assert export.difference.max_px < 0.5
