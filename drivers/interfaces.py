@@ -122,13 +122,14 @@ class ImuBlock:
 class AxisResponse:
     """How an axis follows its command: gain, and the resonance that bounds it (None: it follows at any frequency).
 
-    within_s : bound of the error of its phase, as a time.
+    within_s : bound of the error of its phase, as a time; gain_uncertainty : of the gain, relative and standard.
     """
 
     gain: float = 1.0
     frequency_hz: float | None = None
     damping: float = 1.0
     within_s: float = 0.0
+    gain_uncertainty: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -304,6 +305,10 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """The level last set."""
+        ...
+
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures that are too short for its modulation."""
         ...
 
 

@@ -15,7 +15,7 @@ import msgspec
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped
-from drivers.interfaces import Condition, Identity, Transport
+from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
@@ -26,6 +26,8 @@ PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
 LONGEST = 600
 REPLY_S = 1.0
+PERIODS = 100
+"""Periods of a lamp's modulation in an exposure, one more or less of which changes its light by 1 %."""
 Channels = Annotated[
     tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
     option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
@@ -81,9 +83,16 @@ class LampProperties:
     warm_up_s: Seconds = 0.0
     pwm_hz: Annotated[float, option("1000", least=0)] = 0.0
 
-    def flickers(self, exposure_s: float, allowed: float = 0.01) -> bool:
-        """Whether exposures of this length can differ by more than `allowed` of their light, i.e. by one cycle."""
-        return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures so short that a period more or less of the modulation changes their light."""
+        if self.pwm_hz == 0 or exposure_s * self.pwm_hz >= PERIODS:
+            return None
+        change = 100 / (exposure_s * self.pwm_hz)
+        reason = f"an exposure must last {PERIODS} periods of the lamp's modulation, {PERIODS / self.pwm_hz:g} s"
+        return Caveat(
+            f"{reason}; at {exposure_s:g} s its light can change by {change:.2g} %",
+            "expose longer, or use a lamp without modulation",
+        )
 
 
 class Lamp:
@@ -106,6 +115,10 @@ class Lamp:
     def steady(self) -> bool:
         """Whether it has warmed up since the level was changed."""
         return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
+
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures that are too short for its modulation."""
+        return self.panel.flicker(exposure_s) if self._level > 0 else None
 
     @property
     def _word(self) -> str:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Generic, NamedTuple, TypeVar
+from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, MoveFailed, NoAnswer, WasReset
+from drivers.errors import DeviceError, EmergencyStopped, MoveFailed, NoAnswer, Rejected, WasReset
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
@@ -23,7 +23,23 @@ from drivers.wire.connection import anything, not_connected, opened
 from drivers.wire.in_step import InStepLine
 from drivers.wire.outgoing import URGENT_S
 
+
+class StageAxis(Protocol):
+    """An axis of a polled stage: its name with the unit, and the tolerance of its positions."""
+
+    @property
+    def name(self) -> str:
+        """Its name with the unit."""
+        ...
+
+    @property
+    def tolerance(self) -> float:
+        """The largest error of a move."""
+        ...
+
+
 E = TypeVar("E")
+A = TypeVar("A", bound=StageAxis)
 REPLY_S = 0.3
 STOP_S = 6.0
 """How long a stop is repeated."""
@@ -74,14 +90,18 @@ class PolledAxis:
         return Travel(low, high)
 
 
-class PolledStage(ABC, Generic[E]):
-    """A Stage over the orders that a driver implements."""
+class AxisStage(ABC, Generic[E, A]):
+    """A Stage over the orders that a driver implements, for axes of its own kind; `PolledStage` with `PolledAxis`."""
 
     stop_bytes: bytes
     """Stop all axes, whatever was sent before; written again and again until they stand."""
+    emergency_bytes = b""
+    """Stop them without deceleration, where the protocol has such an order."""
+    has_checksums = False
+    """One reading is enough."""
 
     def __init__(
-        self, transport: Transport[E], axes: Sequence[PolledAxis], *, clock: Clock | None = None, poll_s: float = 0.1
+        self, transport: Transport[E], axes: Sequence[A], *, clock: Clock | None = None, poll_s: float = 0.1
     ) -> None:
         self.clock = clock or SystemClock()
         self.trust = Trust()
@@ -90,6 +110,7 @@ class PolledStage(ABC, Generic[E]):
         self._mover = OneMover()
         self._travel: dict[str, Travel] = {}
         self._speed: dict[str, float] = {}
+        self._alerts = 0
 
     # --- what a driver implements
 
@@ -98,20 +119,23 @@ class PolledStage(ABC, Generic[E]):
         """Model, firmware and serial number. Raises DeviceError."""
 
     @abstractmethod
-    def _prepare(self, axis: PolledAxis) -> tuple[Travel, float]:
+    def _prepare(self, axis: A) -> tuple[Travel, float]:
         """The axis' range and speed, once its settings are made. Raises DeviceError."""
 
     @abstractmethod
-    def _state(self, axis: PolledAxis) -> AxisState:
+    def _state(self, axis: A) -> AxisState:
         """The axis' state. Raises DeviceError."""
 
     @abstractmethod
-    def _begin_homing(self, axis: PolledAxis, allowed: Callable[[], None]) -> None:
+    def _begin_homing(self, axis: A, allowed: Callable[[], None]) -> None:
         """Order the search for the reference, and have it acknowledged. Raises DeviceError."""
 
     @abstractmethod
-    def _begin_move(self, axis: PolledAxis, value: float, allowed: Callable[[], None]) -> None:
+    def _begin_move(self, axis: A, value: float, allowed: Callable[[], None]) -> None:
         """Order a move to this position, and have it acknowledged. Raises DeviceError."""
+
+    def _hear(self, event: E, host_s: float) -> None:
+        """An event that nobody has requested. A driver that counts it in `_alerts` is polled at once."""
 
     # --- the stage
 
@@ -125,7 +149,7 @@ class PolledStage(ABC, Generic[E]):
         self._transport.close()
         self.trust.lose(UNHOMED)
         self._line.owed = None
-        with opened(self._transport):
+        with opened(self._transport, self._hear):
             identity = Identity(*self._introduce(), self.address)
             for axis in self._axes:
                 self._travel[axis.name], self._speed[axis.name] = self._prepare(axis)
@@ -149,16 +173,16 @@ class PolledStage(ABC, Generic[E]):
         """Where the axes are now. Raises DeviceError."""
         return {axis.name: self._reading(axis) for axis in self._axes}
 
-    def _reading(self, axis: PolledAxis) -> float:
+    def _reading(self, axis: A) -> float:
         """The position that two readings agree on, the last one of an axis that moves."""
         last = self._checked(axis).position
-        for _ in range(READINGS - 1):
+        for _ in range(0 if self.has_checksums else READINGS - 1):
             before, last = last, self._checked(axis).position
             if abs(before - last) <= axis.tolerance:
                 break
         return last
 
-    def _checked(self, axis: PolledAxis) -> AxisState:
+    def _checked(self, axis: A) -> AxisState:
         """The axis' state. Raises WasReset if a homed axis has lost its reference."""
         state = self._state(axis)
         if not state.referenced and self.trust.why is None:
@@ -207,24 +231,32 @@ class PolledStage(ABC, Generic[E]):
                     stopped = self._mover.stopped(stops)
                     check_arrival(axis.name, value, there[axis].position, axis.tolerance, stopped)
 
-    def _rest(self, axes: Iterable[PolledAxis], limit_s: float) -> dict[PolledAxis, AxisState]:
+    def _rest(self, axes: Iterable[A], limit_s: float) -> dict[A, AxisState]:
         """The states of axes that stand. Raises NoAnswer after the limit, and an emergency stop."""
         deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
-        before: dict[PolledAxis, AxisState] = {}
+        before: dict[A, AxisState] = {}
         while not self._stand(states := {axis: self._checked(axis) for axis in axes}, before):
             if self.clock.now_s() > deadline_s:
                 raise NoAnswer(f"{self.address} still moves after {limit_s:.1f} s", "check speed and mechanics")
             before = states
-            self._transport.wait(lambda: self.trust.epoch != epoch, self._poll_s)
-            self.trust.undisturbed(epoch)
+            self._pause(epoch)
         return states
 
-    @staticmethod
-    def _stand(states: Mapping[PolledAxis, AxisState], before: Mapping[PolledAxis, AxisState]) -> bool:
+    def _pause(self, epoch: int) -> None:
+        """Wait until the next poll; an alert shortens it, an emergency stop ends it."""
+        alerts = self._alerts
+        self._transport.wait(lambda: self._alerts != alerts or self.trust.epoch != epoch, self._poll_s)
+        self.trust.undisturbed(epoch)
+
+    def _stand(self, states: Mapping[A, AxisState], before: Mapping[A, AxisState]) -> bool:
         """Whether the axes report that they stand, where they were before."""
-        return all(
-            not state.moving and axis in before and abs(state.position - before[axis].position) <= axis.tolerance
-            for axis, state in states.items()
+        stand = not any(state.moving for state in states.values())
+        return stand and (
+            self.has_checksums
+            or all(
+                axis in before and abs(state.position - before[axis].position) <= axis.tolerance
+                for axis, state in states.items()
+            )
         )
 
     def _left_still(self) -> AbstractContextManager[None]:
@@ -233,7 +265,8 @@ class PolledStage(ABC, Generic[E]):
     def _halt(self) -> None:
         """Repeat the stop until all axes stand. Raises DeviceError."""
         deadline_s = self.clock.now_s() + STOP_S
-        before: dict[PolledAxis, AxisState] = {}
+        before: dict[A, AxisState] = {}
+        failure: DeviceError
         while True:
             self._transport.write(self.stop_bytes, within_s=URGENT_S)
             try:
@@ -241,7 +274,7 @@ class PolledStage(ABC, Generic[E]):
                 if self._stand(states, before):
                     return
                 before, failure = states, NoAnswer(f"{self.address} does not stop", "switch it off")
-            except NoAnswer as error:
+            except (NoAnswer, Rejected) as error:
                 failure = error
             if self.clock.now_s() > deadline_s:
                 raise failure
@@ -269,4 +302,8 @@ class PolledStage(ABC, Generic[E]):
         self._mover.stop()
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
         self.trust.preempt(error)
-        self._transport.preempt(self.stop_bytes, error)
+        self._transport.preempt(self.emergency_bytes or self.stop_bytes, error)
+
+
+PolledStage = AxisStage[E, PolledAxis]
+"""The base of most drivers."""

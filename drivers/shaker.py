@@ -41,11 +41,12 @@ class ShakerAxis:
     damping: Annotated[float, positive("0.5")] = 1.0
     gain: Annotated[float, positive("1")] = 1.0
     within_s: Annotated[float, option("0.0005", least=0)] = 0.0
+    gain_uncertainty: Annotated[float, option("0.02", least=0)] = 0.0
 
     @property
     def response(self) -> AxisResponse:
         """How it follows its channel."""
-        return AxisResponse(self.gain, self.frequency_hz, self.damping, self.within_s)
+        return AxisResponse(self.gain, self.frequency_hz, self.damping, self.within_s, self.gain_uncertainty)
 
     def to_steps(self, offset: float) -> int:
         """The channel's value of an offset."""

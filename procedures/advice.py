@@ -51,8 +51,6 @@ def paper_level(plane: Plane) -> tuple[float, float]:
 def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: str = "White") -> Advice:
     """Advice on the exposure for white at 80 % of the scale.
 
-    Parameters
-    ----------
     level : of white in the brightest plane, 1 at saturation
     clipped : fraction of its samples at saturation
     subject : name of what is exposed for

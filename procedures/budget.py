@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.quality import KNOTS, Quality, assess
 
-Array = npt.NDArray[np.float64]
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
 
@@ -50,9 +49,7 @@ def combined(budget: Budget) -> float:
 def with_parts(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
     """Replace the uncertainties of numbers and curves by those of the parts; the term "choice" is kept.
 
-    Parameters
-    ----------
-    parts : mapping of a number's name to its terms; for the curves, their values at the frequencies `KNOTS`
+    parts : mapping of a number's name to its terms; for the curves, their values at the frequencies `KNOTS`.
     """
     budgets = {}
     for name, terms_before in quality.budgets.items():
@@ -89,11 +86,8 @@ def _curve_budget(quality: Quality, direction: str, parts: Mapping[str, Budget])
 def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Quality:
     """Add uncertain changes of the transfer function to numbers and curves: terms of the budget by their names.
 
-    Parameters
-    ----------
-    modes : mapping of str to (n,) float64
-        Relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
-        deviation.
+    modes : relative change of the transfer function at `quality.frequencies`, alike in all directions: one standard
+    deviation.
     """
     budgets = {name: {**terms} for name, terms in quality.budgets.items()}
     of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}

@@ -39,20 +39,12 @@ T = TypeVar("T")
 class Trial:
     """Trial of s and k, with its assessment.
 
-    Attributes
-    ----------
-    s, k : int
-    mtf50 : tuple of float or None
-        Along x and along y, None where the MTF stays above one half.
-    uncertainty : float
-        Noise of the OTF, the mean of its standard uncertainties along x and y where the MTF is one half or at Nyquist.
-    truncation : float
-        Part of the OTF that the support may truncate.
-    band_edge : float
-        Rms of the OTF near the band's edge, corrected for noise.
-    reason : str
-    better : (int, int) or None
-        Better s and k; None where these suffice, or none are possible.
+    mtf50 : along x and along y, None where the MTF stays above one half
+    uncertainty : noise of the OTF, the mean of its standard uncertainties along x and y where the MTF is one half or at
+        Nyquist
+    truncation : part of the OTF that the support may truncate
+    band_edge : rms of the OTF near the band's edge, corrected for noise
+    better : (int, int) or None; better s and k; None where these suffice, or none are possible
     """
 
     s: int
@@ -141,20 +133,12 @@ def choose(
 ) -> tuple[T, tuple[Trial, ...]]:
     """Choose s and k; returns the result and the trials.
 
-    Parameters
-    ----------
-    attempt : callable
-        Function from s and k to a result.
-    psf_of : callable
-        Function from a result to its PSF.
-    samples : int
-        Number of samples of the estimate.
-    most_s : int
-        Largest s that the subject allows.
-    start_s : int
-        s of the first trial.
-    s, k : int or None
-        Given values; None: chosen.
+    attempt : function from s and k to a result
+    psf_of : function from a result to its PSF
+    samples : number of samples of the estimate
+    most_s : largest s that the subject allows
+    start_s : s of the first trial
+    s, k : given values; None: chosen
     """
     at = s or min(start_s, most_s, k or start_s)  # the support must be at least a pixel wide
     current = (at, k or _fitting(START_K / START_S, at, samples))

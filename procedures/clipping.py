@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.ordered import distinct, quantile
-
-Array = npt.NDArray[np.float64]
 
 NOMINAL = 0.998
 """Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
@@ -57,15 +56,10 @@ def find_clipping(
 ) -> Clipping:
     """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.
 
-    Parameters
-    ----------
     samples : of any shape, black 0 and nominal white 1
-    quantisation : float
-        One digital number in these units; larger steps are detected.
-    dark_noise, bright_noise : float
-        Standard deviations of the noise in dark and bright parts, in these units; 0 if not known.
-    of_edge : bool
-        Whether the samples are of one edge between two plains, whose approaches are then compared too.
+    quantisation : one digital number in these units; larger steps are detected
+    dark_noise, bright_noise : standard deviations of the noise in dark and bright parts, in these units; 0 if not known
+    of_edge : whether the samples are of one edge between two plains, whose approaches are then compared too
     """
     values = np.ravel(samples).astype(np.float64)
     values = values[np.isfinite(values)]

@@ -54,13 +54,7 @@ def _short(value: Any) -> str:
 
 
 def axes_of(ax: Axes | None) -> Axes:
-    """The caller's axes, or those of a new figure.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    """
+    """The caller's axes, or those of a new figure. Raises ImportError if matplotlib is not installed."""
     if ax is not None:
         return ax
     try:

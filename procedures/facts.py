@@ -102,10 +102,7 @@ class CameraFacts:
 def facts_as(kind: type[K], facts: Facts) -> K:
     """The typed facts of a plan; unknown ones keep the default of their field.
 
-    Raises
-    ------
-    BadParameter
-        If a value has the wrong type.
+    Raises BadParameter if a value has the wrong type.
     """
     read: dict[str, Any] = {}
     for name, (wanted, metadata) in _fields(kind).items():

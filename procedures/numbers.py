@@ -44,8 +44,6 @@ class Group(StrEnum):
 class Number(str):
     """A number's name, which is a plain string wherever it is stored, with what it means.
 
-    Attributes
-    ----------
     unit : "1" where it has none; "" where that depends on the photographs
     label : for pages; `short` for tables and terminals
     symbol : as standards and papers write it

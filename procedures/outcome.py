@@ -128,23 +128,14 @@ SYMPTOM = 0.3
 class Check:
     """A statistic compared with its threshold: one line of a verdict.
 
-    Attributes
-    ----------
-    name : str
-        What is checked. Of the failed checks of one name only the first by severity and evidence is reported.
-    statistic, threshold : float
-        The check fails where the statistic exceeds the threshold. A threshold of 0 marks a fact, true or false. Both
-        are linear in the effect, so that ratios compare: standard deviations, not variances; standard uncertainties,
-        not probabilities.
-    severity : Verdict
-        The verdict where the check fails.
-    sentence, remedy : str
-    least : bool
-        The threshold is the least allowed: the check fails where the statistic lies below it.
-    given : bool
-        What must hold as well for the check to apply.
-    prior : float
-        How likely the cause is before the statistic is known, relative to the other checks.
+    name : what is checked. Of the failed checks of one name only the first by severity and evidence is reported.
+    statistic, threshold : the check fails where the statistic exceeds the threshold. A threshold of 0 marks a fact,
+        true or false. Both are linear in the effect, so that ratios compare: standard deviations, not variances;
+        standard uncertainties, not probabilities.
+    severity : the verdict where the check fails
+    least : the threshold is the least allowed: the check fails where the statistic lies below it
+    given : what must hold as well for the check to apply
+    prior : how likely the cause is before the statistic is known, relative to the other checks
     """
 
     name: str

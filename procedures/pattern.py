@@ -25,7 +25,7 @@ BLOCKS = 10
 DEFAULT_SEED = 1
 """Seed of the default chart."""
 
-# sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma.curve` gives the noise amplification over it
+# sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma` gives the noise amplification over it
 AIM_S_OVER_T = 1.3
 """Target of s/t: gamma is within a few per cent of its minimum."""
 BEST_S_OVER_T = (1.0, 1.5)

@@ -51,8 +51,6 @@ class Reading:
 class Advice:
     """Result of the check of a frame.
 
-    Attributes
-    ----------
     good : whether the step may continue
     say : one sentence: what to do next, or the finding where all is good
     readings : the live numbers behind it
@@ -78,8 +76,6 @@ class Advice:
 class Diagram:
     """A curve that explains a choice.
 
-    Attributes
-    ----------
     label : quantities of the axes
     x, y : (n,) x increasing
     say : its meaning in one or two sentences

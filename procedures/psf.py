@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_density, tail_kernels, tail_spectra, tail_sums
 from procedures.numerics.solvers import SOLVERS
 from procedures.outcome import BadParameter
@@ -17,7 +18,6 @@ from procedures.outcome import BadParameter
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
 
 MOST_PER_PX, MOST_SAMPLES = 16, 101
 """Largest s and k: the covariance of 101 x 101 samples takes 0.8 GB."""
@@ -25,24 +25,13 @@ MOST_PER_PX, MOST_SAMPLES = 16, 101
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling of a PSF, and solver.
+    """Sampling of a PSF, and solver. Raises BadParameter if one of them is out of range.
 
-    Attributes
-    ----------
-    s : int or None
-        Samples per pixel of the plane, 2 or more; None: automatic.
-    k : int or None
-        Samples along one side of the support, odd; None: automatic.
-    solver : str
-        "ls" least squares, "clip" with its negative part set to 0, "nnls" non-negative least squares (with the chart:
-        under a prior of amplitude, width and smoothness estimated from the photograph).
-    at : tuple of float
-        Frequencies in cycles per pixel of the plane at which the MTF is reported.
-
-    Raises
-    ------
-    BadParameter
-        If one of them is out of range.
+    s : samples per pixel of the plane, 2 or more; None: automatic
+    k : samples along one side of the support, odd; None: automatic
+    solver : "ls" least squares, "clip" with its negative part set to 0, "nnls" non-negative least squares (with the
+        chart: under a prior of amplitude, width and smoothness estimated from the photograph)
+    at : frequencies in cycles per pixel of the plane at which the MTF is reported
     """
 
     s: int | None
@@ -83,13 +72,10 @@ class Sampling:
 class PsfTail:
     """Tail of a PSF outside its support: amplitudes of the shapes of `numerics.kernel_tail`, for samples of sum 1.
 
-    Attributes
-    ----------
-    amplitudes : (q,) float64
-        Amplitudes of the first q shapes; the first is the energy of the mean tail over that inside the support.
+    amplitudes : (q,) amplitudes of the first q shapes; the first is the energy of the mean tail over that inside the
+        support
     covariance : (q, q) float64
-    cross : (k^2, q) float64
-        Covariance of the samples with the amplitudes.
+    cross : (k^2, q) covariance of the samples with the amplitudes
     """
 
     amplitudes: Array

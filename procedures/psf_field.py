@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.outcome import BadParameter
@@ -28,27 +29,17 @@ from procedures.psf import Psf
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Node:
     """A measured PSF and its position in the frame.
 
-    Attributes
-    ----------
-    position : (2,) float64
-        (x, y) of the PSF's centre in pixels of the plane.
-    position_covariance : (2, 2) float64
-        Covariance of `position`, in squared pixels of the plane.
-    sensor_position : (2,) float64
-        Position in pixels of the sensor.
-    source : str
-        Name of the photograph.
-    number : int
-        Number of the chart in that photograph: the planes' nodes of one chart have the same source and number.
-    doubt, remedy : str
-        Reason and remedy of a doubtful PSF; empty for others, and for a field that was read from a file.
+    position : (2,) (x, y) of the PSF's centre in pixels of the plane
+    position_covariance : (2, 2) covariance of `position`, in squared pixels of the plane
+    sensor_position : (2,) position in pixels of the sensor
+    source : name of the photograph
+    number : number of the chart in that photograph: the planes' nodes of one chart have the same source and number
+    doubt, remedy : reason and remedy of a doubtful PSF; empty for others, and for a field that was read from a file
     """
 
     position: Array
@@ -208,12 +199,8 @@ class PsfField:
         """PSF at a position of the plane, with the covariance of its error by noise and interpolation.
 
         Outside the hull (`inside`) it is extrapolated from the nearest position inside, with a larger uncertainty: as a
-        constant, or linearly over a short distance where the lens is known to be symmetric.
-
-        Raises
-        ------
-        BadParameter
-            If the position lies outside the frame.
+        constant, or linearly over a short distance where the lens is known to be symmetric. Raises BadParameter if the
+        position lies outside the frame.
         """
         rows, columns = self.shape
         if not (-0.5 <= x <= columns - 0.5 and -0.5 <= y <= rows - 0.5):

@@ -11,12 +11,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber, first_moments
 
-Array = npt.NDArray[np.float64]
 Origin = Literal["centre", "marks", "centroid", "peak"]
 """The PSF's centre, whatever it is; the same where it is given by the chart's marks; and points of the PSF itself."""
 

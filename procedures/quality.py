@@ -25,6 +25,7 @@ from procedures.numbers import (
     frequency_of,
     name_at,
 )
+from procedures.numerics.arrays import Array, Complex
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
@@ -47,8 +48,6 @@ from procedures.transfer_function import NYQUIST, curve_numbers, first_crossing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
 
 STEPS_PER_CYCLE = 50
@@ -73,26 +72,16 @@ WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
 class Quality:
     """Curves and numbers of one PSF.
 
-    Attributes
-    ----------
-    frequencies : (n,) float64
-        0 to s/2 cycles/pixel.
-    mtf_horizontal, mtf_vertical, mtf_radial : (n,) float64
-        |OTF| along x, along y, and its mean over directions.
-    curve_budgets : mapping of str to mapping of str to (n,) float64
-        Uncertainty budget of each curve: "horizontal", "vertical", "radial".
-    otf_horizontal, otf_vertical : (n,) complex128
-        OTF relative to the PSF's centre.
-    numbers : mapping of str to Quantity
-    gradients : mapping of str to (k^2 + q,) float64
-        Derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`.
-    budgets : mapping of str to mapping of str to float
-        Uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and band;
-        see `procedures.budget`.
-    at : tuple of float
-        Requested frequencies of the MTF.
-    origin : "centre", "marks", "centroid" or "peak"
-        The point about which widths, encircled energies and the Strehl ratio are taken.
+    frequencies : (n,) 0 to s/2 cycles/pixel
+    mtf_horizontal, mtf_vertical, mtf_radial : (n,) |OTF| along x, along y, and its mean over directions
+    curve_budgets : uncertainty budget of each curve: "horizontal", "vertical", "radial"
+    otf_horizontal, otf_vertical : (n,) complex128 OTF relative to the PSF's centre
+    gradients : derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`
+    budgets : uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and
+        band; see `procedures.budget`
+    at : requested frequencies of the MTF
+    origin : "centre", "marks", "centroid" or "peak"; the point about which widths, encircled energies and the Strehl
+        ratio are taken
     """
 
     frequencies: Array
@@ -349,10 +338,7 @@ def crossing_model_error(
 ) -> float:
     """Standard uncertainty of the frequency where a curve crosses a level, by the model error of the tail.
 
-    Parameters
-    ----------
-    curve : callable
-        Values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
+    curve : values (n,) and derivatives (n, p) at frequencies (n,): an MTF divided by `passed`.
     """
     f = frequency + np.array([-STEP, 0, STEP])
     value, slope = curve(f)

@@ -8,10 +8,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import tail_border, tail_kernels
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
 
 STEPS_PER_SAMPLE = 2
 """Circles per sample inside the support."""
@@ -26,16 +25,11 @@ OVERSAMPLING = 4
 class RadialProfile:
     """Mean of a PSF over directions about its centre, and encircled energy, with standard uncertainties.
 
-    Attributes
-    ----------
-    radius : (n,) float64
-        In pixels of the plane, from 0.
-    density, density_uncertainty : (n,) float64
-        Energy per square pixel on each circle, for total energy 1.
-    energy, energy_uncertainty : (n,) float64
-        Share of the total energy inside each circle.
-    support : float
-        Radius in pixels of the largest circle inside the support; beyond it the profile is that of the tail's shapes.
+    radius : (n,) in pixels of the plane, from 0
+    density, density_uncertainty : (n,) energy per square pixel on each circle, for total energy 1
+    energy, energy_uncertainty : (n,) share of the total energy inside each circle
+    support : radius in pixels of the largest circle inside the support; beyond it the profile is that of the tail's
+        shapes
     """
 
     radius: Array

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
-from procedures.outcome import BadInput, BadParameter
+from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
+from procedures.reading.development import Development
 from procedures.reading.exposure import Exposure, read_exposure
 from procedures.reading.grey_image import (
     PNG_MAGIC,
@@ -105,16 +106,9 @@ class Plane:
     ) -> Plane:
         """Plane of linear samples (rows, columns).
 
-        Parameters
-        ----------
-        black, white : float
-            Sample values of black and white. White is 1 by default for floating-point samples, which are taken as
-            quantised to 16 bits, and the largest value of an integer type.
-
-        Raises
-        ------
-        BadInput
-            If it is not two-dimensional, or not all samples are finite.
+        black, white : sample values of black and white. White is 1 by default for floating-point samples, which are
+        taken as quantised to 16 bits, and the largest value of an integer type. Raises BadInput if it is not
+        two-dimensional, or not all samples are finite.
         """
         whole = np.issubdtype(array.dtype, np.integer)
         if white is None:
@@ -137,7 +131,8 @@ def unprocessed(raw: bool, remedy: str) -> str:
 class RawFrame:
     """A photograph: its planes by name, in the order R, G1, G2, B, and its provenance.
 
-    `imu` and `shaker_path` give the motion during the exposure, where a session recorded it.
+    `imu` and `shaker_path` give the motion during the exposure, where a session recorded it. `development` states how
+    the file of a developed picture encodes light; None for linear samples of a sensor.
     """
 
     path: Path
@@ -146,6 +141,7 @@ class RawFrame:
     exposure: Exposure
     imu: ImuRecord | None = None
     shaker_path: ShakerPath | None = None
+    development: Development | None = None
 
     @property
     def guide(self) -> Plane:
@@ -341,6 +337,30 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
     return planes_and_exposure
 
 
+def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
+    """Colours (rows, columns, channels) of a RAW file of any mosaic or none, demosaicked by LibRaw, linear in light.
+
+    They are the camera's own without white balance, from 0, black, to 65535, white. Raises BadInput for other files.
+    """
+    import rawpy
+
+    with captured_noise() as noise:
+        try:
+            with rawpy.imread(BytesIO(data)) as raw:
+                Room(name).take(4 * BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
+                black = max(raw.black_level_per_channel)
+                colours = raw.postprocess(
+                    gamma=(1, 1), no_auto_bright=True, output_bps=16, output_color=rawpy.ColorSpace.raw,
+                    user_wb=[1.0] * 4, user_flip=0, adjust_maximum_thr=0.0,
+                    user_sat=int(raw.white_level - black),  # LibRaw's own is the largest sample
+                )  # fmt: skip
+        except rawpy.LibRawError as error:
+            raise BadInput(f"{name} is no JPEG, WebP, HEIC, PNG, TIFF or RAW file", "give one of these") from error
+    if noise.errors:
+        raise BadInput(f"{name} is truncated or damaged: RAW data are missing", _COPY)
+    return np.atleast_3d(np.asarray(colours, dtype=np.uint16))
+
+
 _COPY = "copy it from the camera's card again"
 
 
@@ -402,14 +422,14 @@ def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
     except NotImplementedError as error:  # rawpy supports 2 x 2 and 6 x 6
         raise BadInput(f"{path} must have a 2 x 2 mosaic: {error}", _OTHER_CAMERA) from error
     if pattern is None:
-        raise BadInput(f"{path} is already demosaicked; a mosaic is required", _UNDEVELOPED)
+        raise ColourInput(f"{path} is already demosaicked; a mosaic is required", _UNDEVELOPED)
     rows, columns = pattern.shape
     if (rows, columns) == (6, 6):
-        raise BadInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
+        raise ColourInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
     colours = sorted(raw.color_desc[i : i + 1] for i in pattern.ravel())
     if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(pattern):
         reason = f"{path} must have a 2 x 2 mosaic of red, green, green, blue; it has another of {rows} x {columns}"
-        raise BadInput(reason, _OTHER_CAMERA)
+        raise ColourInput(reason, _OTHER_CAMERA)
 
 
 _UNDEVELOPED = "give the RAW file as the camera wrote it, not a converted or reduced one"

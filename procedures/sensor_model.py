@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 TABLE = 513
 """Number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6."""
@@ -20,24 +20,14 @@ class SensorModel:
     The signal y - dark of light x, 1 where the temporal variance is largest, is
     `signal_at_saturation` (x + c1 x^2 + c2 x^3): `bend` is (c1, c2).
 
-    Attributes
-    ----------
-    gain : float
-        Gain K of small signals, digital numbers per electron.
-    gain_uncertainty : float
-        Standard uncertainty of the gain.
-    dark_level, dark_variance : float
-        Mean and temporal variance without light, rounding included.
-    saturation : float
-        Signal above which the samples are clipped.
-    signal_at_saturation : float
-        Signal of light 1 by the initial slope of the response.
-    bend : tuple of float
-    bend_uncertainty : float
-        Largest standard uncertainty of the response's nonlinearity, over the signal at saturation.
-    dsnu, prnu : float
-        Standard deviation of the pixels in the dark, and of their relative response, which act as noise in a single
-        picture; 0 if not known.
+    gain : gain K of small signals, digital numbers per electron
+    gain_uncertainty : standard uncertainty of the gain
+    dark_level, dark_variance : mean and temporal variance without light, rounding included
+    saturation : signal above which the samples are clipped
+    signal_at_saturation : signal of light 1 by the initial slope of the response
+    bend_uncertainty : largest standard uncertainty of the response's nonlinearity, over the signal at saturation
+    dsnu, prnu : standard deviation of the pixels in the dark, and of their relative response, which act as noise in a
+        single picture; 0 if not known
     """
 
     gain: float

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import oaconvolve
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.psf import extended
 from procedures.psf_field import PsfField
 
-Array = npt.NDArray[np.float64]
 CHUNK = 1 << 16
 """Number of samples whose coefficients are predicted at a time."""
 
@@ -25,11 +24,8 @@ class SpaceVariantBlur:
     With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u). h is the whole
     PSF within the range of its tail's shapes, normalised to sum 1, which is exact where the image is flat.
 
-    Attributes
-    ----------
-    field : PsfField
-    samples_per_px : int
-        Samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first pixel.
+    samples_per_px : samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first
+    pixel.
     """
 
     field: PsfField

@@ -21,9 +21,9 @@ from procedures.numbers import (
     FWHM_HORIZONTAL,
     FWHM_VERTICAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 OVERSAMPLING = 4
@@ -184,20 +184,12 @@ def _noise_of_energy(psf: Psf, edge: float) -> float:
 class _FineGrid:
     """Oversampled grid of an image, `OVERSAMPLING` points per sample, each representing a square.
 
-    Attributes
-    ----------
-    M : (n, size) float64
-        Band-limited interpolation along one axis.
-    r : (n^2,) float64
-        Distances from the centre, in pixels.
-    order : (n^2,) int
-        Permutation that sorts the distances.
-    rising : (n^2,) float64
-        Sorted distances.
-    slant : (n^2,) float64
-        Smaller of |cos| and |sin| of the direction over their sum: 0 along the axes, 1/2 along the diagonals.
-    side : float
-        Side of a square, in pixels.
+    M : (n, size) band-limited interpolation along one axis
+    r : (n^2,) distances from the centre, in pixels
+    order : (n^2,) int permutation that sorts the distances
+    rising : (n^2,) sorted distances
+    slant : (n^2,) smaller of |cos| and |sin| of the direction over their sum: 0 along the axes, 1/2 along the diagonals
+    side : side of a square, in pixels
     """
 
     M: Array
@@ -244,14 +236,9 @@ def _fine_grid(size: int, s: int) -> _FineGrid:
 class Circle:
     """Circle about the PSF's centre that encloses a share of the total energy; NaN where there is none.
 
-    Attributes
-    ----------
-    radius : float
-        Radius in pixels.
-    density : float
-        Derivative of the share by the radius, per pixel.
-    size : int
-        Side of the central square of samples used.
+    radius : radius in pixels
+    density : derivative of the share by the radius, per pixel
+    size : side of the central square of samples used
     """
 
     radius: float

@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.bessel import j0
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
 
 ROUGHNESS = 0.25
 """Relative deviation of a true tail's density from the fitted one: rings of a small aperture, spikes of an iris. For
@@ -68,16 +66,10 @@ def curve_model_error(psf: Psf, f: Array, mtf: Array, slope: Array, passed: Arra
     Three independent parts: the tail's roughness, its rings, and the energy outside the support, by which the OTF is
     normalised. All vanish at frequency 0.
 
-    Parameters
-    ----------
-    f : (n,) float64
-        In cycles/pixel.
-    mtf : (n,) float64
-        The PSF's MTF.
-    slope : (n, k^2 + q or more) float64
-        Derivative of the curve by the PSF's parameters.
-    passed : (n,) float64 or float
-        Factor by which the MTF was divided to give the curve.
+    f : (n,) in cycles/pixel
+    mtf : (n,) the PSF's MTF
+    slope : (n, k^2 + q or more); derivative of the curve by the PSF's parameters
+    passed : (n,) float64 or float; factor by which the MTF was divided to give the curve
     """
     if not len(psf.tail.amplitudes):
         return np.zeros(len(f))

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, name_at
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import tail_spectra
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
 
-Array = npt.NDArray[np.float64]
 Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
@@ -40,8 +40,7 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    n : int
-        Frequencies along each axis, odd.
+    n : frequencies along each axis, odd
 
     Returns
     -------
@@ -71,16 +70,10 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[DrawnNumber]:
     """Numbers of one curve.
 
-    Parameters
-    ----------
-    f, mtf : (n,) float64
-        Cycles per pixel, equally spaced from 0, and the moduli.
-    slope : (n, m) float64
-        Derivative of the moduli by the PSF's parameters.
-    name : str
-        Name of the direction.
-    at : sequence of float
-        Frequencies at which the MTF is reported; those beyond the curve are omitted.
+    f, mtf : (n,) cycles per pixel, equally spaced from 0, and the moduli
+    slope : (n, m) derivative of the moduli by the PSF's parameters
+    name : name of the direction
+    at : frequencies at which the MTF is reported; those beyond the curve are omitted
     """
     i = int(np.searchsorted(f, NYQUIST))
     yield DrawnNumber(MTF_NYQUIST[name], float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
@@ -111,12 +104,7 @@ def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[fl
 def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> tuple[float, Array] | None:
     """First frequency below one half, as `crossing`, computing the curve no farther than that.
 
-    Parameters
-    ----------
-    f : (n,) float64
-        Equally spaced frequencies.
-    curve : callable
-        Values (m,) and slopes (m, p) at a range of these.
+    f : (n,) equally spaced frequencies; curve : values (m,) and slopes (m, p) at a range of these.
     """
     parts: list[tuple[Array, Array]] = []
     for first in range(0, len(f), CHUNK):

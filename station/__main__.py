@@ -17,7 +17,6 @@ check_namesakes()  # before the imports that would fail in a foreign package
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED, UNITS
-from station.common.log import quiet_option
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -44,6 +43,7 @@ COMMANDS = {
     "conform": ("bench.conform", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
     "simulate": ("bench.simulate", "simulate", "Open the simulated bench for other programs."),
+    "completion": ("completion", "completion", "Write the script by which a shell completes commands."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
     "init": ("init", "init", "Write commented template files."),
     "manual": ("manual", "manual", "Show the manual, or write it as pages for a browser."),
@@ -80,7 +80,6 @@ LARGE_HEAP = 50_000
     "--seed", type=SEED, default=0,
     help="Of the simulated bench.  [also for: focus, devices, conform, serve, simulate, demo]",
 )  # fmt: skip
-@quiet_option
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="The guided procedure.  [default: pattern]")
 @click.option(

@@ -4,6 +4,7 @@ import gc
 import hashlib
 import os
 import random
+import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -22,6 +23,8 @@ import numpy as np
 import pytest
 
 from procedures.reading import hdf5
+
+from .browser import CHROMIUM, Browser
 
 # the same examples every time: a rare one that fails is to be found by whoever looks for it (HYPOTHESIS=search), not by
 # whoever changes something else. None has a deadline by the clock, which a busy machine would miss
@@ -44,6 +47,7 @@ for _number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
         signal.signal(_number, lambda number, frame: None)
 
 ROOT = Path(__file__).resolve().parent.parent
+PROGRAMS = {"chromium": CHROMIUM, "pdftotext of poppler": shutil.which("pdftotext")}
 ABSENT = "no shared data"
 
 # a folder that is not there is no folder: the commands take it from the environment too, and refuse it
@@ -54,6 +58,16 @@ if not Path(os.environ.get("STATION_SHARED_DATA", ROOT)).is_dir():
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20120323)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory) -> Iterator[Browser]:
+    """A browser without a window, started once."""
+    if missing := [name for name, path in PROGRAMS.items() if path is None]:
+        pytest.skip(f"needs {' and '.join(missing)}")
+    started = Browser(tmp_path_factory.mktemp("browser"))
+    yield started
+    started.close()
 
 
 @pytest.fixture(scope="session")

@@ -88,9 +88,8 @@ class AlpacaCamera:
 
     def _set(self, name: str, value: int) -> None:
         """Set a number of the camera, and read it back. Raises DeviceError."""
-        with self._link.translated_errors():
-            setattr(self._link.device, name, value)
-            there = int(getattr(self._link.device, name))
+        self._link.put(name.lower(), **{name: value})
+        there = int(self._link.number_of(name.lower()))
         if there != value:
             raise Rejected(f"{self.address} has {name} {there} after {value} was set", "write one that it offers")
 
@@ -104,18 +103,18 @@ class AlpacaCamera:
 
     def sensor(self) -> FrameFormat | None:
         """The camera's size and colours, None if its server does not know them yet. Raises DeviceError."""
-        device = self._link.device
         try:
-            with self._link.translated_errors():
-                size = int(device.CameraXSize), int(device.CameraYSize)
-                white, colours = int(device.MaxADU), int(device.SensorType)
-                offset = (int(device.BayerOffsetX), int(device.BayerOffsetY)) if colours == RGGB else (0, 0)
+            columns, rows, white, colours = self._numbers("cameraxsize", "cameraysize", "maxadu", "sensortype")
+            x, y = self._numbers("bayeroffsetx", "bayeroffsety") if colours == RGGB else (0, 0)
         except Rejected:
             return None
         if colours not in (MONOCHROME, RGGB):
             raise BadConfiguration(f"{self.address} is not a monochrome or Bayer camera", "use one that is")
-        cfa = None if colours == MONOCHROME else _shifted(offset)
-        return FrameFormat(*size, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
+        cfa = None if colours == MONOCHROME else _shifted(x, y)
+        return FrameFormat(columns, rows, cfa, min(white, LARGEST), self._frames.optics.pixel_pitch_um)
+
+    def _numbers(self, *members: str) -> list[int]:
+        return [int(self._link.number_of(member)) for member in members]
 
     def configure(self, settings: CameraSettings) -> None:
         """Use the exposure time from now on; the other settings belong to the lens and are only checked in the file."""
@@ -130,18 +129,16 @@ class AlpacaCamera:
     def _expose(self) -> ExposedFile:
         if not self._link.is_open:
             raise not_connected(self.address)
-        requested_s = self.clock.now_s()
-        requested_s = float(self.settings.exposure_s or 0.0)
-        with self._link.translated_errors():
-            self._link.device.StartExposure(requested_s, True)
-        self._wait(requested_s)
+        requested_s, duration_s = self.clock.now_s(), float(self.settings.exposure_s or 0.0)
+        self._link.put("startexposure", Duration=duration_s, Light=True)
+        self._wait(duration_s)
         levels = self._link.image(self._wanted.patience_s)
         self._one_frame.check()
-        return self._frames.keep(self._frame(levels, requested_s), self._body, self.settings, requested_s)
+        return self._frames.keep(self._frame(levels, duration_s), self._body, self.settings, requested_s)
 
-    def _wait(self, requested_s: float) -> None:
+    def _wait(self, duration_s: float) -> None:
         """Wait until the image is ready; abort the exposure if anything interrupts the wait."""
-        deadline_s = self.clock.now_s() + requested_s + self._wanted.patience_s
+        deadline_s = self.clock.now_s() + duration_s + self._wanted.patience_s
         idle = 0
         try:
             while not self._ready():
@@ -160,17 +157,18 @@ class AlpacaCamera:
 
     def _ready(self) -> bool:
         try:
-            with self._link.translated_errors():
-                if self._link.device.ImageReady:
-                    return True
-                self._state = int(self._link.device.CameraState)
-        except Rejected as error:  # some servers report a failed exposure here, others never
+            if self._link.get("imageready"):
+                return True
+            self._state = int(self._link.number_of("camerastate"))
+            if self._state == FAILED:
+                self._link.get("imageready")
+        except Rejected as error:  # some servers report here why an exposure failed, others never
             raise FrameMissing(error.reason, error.remedy) from error
         if self._state == FAILED:
             raise FrameMissing(f"{self.address} reports that its exposure failed", "look at its server, then repeat")
         return False
 
-    def _frame(self, levels: Levels, requested_s: float) -> Frame:
+    def _frame(self, levels: Levels, duration_s: float) -> Frame:
         """The image with the camera's metadata. Raises FrameWrong, BadConfiguration."""
         sensor = self.sensor()
         if sensor is None:
@@ -181,16 +179,15 @@ class AlpacaCamera:
             raise FrameWrong(f"{self.address} sent {content}", f"set it to give numbers from 0 to {LARGEST}")
         notes = {"gain": self._wanted.gain, "offset": self._wanted.offset}
         comment = json.dumps({name: value for name, value in notes.items() if value is not None})
-        exposure_s = self._reported_exposure_s(requested_s)
+        exposure_s = self._reported_exposure_s(duration_s)
         return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
-    def _reported_exposure_s(self, requested_s: float) -> float:
+    def _reported_exposure_s(self, duration_s: float) -> float:
         """The exposure time reported by the camera, or else the requested one."""
         try:
-            with self._link.translated_errors():
-                return float(self._link.device.LastExposureDuration)
+            return self._link.number_of("lastexposureduration")
         except Rejected:
-            return requested_s
+            return duration_s
 
     def emergency_stop(self) -> None:
         """Abort the exposure without waiting for pending requests."""
@@ -199,9 +196,8 @@ class AlpacaCamera:
             self._link.preempt("abortexposure")
 
 
-def _shifted(offset: tuple[int, int]) -> str:
+def _shifted(x: int, y: int) -> str:
     """Colours of the 2 x 2 tile at the first pixel, for a mosaic whose red is at this offset."""
-    x, y = offset
     return "".join(TILE[(row + y) % 2][(column + x) % 2] for row in (0, 1) for column in (0, 1))
 
 

@@ -1,7 +1,6 @@
-"""The connection to an Alpaca server: the ASCOM Initiative's client (alpyca) for requests, a second path for stops.
+"""The connection to an Alpaca server: requests by HTTP, each on a connection of its own, so no stop waits for another.
 
-The client sends one request at a time, whatever device it is for. A stop behind an unanswered request would wait for
-that request's deadline, five seconds; stops therefore use a connection of their own.
+Source: ASCOM Alpaca API reference, and its error numbers.
 """
 
 from __future__ import annotations
@@ -10,12 +9,13 @@ import base64
 import json
 import os
 import struct
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
+from itertools import count
 from typing import Annotated, Any
-from urllib.parse import quote, urlencode, urlsplit
+from urllib.parse import urlencode, urlsplit
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,8 @@ from drivers.making import DriverOptions
 from drivers.options import Count, option
 from drivers.wire.connection import not_connected
 
+CLIENT = os.getpid() & 0xFFFF
+"""The client number of this program."""
 PREEMPT_S, PREEMPT_TRIES = 10.0, 3
 """How long a stop waits for its server's answer, and how often it is sent; the caller does not wait for it. A slow
 server may drop the request of a client that has disconnected.
@@ -34,8 +36,12 @@ BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
 ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
 """Integer types in which an image is transmitted, by the standard's numbers."""
+REQUEST_S = 5.0
 NOT_NOW = "0x40b"
 """Error code of an operation that is not possible at this moment."""
+NO_CONNECTION = 0x407
+REMEDIES = {0x400: "use a device that has it", 0x401: "give another value", 0x40B: "do what it says, then repeat"}
+"""Remedies of the standard's errors, by number: not implemented, invalid value, invalid operation."""
 RESUME, HELD = "Resume", 0x501
 """The action of a device that a person can pause, and its own error number while it is paused."""
 Levels = npt.NDArray[np.integer[Any]]
@@ -68,7 +74,8 @@ class AlpacaLink:
         parts = urlsplit(f"http://{server.address}")
         self._host, self._port = parts.hostname or "", parts.port or 80
         self._headers: dict[str, str] = {}
-        self._device: Any = None
+        self._requests = count(1)
+        self.is_open = False
         self.can_resume = False
 
     @property
@@ -76,113 +83,117 @@ class AlpacaLink:
         """Device and server."""
         return f"{self.kind} {self.number} at {self._host}:{self._port}"
 
-    @property
-    def is_open(self) -> bool:
-        """Whether it is connected."""
-        return self._device is not None
-
-    @property
-    def device(self) -> Any:
-        """The client's device. Raises LineLost."""
-        if self._device is None:
-            raise not_connected(self.address)
-        return self._device
-
     def open(self) -> Identity:
         """Connect the device. Raises DeviceError."""
         password = self._server.password()
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
-        login = f"any:{quote(password, safe='')}@" if password else ""
-        device = _client(login + self._server.address, self.kind, self.number)
-        with self.translated_errors():
-            device.Connected = True
-            name, version = str(device.Name), str(device.DriverVersion)
-        self._device = device
-        with suppress(Rejected), self.translated_errors():
-            self.can_resume = RESUME in device.SupportedActions
-        return Identity(f"Alpaca {name}", version, "", self.address)
+        self.is_open = True
+        try:
+            self.put("connected", Connected=True)
+            identity = Identity(f"Alpaca {self.get('name')}", str(self.get("driverversion")), "", self.address)
+            with suppress(Rejected):
+                self.can_resume = RESUME in self.get("supportedactions")
+        except BaseException:
+            self.close()
+            raise
+        return identity
 
     def close(self) -> None:
         """Disconnect here; the device stays connected, as other programs may use it."""
-        self._device = None
+        self.is_open = False
 
-    @contextmanager
-    def translated_errors(self) -> Iterator[None]:
-        """Context that converts the client's exceptions into device errors."""
-        from alpaca import exceptions
-        from requests import exceptions as lost
+    # --- requests
 
+    def get(self, member: str, **values: object) -> Any:
+        """The value of a member. Raises DeviceError."""
+        return self._call("GET", member, values)
+
+    def put(self, member: str, **values: object) -> Any:
+        """Set or call a member. Raises DeviceError."""
+        return self._call("PUT", member, values)
+
+    def number_of(self, member: str, **values: object) -> float:
+        """The value of a member that is a number. Raises DeviceError."""
+        value = self.get(member, **values)
         try:
-            yield
-        except lost.Timeout as error:
-            raise NoAnswer(f"{self.address} did not answer in time", "look at its server") from error
-        except lost.RequestException as error:
-            raise LineLost(f"{self.address} cannot be reached", "start its server, check address and port") from error
-        except exceptions.AlpacaRequestException as error:
-            raise self._unanswered(error.number, error.message) from error
-        except exceptions.NotConnectedException as error:
-            raise LineLost(f"{self.address}: {error.message}", "connect it again") from error
-        except exceptions.InvalidValueException as error:
-            raise Rejected(f"{self.address}: {error.message}", "give another value", "0x401") from error
-        except exceptions.NotImplementedException as error:
-            raise Rejected(f"{self.address}: {error.message}", "use a device that has it", "0x400") from error
-        except exceptions.InvalidOperationException as error:
-            raise Rejected(f"{self.address}: {error.message}", "do what it says, then repeat", NOT_NOW) from error
-        except (
-            exceptions.ActionNotImplementedException, exceptions.ValueNotSetException, exceptions.DriverException,
-        ) as error:  # fmt: skip
-            if error.number == HELD and self.can_resume:
-                raise Held(f"{self.address}: {error.message}", "end the pause there, or try again") from error
-            raise Rejected(f"{self.address}: {error.message}", "look at its server", hex(error.number)) from error
-        except (ValueError, KeyError) as error:
-            raise Rejected(
-                f"{self.address} does not answer as an Alpaca server does: {error}", "check address and port"
+            return float(value)
+        except (TypeError, ValueError) as error:
+            raise self._no_alpaca(f"{member} is {value!r:.100}") from error
+
+    def _call(self, method: str, member: str, values: Mapping[str, object]) -> Any:
+        if not self.is_open:
+            raise not_connected(self.address)
+        _, data = self._reply(method, member, values, REQUEST_S)
+        try:
+            reply = json.loads(data)
+            number, message = int(reply.get("ErrorNumber", 0)), str(reply.get("ErrorMessage", ""))
+        except (ValueError, TypeError, AttributeError) as error:
+            raise self._no_alpaca(str(error)) from error
+        if number:
+            raise self._failure(number, message)
+        return reply.get("Value")
+
+    def _no_alpaca(self, reason: str) -> Rejected:
+        return Rejected(f"{self.address} does not answer as an Alpaca server does: {reason}", "check address and port")
+
+    def _failure(self, number: int, message: str) -> Rejected | LineLost | Held:
+        reason = f"{self.address}: {message}"
+        if number == NO_CONNECTION:
+            self.close()
+            return LineLost(reason, "connect it again")
+        if number == HELD and self.can_resume:
+            return Held(reason, "end the pause there, or try again")
+        return Rejected(reason, REMEDIES.get(number, "look at its server"), hex(number))
+
+    def _reply(self, method: str, member: str, values: Mapping[str, object], timeout_s: float) -> tuple[str, bytes]:
+        """Content type and body of a reply with a status of success. Raises DeviceError."""
+        try:
+            status, kind, data = self._ask(method, member, urlencode(values), timeout_s)
+        except TimeoutError as error:
+            raise NoAnswer(
+                f"{self.address} did not answer {member} within {timeout_s:g} s", "look at its server"
             ) from error
-
-    def _unanswered(self, status: int, message: str) -> Rejected | BadConfiguration:
+        except (OSError, HTTPException) as error:
+            self.close()
+            raise LineLost(f"{self.address} cannot be reached", "start its server, check address and port") from error
         if status in (401, 403):
-            remedy = 'write server = "any:TOKEN@host:port" with its password or token'
-            return BadConfiguration(f"{self.address} requires a password, and none or a wrong one was sent", remedy)
-        return Rejected(
-            f"{self.address} refused the request: {message[:200]}", "check the device's number", str(status)
-        )
+            remedy = "set password_variable to the name of the environment variable with its password or token"
+            raise BadConfiguration(f"{self.address} requires a password, and none or a wrong one was sent", remedy)
+        if status >= 400:
+            reason = f"{self.address} refused the request: {data.decode('utf-8', 'replace')[:200]}"
+            raise Rejected(reason, "check the device's number", str(status))
+        return kind, data
 
-    # --- requests outside the client
-
-    def preempt(self, member: str, form: Mapping[str, str] | None = None) -> None:
-        """Call a member at once, not behind pending requests, and retry until it is answered; never raises."""
+    def preempt(self, member: str, **values: object) -> None:
+        """Call a member, and retry until it is answered; never raises."""
         for _ in range(PREEMPT_TRIES):
             with suppress(OSError, HTTPException, ValueError):
-                self._ask("PUT", member, urlencode(form or {}), PREEMPT_S)
+                self._ask("PUT", member, urlencode(values), PREEMPT_S)
                 return
 
     def image(self, timeout_s: float) -> Levels:
-        """The image (rows, columns) of a camera. Raises DeviceError.
-
-        The client's own download has no deadline.
-        """
+        """The image (rows, columns) of a camera. Raises DeviceError."""
         try:
-            kind, data = self._ask("GET", "imagearray", None, timeout_s)
-        except TimeoutError as error:
-            raise NoAnswer(f"{self.address} sent no image within {timeout_s:g} s", "look at its server") from error
-        except (OSError, HTTPException) as error:
-            raise LineLost(f"{self.address} cannot be reached", "start its server, check address and port") from error
-        try:
-            return read_image(kind, data)
+            return read_image(*self._reply("GET", "imagearray", {}, timeout_s))
         except (ValueError, struct.error, KeyError, TypeError) as error:
             raise Rejected(f"{self.address} sent no image: {error}", "look at its server") from error
 
-    def _ask(self, method: str, member: str, form: str | None, timeout_s: float) -> tuple[str, bytes]:
-        """Content type and body of the reply."""
+    def _ask(self, method: str, member: str, values: str, timeout_s: float) -> tuple[int, str, bytes]:
+        """Status, content type and body of the reply."""
         connection = HTTPConnection(self._host, self._port, timeout=timeout_s)
         headers = {**self._headers, "Accept": f"{BYTES}, application/json"}
-        if form is not None:
+        path = f"/api/v1/{self.kind}/{self.number}/{member}"
+        values = f"ClientID={CLIENT}&ClientTransactionID={next(self._requests)}" + (f"&{values}" if values else "")
+        if method == "PUT":
             headers["Content-Type"] = "application/x-www-form-urlencoded"
         try:
-            connection.request(method, f"/api/v1/{self.kind}/{self.number}/{member}", form, headers)
+            if method == "PUT":
+                connection.request(method, path, values, headers)
+            else:
+                connection.request(method, f"{path}?{values}", headers=headers)
             reply = connection.getresponse()
-            return reply.getheader("content-type") or "", reply.read()
+            return reply.status, reply.getheader("content-type") or "", reply.read()
         finally:
             connection.close()
 
@@ -203,20 +214,6 @@ def read_image(kind: str, data: bytes) -> Levels:
     if rank != 2 or sent not in ELEMENTS:
         raise ValueError(f"the image must be one plane of integers; received {rank} dimensions of type {sent}")
     return np.frombuffer(data, ELEMENTS[sent], width * height, start).reshape(width, height).T
-
-
-def _client(address: str, kind: str, number: int) -> Any:
-    """The client's device. Raises BadConfiguration where it is not installed."""
-    try:
-        from alpaca import camera, focuser, observingconditions, switch
-    except ImportError as error:
-        remedy = "install it: pip install 'calibration-station[alpaca]'"
-        raise BadConfiguration("alpyca is not installed", remedy) from error
-    classes = {
-        "camera": camera.Camera, "focuser": focuser.Focuser, "switch": switch.Switch,
-        "observingconditions": observingconditions.ObservingConditions,
-    }  # fmt: skip
-    return classes[kind](address, number)
 
 
 @dataclass(frozen=True, kw_only=True)

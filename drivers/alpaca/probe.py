@@ -12,8 +12,8 @@ from drivers.making import MakerContext
 from drivers.options import Uncertainty
 from drivers.wire.connection import line_condition
 
-QUANTITIES = {"temperature": "Temperature", "humidity": "Humidity", "pressure": "Pressure"}
-"""Properties of the standard, which has them in the units of `PROBE_UNITS`."""
+QUANTITIES = ("temperature", "humidity", "pressure")
+"""Members of the standard, which has them in the units of `PROBE_UNITS`."""
 
 
 class AlpacaProbe:
@@ -40,14 +40,10 @@ class AlpacaProbe:
 
     def _has(self, name: str) -> bool:
         try:
-            self._value(name)
+            self._link.number_of(name)
         except Rejected as error:
             return error.code != "0x400"  # not implemented; a value may come later
         return True
-
-    def _value(self, name: str) -> float:
-        with self._link.translated_errors():
-            return float(getattr(self._link.device, QUANTITIES[name]))
 
     def close(self) -> None:
         """Disconnect."""
@@ -60,7 +56,7 @@ class AlpacaProbe:
     def read(self) -> Mapping[str, ProbeReading]:
         """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         try:
-            values = {name: self._value(name) for name in self._quantities}
+            values = {name: self._link.number_of(name) for name in self._quantities}
         except Rejected as error:
             raise NoReading(error.reason, error.remedy) from error
         return {

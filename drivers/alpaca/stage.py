@@ -92,7 +92,7 @@ class AlpacaStage:
         self._parts = {axis.name: FocuserAxis(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
         self._patience_s = patience_s
         self._one_mover = OneMover()
-        self._open = False
+        self._connected = False
 
     @property
     def address(self) -> str:
@@ -103,21 +103,18 @@ class AlpacaStage:
         """Connect every focuser and read step sizes and travel. Raises DeviceError."""
         self.close()
         identities = [self._prepare(part) for part in self._parts.values()]
-        self._open = True
+        self._connected = True
         models = "; ".join(dict.fromkeys(identity.model for identity in identities))
         return Identity(models, identities[0].firmware, "", self.address)
 
     def _prepare(self, part: FocuserAxis) -> Identity:
-        identity, axis = part.link.open(), part.axis
-        device = part.link.device
-        with part.link.translated_errors():
-            absolute, last = bool(device.Absolute), int(device.MaxStep)
+        link, axis, identity = part.link, part.axis, part.link.open()
+        absolute, last = link.get("absolute"), int(link.number_of("maxstep"))
         if not absolute:
             raise BadConfiguration(f"{part.link.address} supports relative moves only", "use an absolute focuser")
         unit = axis.unit_per_step
         if unit is None:
-            with part.link.translated_errors():
-                unit = MM_PER_UM * float(device.StepSize)
+            unit = MM_PER_UM * link.number_of("stepsize")
         if not unit > 0 or last < 1:
             reason = f"{part.link.address} reports steps of {unit:g} mm and a largest step number of {last}"
             raise BadConfiguration(reason, "write unit_per_step for its axis")
@@ -126,11 +123,16 @@ class AlpacaStage:
 
     def close(self) -> None:
         """Disconnect the focusers."""
-        self._open = False
+        self._connected = False
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         for part in self._parts.values():
             part.link.close()
+
+    @property
+    def _open(self) -> bool:
+        """Whether it is connected, and no focuser has been lost since."""
+        return self._connected and all(part.link.is_open for part in self._parts.values())
 
     def condition(self) -> Condition:
         """Whether it may move."""
@@ -165,7 +167,7 @@ class AlpacaStage:
             with self._left_still(epoch):
                 for part in self._parts.values():
                     if part.axis.home:
-                        self._order(part, lambda part=part: part.link.device.Action(part.axis.home, ""), undisturbed)  # type: ignore[misc]
+                        self._order(part, "action", undisturbed, Action=part.axis.home, Parameters="")
                         self._finish([part], epoch)
                 undisturbed()
                 self.position()  # a focuser without a known position raises here
@@ -194,22 +196,18 @@ class AlpacaStage:
         """Move one axis; retry while a server that moves one axis at a time refuses because another moves."""
         step = min(max(part.scale.to_step(value), 0), part.scale.last)
         try:
-            self._order(part, lambda: part.link.device.Move(step), allowed)
+            self._order(part, "move", allowed, Position=step)
         except Rejected as error:
             if not begun or error.code != NOT_NOW:
                 raise
             self._finish(begun, epoch)
-            self._order(part, lambda: part.link.device.Move(step), allowed)
+            self._order(part, "move", allowed, Position=step)
 
-    def _order(self, part: FocuserAxis, order: Callable[[], object], allowed: Callable[[], None]) -> None:
-        """Give an order if it is allowed; cancel it if an emergency stop came meanwhile. Raises DeviceError."""
-        preemptions = self.trust.preemptions
+    def _order(self, part: FocuserAxis, order: str, allowed: Callable[[], None], **values: object) -> None:
+        """Give an order if it is allowed; an error if a stop, which may have overtaken it, came meanwhile."""
         allowed()
-        with part.link.translated_errors():
-            order()
-        if self.trust.preemptions != preemptions:
-            self._halt_all()
-            self.trust.require()
+        part.link.put(order, **values)
+        allowed()
 
     def _finish(self, parts: Sequence[FocuserAxis], epoch: int) -> None:
         """Wait until these are still. Raises NoAnswer after the time limit."""
@@ -237,23 +235,21 @@ class AlpacaStage:
         self._require_open()
         self._halt_all()
         for part in self._parts.values():
-            with part.link.translated_errors():
-                part.link.device.Halt()
+            part.link.put(HALT)
 
     def resume(self) -> None:
         """End a pause at the servers that offer that. Raises Held while a person still has to act, DeviceError."""
         self._require_open()
         for part in self._parts.values():
             if part.link.can_resume:
-                with part.link.translated_errors():
-                    part.link.device.Action(RESUME, "")
+                part.link.put("action", Action=RESUME, Parameters="")
                 self._finish([part], self.trust.epoch)
 
     def emergency_stop(self) -> None:
         """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""
         self._one_mover.stop()
         self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
-        if self._open:
+        if self._connected:
             self._halt_all()
 
     def _halt_all(self) -> None:
@@ -266,13 +262,11 @@ class AlpacaStage:
 
 
 def _position(part: FocuserAxis) -> int:
-    with part.link.translated_errors():
-        return int(part.link.device.Position)
+    return int(part.link.number_of("position"))
 
 
 def _moving(part: FocuserAxis) -> bool:
-    with part.link.translated_errors():
-        return bool(part.link.device.IsMoving)
+    return bool(part.link.get("ismoving"))
 
 
 @dataclass(frozen=True, kw_only=True)

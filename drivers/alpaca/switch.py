@@ -33,18 +33,15 @@ class AlpacaSwitch:
 
     def connect(self) -> Identity:
         """Connect, and read name and range. Raises DeviceError."""
-        identity = self.link.open()
-        device = self.link.device
+        link, identity = self.link, self.link.open()
         try:
-            with self.link.translated_errors():
-                count = int(device.MaxSwitch)
-                if self.switch >= count:
-                    reason = f"{self.link.address} has {count} switches; number {self.switch} was requested"
-                    raise BadConfiguration(reason, "they are counted from 0")
-                name, writable = str(device.GetSwitchName(self.switch)), bool(device.CanWrite(self.switch))
-                self.low = float(device.MinSwitchValue(self.switch))
-                self.high = float(device.MaxSwitchValue(self.switch))
-            if not writable:
+            count = int(link.number_of("maxswitch"))
+            if self.switch >= count:
+                reason = f"{link.address} has {count} switches; number {self.switch} was requested"
+                raise BadConfiguration(reason, "they are counted from 0")
+            name = str(link.get("getswitchname", Id=self.switch))
+            self.low, self.high = (link.number_of(f"{end}switchvalue", Id=self.switch) for end in ("min", "max"))
+            if not link.get("canwrite", Id=self.switch):
                 raise BadConfiguration(f"{name} at {self.address} is read only", "give the number of another switch")
         except BaseException:
             self.link.close()
@@ -53,12 +50,11 @@ class AlpacaSwitch:
 
     def set(self, on: bool) -> None:
         """Switch it. Raises DeviceError."""
-        with self.link.translated_errors():
-            self.link.device.SetSwitch(self.switch, on)
+        self.link.put(SET, Id=self.switch, State=on)
 
     def preempt_off(self) -> None:
         """Switch it off without waiting for pending requests; never raises."""
-        self.link.preempt(SET, {"Id": str(self.switch), "State": "False"})
+        self.link.preempt(SET, Id=self.switch, State=False)
 
 
 class AlpacaLight(Lamp):
@@ -91,8 +87,7 @@ class AlpacaLight(Lamp):
         """Set a fraction of its range. Raises DeviceError."""
         switch = self._switch
         value = switch.low + check_level(level) * (switch.high - switch.low)
-        with switch.link.translated_errors():
-            switch.link.device.SetSwitchValue(switch.switch, value)
+        switch.link.put("setswitchvalue", Id=switch.switch, Value=value)
         self._remember(level)
 
     def emergency_stop(self) -> None:

@@ -36,9 +36,9 @@ class Splitting:
     prior : relative to the strength tau over the picture's mean difference.
     """
 
-    iterations: int = 12
-    data: float = 0.3
-    prior: float = 2.0
+    iterations: int = 8
+    data: float = 0.1
+    prior: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,13 @@ class DeconvolutionTile:
         """Colours of the picture."""
         return max(self.channel) + 1
 
+    def blurred(self, U: Spectrum) -> Single:
+        """The planes (P, n, n) of a picture with this spectrum."""
+        spectra = np.empty_like(self.otf)
+        for p, c in enumerate(self.channel):
+            np.multiply(self.otf[p], U[c], out=spectra[p])
+        return _transformed_back(spectra, self.n)
+
 
 def deconvolve(
     tile: DeconvolutionTile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting
@@ -90,15 +97,15 @@ def deconvolve(
     M = prior.mixing(tile.channels).astype(np.float32)
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
-    predicted = _transformed_back(tile.otf * scipy.fft.rfft2(start)[list(tile.channel)], tile.n)
+    predicted = tile.blurred(scipy.fft.rfft2(start))
     for _ in range(settings.iterations):
         agree(predicted, tile.z, tile.weight, data_dual, np.float32(settings.data))
         gradients = differences(mixed(M, u), prior.second)
         shrink(gradients, prior_dual, np.float32(tau / penalty))
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
         U = solver(scipy.fft.rfft2(predicted), scipy.fft.rfft2(target))
+        predicted = tile.blurred(U)
         u = _transformed_back(U, tile.n)
-        predicted = _transformed_back(tile.otf * U[list(tile.channel)], tile.n)
     return u
 
 
@@ -109,7 +116,8 @@ def mean_difference(u: Single, prior: Prior) -> float:
 
 
 def _transformed_back(F: Spectrum, n: int) -> Single:
-    return np.asarray(scipy.fft.irfft2(F, (n, n)), dtype=np.float32)
+    """Samples of spectra, which are overwritten."""
+    return np.asarray(scipy.fft.irfft2(F, (n, n), overwrite_x=True), dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)

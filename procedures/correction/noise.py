@@ -45,12 +45,15 @@ class Noise:
         samples, less where neighbours were mixed.
     rise : float
         Variance in the brightest quarter of the levels over that in the darkest: below 1 after a tone curve.
+    growth : float
+        Exponent with which the variance grows with light between these quarters: 0 for read-out noise, 1 for photons.
     """
 
     read: float
     slope: float
     whiteness: float
     rise: float
+    growth: float = 0.0
 
     def variance_at(self, level: npt.NDArray[np.floating]) -> Single:
         """Variance at given levels."""
@@ -69,8 +72,10 @@ def noise_of(plane: Plane) -> Noise:
     quiet = np.concatenate([band[second[band] <= np.quantile(second[band], QUIET)] for band in bands])
     quarter = max(len(bands) // 4, 1)
     rise = float(np.median(variances[-quarter:]) / np.median(variances[:quarter]))
+    brighter = np.median(levels[-quarter:]) / max(float(np.median(levels[:quarter])), 1e-6)
+    growth = float(np.log(rise) / np.log(brighter)) if brighter > 1 else 0.0
     whiteness = float(fourth[quiet].mean() / max(second[quiet].mean(), 1e-30)) / WHITE
-    return Noise(max(float(read), floor), float(slope), whiteness, rise)
+    return Noise(max(float(read), floor), float(slope), whiteness, rise, growth)
 
 
 def _blocks(samples: Single) -> tuple[Array, Array, Array]:

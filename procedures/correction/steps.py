@@ -10,6 +10,11 @@ from procedures.numerics.compiled import vectorised
 Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
+BLOCK = 512
+"""Samples of a row that are processed together: inner loops of one operation are vectorised."""
+TINY = np.float32(1e-30)
+"""Smallest square of a length."""
+
 
 def mixed(M: Single, u: Single) -> Single:
     """Channels (C, n, n) times a matrix (C, C)."""
@@ -66,11 +71,9 @@ def solve(
 @vectorised
 def _mix(M: Single, u: Single, out: Single) -> None:
     for i in range(u.shape[1]):
-        for a in range(u.shape[0]):
-            total = np.float32(0)
-            for b in range(u.shape[0]):
-                total += M[a, b] * u[b, i]
-            out[a, i] = total
+        x, y, z = u[0, i], u[1, i], u[2, i]
+        for a in range(3):
+            out[a, i] = M[a, 0] * x + M[a, 1] * y + M[a, 2] * z
 
 
 @vectorised
@@ -85,18 +88,23 @@ def _agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.floa
 
 @vectorised
 def _shrink(d: Single, dual: Single, threshold: np.float32) -> None:
-    for i in range(d.shape[1]):
-        square = np.float32(0)
+    kept = np.empty(BLOCK, np.float32)
+    for start in range(0, d.shape[1], BLOCK):
+        count = min(BLOCK, d.shape[1] - start)
+        kept[:] = np.float32(0)
         for k in range(d.shape[0]):
-            d[k, i] -= dual[k, i]
-            square += d[k, i] * d[k, i]
-        size = np.sqrt(square)
-        kept = (size - threshold) / size if size > threshold else np.float32(0)
+            x, m = d[k, start : start + count], dual[k, start : start + count]
+            for i in range(count):
+                x[i] -= m[i]
+                kept[i] += x[i] * x[i]
+        for i in range(count):
+            kept[i] = max(np.float32(1) - threshold / np.sqrt(kept[i] + TINY), np.float32(0))
         for k in range(d.shape[0]):
-            q = d[k, i]
-            y = kept * q
-            dual[k, i] = y - q
-            d[k, i] = y + y - q
+            x, m = d[k, start : start + count], dual[k, start : start + count]
+            for i in range(count):
+                y = kept[i] * x[i]
+                m[i] = y - x[i]
+                x[i] = y + m[i]
 
 
 @vectorised
@@ -159,23 +167,31 @@ def _solve(
     copies: Single, conjugate: Single, channel: npt.NDArray[np.int64], pulled: Single, inverse: Single,
     coupled: Single, data: np.float32, penalty: np.float32, out: Single,
 ) -> None:  # fmt: skip
-    P, C = copies.shape[0], pulled.shape[0]
-    for f in range(coupled.size):
-        re, im = 2 * f, 2 * f + 1
-        for c in range(C):
-            out[c, re] = penalty * pulled[c, re]
-            out[c, im] = penalty * pulled[c, im]
-        for p in range(P):
-            c = channel[p]
-            a, b, x, y = conjugate[p, re], conjugate[p, im], copies[p, re], copies[p, im]
-            out[c, re] += data * (a * x - b * y)
-            out[c, im] += data * (a * y + b * x)
-        real, imaginary = np.float32(0), np.float32(0)
-        for c in range(C):
-            out[c, re] *= inverse[c, f]
-            out[c, im] *= inverse[c, f]
-            real += out[c, re]
-            imaginary += out[c, im]
-        for c in range(C):
-            out[c, re] += coupled[f] * real * inverse[c, f]
-            out[c, im] += coupled[f] * imaginary * inverse[c, f]
+    re, im = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    for start in range(0, coupled.size, BLOCK):
+        count = min(BLOCK, coupled.size - start)
+        part = slice(2 * start, 2 * (start + count))
+        for c in range(pulled.shape[0]):
+            o, t = out[c, part], pulled[c, part]
+            for i in range(2 * count):
+                o[i] = penalty * t[i]
+        for p in range(copies.shape[0]):
+            o, h, z = out[channel[p], part], conjugate[p, part], copies[p, part]
+            for i in range(count):
+                a, b, x, y = h[2 * i], h[2 * i + 1], z[2 * i], z[2 * i + 1]
+                o[2 * i] += data * (a * x - b * y)
+                o[2 * i + 1] += data * (a * y + b * x)
+        re[:] = np.float32(0)
+        im[:] = np.float32(0)
+        for c in range(pulled.shape[0]):
+            o, w = out[c, part], inverse[c, start : start + count]
+            for i in range(count):
+                o[2 * i] *= w[i]
+                o[2 * i + 1] *= w[i]
+                re[i] += o[2 * i]
+                im[i] += o[2 * i + 1]
+        for c in range(pulled.shape[0]):
+            o, w, much = out[c, part], inverse[c, start : start + count], coupled[start : start + count]
+            for i in range(count):
+                o[2 * i] += much[i] * re[i] * w[i]
+                o[2 * i + 1] += much[i] * im[i] * w[i]

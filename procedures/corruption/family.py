@@ -25,14 +25,10 @@ class Corruption:
 
     Attributes
     ----------
-    name : str
-        Its check, and its term in a budget.
-    sentence : str
-        What the photograph shows of it; `{}` is the evidence.
-    remedy, raw_remedy : str
-        Of a picture, and of a RAW file.
-    prior_in_raw : float
-        How likely it is in a RAW file, relative to a picture.
+    name : its check, and its term in a budget
+    sentence : what the photograph shows of it; `{}` is the evidence
+    remedy, raw_remedy : of a picture, and of a RAW file
+    prior_in_raw : how likely it is in a RAW file, relative to a picture
     """
 
     name: str

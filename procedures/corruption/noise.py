@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from procedures.corruption.family import threshold
 from procedures.numerics import transforms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 MAX_LAG = 5
 """Greatest distance of a pair, in pixels."""
@@ -49,10 +48,8 @@ class Variogram:
     Attributes
     ----------
     half_square : (l,) float64
-    pairs : (l,) float64
-        Number of pairs.
-    residual : bool
-        Whether it is of a fit's residual, whose finest detail depends on the model, too.
+    pairs : (l,) number of pairs
+    residual : whether it is of a fit's residual, whose finest detail depends on the model, too
     """
 
     half_square: Array
@@ -88,12 +85,9 @@ class Sharpening:
 
     Attributes
     ----------
-    amount, radius_px : float
-        0 where no mask is more likely than white noise.
-    sigmas : float
-        Significance: root of twice the gain of the log-likelihood over white noise.
-    uncertainty : float
-        Standard uncertainty of the amount of a mask of one pixel; infinite without data.
+    amount, radius_px : 0 where no mask is more likely than white noise
+    sigmas : significance: root of twice the gain of the log-likelihood over white noise
+    uncertainty : standard uncertainty of the amount of a mask of one pixel; infinite without data
     """
 
     amount: float

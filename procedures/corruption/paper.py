@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SQUARE = 7
 """Side in pixels of the squares that are tested for flatness."""
@@ -28,13 +27,8 @@ OVERLAP = 9 / 4
 class NoiseMeasurement:
     """Traces of a camera's processing in the noise.
 
-    Attributes
-    ----------
-    finest : float
-        Noise variance at the paper's finest detail, which no lens passes, over that expected there.
-    uncertainty : float
-        Standard uncertainty of `finest` by the number of pixels.
-    paper, residual : Variogram
+    finest : noise variance at the paper's finest detail, which no lens passes, over that expected there; uncertainty :
+    standard uncertainty of `finest` by the number of pixels.
     """
 
     sharpening: Sharpening
@@ -55,12 +49,9 @@ def measure_noise(
     Parameters
     ----------
     picture : (rows, columns) float32
-    levels : (float, float)
-        Black and white.
-    variance_at : callable
-        Noise variance expected at levels between black (0) and white (1).
-    left : (rows, columns) float64
-        Residual of a fit, NaN where there is none.
+    levels : black and white
+    variance_at : noise variance expected at levels between black (0) and white (1)
+    left : (rows, columns) residual of a fit, NaN where there is none
     """
     paper, expected = _flat_paper(picture, levels, variance_at)
     of_fit = Variogram.of(residual, np.isfinite(residual), residual=True)

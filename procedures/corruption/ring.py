@@ -9,12 +9,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.spatial_numbers import energy_within
-
-Array = npt.NDArray[np.float64]
 
 RINGS_PX = (0.8, 1.2, 1.8, 2.7)
 """Radii of the rings."""

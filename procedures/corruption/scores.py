@@ -11,13 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption.family import threshold
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
+from procedures.numerics.arrays import Array, Array32, Indices
 
 
 @dataclass(frozen=True)
@@ -44,13 +40,10 @@ class SampleGroup:
 
     Attributes
     ----------
-    shared : (m, n) float32
-        Columns of the parameters that all parts share, divided by the noise.
-    own : (m, p) float64
-        Columns of its own nuisance parameters.
+    shared : (m, n) float32 columns of the parameters that all parts share, divided by the noise
+    own : (m, p) columns of its own nuisance parameters
     residual : (m,) float64
-    cluster : (m,) int64
-        Numbers, from 0, of the places whose contributions are independent.
+    cluster : (m,) int64 numbers, from 0, of the places whose contributions are independent
     """
 
     shared: Array32
@@ -74,12 +67,9 @@ def strengths(parts: Sequence[SampleGroup], directions: Sequence[Array], gram: A
 
     Parameters
     ----------
-    directions : sequence of (m, d) float64
-        Values in each part, divided by the noise.
-    gram : (n, n) float64
-        Sum of the parts' projected Gram matrices, with the priors of the shared parameters.
-    noise : float
-        Standard deviation of the residual.
+    directions : values in each part, divided by the noise
+    gram : (n, n) sum of the parts' projected Gram matrices, with the priors of the shared parameters
+    noise : standard deviation of the residual
     """
     columns = [np.column_stack([one, part.residual]) for part, one in zip(parts, directions, strict=True)]
     free = [part.without_own(one) for part, one in zip(parts, columns, strict=True)]

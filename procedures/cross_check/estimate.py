@@ -7,22 +7,21 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from procedures.cross_check.surroundings import without_surroundings
 from procedures.numbers import EDGE_MTF50
+from procedures.numerics import transforms
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.ordered import quantile
 from procedures.outcome import Quantity
 from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import quantity_along
 from procedures.raw import Plane
+from procedures.slanted_edge.strip import Strip
 
 if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeMtf
     from procedures.slanted_edge.strip import EdgeLine, Strip
-
-Array = npt.NDArray[np.float64]
 
 MARGIN_PX = 2.5
 """Margin in pixels excluded next to other printed areas, for the PSF's width."""
@@ -42,10 +41,7 @@ MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
 class EdgeCheck:
     """Comparison at one printed edge: MTF50 across it, and MTF50 of the PSF along its normal, both including the tail.
 
-    Attributes
-    ----------
-    by_edge, by_psf : Quantity
-        In cycles per pixel of the plane.
+    by_edge, by_psf : in cycles per pixel of the plane.
     """
 
     edge: EdgeMtf
@@ -166,3 +162,47 @@ def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:
         return False
     contrast = abs(quantile(sides[0], 0.5) - quantile(sides[1], 0.5))
     return contrast > MIN_CONTRAST * psf_estimate.diagnostics["contrast"]
+
+
+# --- stray light on an edge ------------------------------------------------------------------------------------------
+# The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black
+# area ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
+
+AROUND_PX = 64
+"""Width of the surroundings included around a strip: the tail's light from beyond is uniform over it."""
+
+
+def without_surroundings(samples: Array32, strip: Strip, course: Array, density_px: float) -> Array:
+    """Samples (n, m) of a strip corrected to unbounded plains.
+
+    Parameters
+    ----------
+    samples : (rows, columns) float32 the plane, including the surroundings
+    strip : valid samples cover the edge and its plains only
+    course : (n, 2) points (x, y) of the plane along the edge
+    density_px : coefficient A of the tail A / r^3, per square pixel, of a PSF of sum 1; r in pixels
+    """
+    roi = strip.roi
+    x0, y0 = max(roi.x - AROUND_PX, 0), max(roi.y - AROUND_PX, 0)
+    part = samples[y0 : roi.y + roi.height + AROUND_PX, x0 : roi.x + roi.width + AROUND_PX].astype(np.float64)
+    top, left = roi.y - y0, roi.x - x0
+    inside = np.zeros(part.shape, dtype=np.bool_)
+    inside[top : top + roi.height, left : left + roi.width] = strip.usable.T if strip.turned else strip.usable
+    y, x = np.mgrid[: part.shape[0], : part.shape[1]]
+    u, v = (x + x0, y + y0) if strip.turned else (y + y0, x + x0)
+    along, across = course.T if strip.turned else course.T[::-1]
+    line = np.polyfit(along, across, 1)
+    beyond = v > np.polyval(line, u)
+    levels = [quantile(part[inside & side], 0.5) for side in (~beyond, beyond)]
+    deviation = np.where(inside, 0.0, part - np.where(beyond, levels[1], levels[0]))
+    stray_light = _through_tail(deviation, density_px)[top : top + roi.height, left : left + roi.width]
+    return strip.samples - (stray_light.T if strip.turned else stray_light)
+
+
+def _through_tail(picture: Array, density_px: float) -> Array:
+    """Picture (rows, columns) convolved with A / r^3; zero beyond its border."""
+    shape = [transforms.next_fast_len(2 * n) for n in picture.shape]
+    r = np.hypot(*(transforms.fftfreq(n, 1 / n).reshape(s) for n, s in zip(shape, ((-1, 1), (1, -1)), strict=True)))
+    kernel = np.where(r > 0, density_px / np.maximum(r, 1) ** 3, 0.0)
+    product = transforms.rfft2(picture, shape) * transforms.rfft2(kernel)
+    return np.asarray(transforms.irfft2(product, shape)[: picture.shape[0], : picture.shape[1]])

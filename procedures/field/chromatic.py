@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.maps import COLUMNS, FieldMap, grid, mesh, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
 from procedures.outcome import Refused
 from procedures.psf_field import Node, in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 6
 DEGREES = (1, 2, 3)
@@ -28,9 +26,6 @@ DEGREES = (1, 2, 3)
 class LateralColour:
     """Displacement of a plane's image relative to a reference, in pixels of the sensor.
 
-    Attributes
-    ----------
-    plane, reference : str
     shape : rows and columns of a plane
     positions : (N, 2), positions of the charts, in pixels of the plane
     shift : (N, 2), covariance : (N, 2, 2); measured (x, y)
@@ -72,14 +67,7 @@ def lateral_colour(
 ) -> LateralColour:
     """Lateral colour from two planes' nodes, matched by photograph and chart.
 
-    Parameters
-    ----------
-    pitch : sensor pixels per pixel of a plane
-
-    Raises
-    ------
-    Refused
-        If fewer than six charts were measured in both planes.
+    pitch : sensor pixels per pixel of a plane. Raises Refused if fewer than six charts were measured in both planes.
     """
     known = {(node.source, node.number): node for node in against}
     pairs = [(node, known[node.source, node.number]) for node in nodes if (node.source, node.number) in known]

@@ -36,8 +36,6 @@ outweighs."""
 class PlaneField:
     """Results of one plane.
 
-    Attributes
-    ----------
     centre, quality : the PSF at the frame's centre, and its numbers
     numbers : of the whole field: the axis of the lens, and the median of each map
     pitch : sensor pixels per pixel of the plane
@@ -75,17 +73,11 @@ def conclude(
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
-    Parameters
-    ----------
-    focus : mapping of photograph's name to focus position in mm, optional
-        The field is then that of the sharpest position.
+    Raises Refused if no photograph gave any node.
+
+    focus : mapping of photograph's name to focus position in mm; the field is then that of the sharpest position
     at : frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported
     photosite : sagittal and meridional MTF50 are also mapped without it
-
-    Raises
-    ------
-    Refused
-        If no photograph gave any node.
     """
     if not any(measured.nodes.values()):
         why = measured.misses[0] if measured.misses else Miss("", "there is none", "")

@@ -8,11 +8,11 @@ from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.budget import Budget
 from procedures.field.interpolate import interpolate
 from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -25,8 +25,6 @@ from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import FrameLike, Plane, RawFrame, as_frame
 from procedures.sensor_model import SensorModel
-
-Array = npt.NDArray[np.float64]
 
 FIELD = PatternParameters(s=4)
 """Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need
@@ -45,14 +43,9 @@ Job = tuple[Plane, int, ChartSighting]
 class MeasuredChart:
     """One chart in one plane of one photograph.
 
-    Attributes
-    ----------
-    node : Node
     numbers : those of `HEADLINE` that the PSF has
     gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
-    registration : Registration
     correspondences : in pixels of the plane
-    shared : SharedErrors
     budgets : uncertainty budgets of the numbers
     """
 
@@ -96,13 +89,7 @@ def mean_budgets(charts: Sequence[MeasuredChart]) -> dict[str, dict[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class FrameNodes:
-    """Results of one photograph, by plane.
-
-    Attributes
-    ----------
-    shapes : rows and columns
-    misses : charts without a result
-    """
+    """Results of one photograph, by plane. shapes : rows and columns; misses : charts without a result."""
 
     nodes: Mapping[str, Sequence[Node]]
     shapes: Mapping[str, tuple[int, int]]
@@ -125,17 +112,11 @@ def measure_frame(
 ) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
-    The charts are detected in one plane, green where there is one, and have the same positions in the others.
+    The charts are detected in one plane, green where there is one, and have the same positions in the others. Raises
+    Refused if there is no chart in it.
 
-    Parameters
-    ----------
     each : how the charts are processed; `map` takes one after the other
     sensors : their response is inverted, and their noise weights the samples
-
-    Raises
-    ------
-    Refused
-        If there is no chart in it.
     """
     source = frame.path.name
     guide = frame.guide

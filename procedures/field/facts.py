@@ -18,8 +18,6 @@ BASE = f"{TOUR}from_"  # prefix of an axis' name: the fact of its position when 
 class TourStart:
     """The start of a tour, from which its moves are computed.
 
-    Attributes
-    ----------
     shape : rows and columns of the plane
     principal_px : distance of the image from the lens, in pixels of the plane
     distance_mm : distance of the chart along the optical axis

@@ -32,7 +32,6 @@ from procedures.vignetting.formula import LightSurface
 if TYPE_CHECKING:
     import h5py
 
-Array = npt.NDArray[np.float64]
 
 SCHEMA, WITHOUT_TAIL = "station/psf-field/2", "station/psf-field/1"
 """Schemas of this version and of older ones, whose PSFs end with their supports."""

@@ -11,17 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial.polynomial import polyder, polyroots, polyval
 
 from procedures.field.maps import COLUMNS, FieldMap, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import FIELD_CURVATURE, FOCUS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity, Refused
 from procedures.psf_field import Node, in_half_diagonals
 from procedures.quality import mtf_along
 
-Array = npt.NDArray[np.float64]
 Bracket = Mapping[float, Sequence[Node]]  # nodes of one plane by focus position
 FocusSeries = list[tuple[float, Node]]  # focus position and node, at one place of the frame
 
@@ -38,8 +37,6 @@ COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 
 class FocusSurface:
     """Best focus over the frame, in the unit of the bracket's positions.
 
-    Attributes
-    ----------
     shape : (int, int)
     positions : (N, 2), measured places, in pixels of the plane
     best : (N, 2), variance : (N, 2); measured sagittal and meridional focus
@@ -89,10 +86,8 @@ class FocusSurface:
 class FocusOptimum:
     """Focus position of the greatest MTF along one direction.
 
-    Attributes
-    ----------
-    at, variance : focus position, and its variance by the noise of the PSFs
-    sensitivities : derivatives of `at` by the positions of the photographs, of sum 1
+    at, variance : focus position, and its variance by the noise of the PSFs; sensitivities : derivatives of `at` by the
+    positions of the photographs, of sum 1.
     """
 
     at: float

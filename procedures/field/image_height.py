@@ -14,11 +14,10 @@ import numpy.typing as npt
 
 from procedures.field.maps import propagated, radius_direction
 from procedures.field.photosite import WithoutPhotosite
+from procedures.numerics.arrays import Array
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
 from procedures.stray_tail import curve_model_error
-
-Array = npt.NDArray[np.float64]
 
 HEIGHTS = 9
 DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolated field
@@ -28,13 +27,11 @@ DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolate
 class HeightCurve:
     """MTF at one frequency as a function of the image height.
 
-    Attributes
-    ----------
     frequency : cycles per pixel of the plane
     heights : (n,), pixels of the plane from the frame's centre
     sagittal, meridional : (n,), means over the directions
-    sagittal_uncertainty, meridional_uncertainty : (n,) float64
-        Mean standard uncertainties of one position: the correlation between directions is unknown.
+    sagittal_uncertainty, meridional_uncertainty : (n,) mean standard uncertainties of one position: the correlation
+        between directions is unknown
     sagittal_spread, meridional_spread : (n,), standard deviations among the directions
     directions : (n,), number of directions inside the hull
     """

@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis
 from procedures.field.support import with_common_support
 from procedures.field.whitening import MAX_DIRECTIONS, WhitenedNodes
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 FEWEST = 6  # positions from which a PSF is interpolated: a quadratic surface has six coefficients
@@ -56,8 +56,6 @@ class InterpolationCandidate:
 class Recipe:
     """How to build a model from nodes.
 
-    Attributes
-    ----------
     kind : "polynomial", "thin plate" or "symmetric lens"
     setting : degree, or stiffness of the plate
     axis : (x, y), axis of the symmetric lens, in half diagonals from the frame's centre
@@ -79,9 +77,6 @@ class Recipe:
 class Interpolation:
     """A field, and its choice.
 
-    Attributes
-    ----------
-    field : PsfField
     recipe : of its model; with the number of components it is sufficient to rebuild the field from its nodes
     candidates : all tried interpolations, the best first
     axis : intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it
@@ -96,14 +91,8 @@ class Interpolation:
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
     """The PSF over the frame from its nodes, by the model with the smallest cross-validation error.
 
-    Parameters
-    ----------
-    shape : rows and columns of the plane
-
-    Raises
-    ------
-    Refused
-        If there are fewer than six nodes, they lie on a line, or have different samplings (`with_common_support`).
+    shape : rows and columns of the plane. Raises Refused if there are fewer than six nodes, they lie on a line, or have
+    different samplings (`with_common_support`).
     """
     nodes, data = _prepared(plane, shape, nodes)
     folds = _folds(data.places)
@@ -288,10 +277,10 @@ def _axis(data: WhitenedNodes, r: int) -> SymmetryAxis | None:
 
 
 def _refined(data: WhitenedNodes, axis: SymmetryAxis, degree: int) -> SymmetryAxis:
-    """The axis near another one, by all components of a lens of that degree."""
+    """The axis near another one, by all components of a lens of that degree, its constant first term among them."""
     start = _coordinates(axis)
-    mean, V = data.symmetric_basis(np.arange(len(data.z)), degree, start)
-    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T - data.origin(mean, V), start)
+    V = data.symmetric_basis(np.arange(len(data.z)), degree, start)[1]
+    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T, start)
 
 
 def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:

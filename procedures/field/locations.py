@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import monomials
 from procedures.outcome import BadParameter
-
-Array = npt.NDArray[np.float64]
 
 CANDIDATES = 25  # candidate positions along the longer side
 AHEAD: Array = np.array([0.0, 0.0, 1.0])
@@ -35,13 +33,9 @@ def chosen_locations(n: int, aspect: float = 1.5) -> list[Location]:
     They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
     highest degree that n determine; further ones are placed in the largest gaps.
 
-    Parameters
-    ----------
     aspect : width over height of the frame
 
-    References
-    ----------
-    Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
+    Source: Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
     """
     if n < 3:
         raise BadParameter(f"a surface needs three places or more; got {n}", "choose 6 or more")
@@ -70,10 +64,8 @@ def _boustrophedon(places: Array) -> Array:
 def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
     """Unit vector (3,) from the camera to a position of its frame: x right, y down, z ahead.
 
-    Parameters
-    ----------
-    shape : rows and columns of the sensor or of a plane
-    principal_px : distance of the image from the lens in the same pixels: focal length over pitch
+    shape : rows and columns of the sensor or of a plane; principal_px : distance of the image from the lens in the same
+    pixels: focal length over pitch.
     """
     x, y = location.in_pixels(shape)
     towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
@@ -97,12 +89,7 @@ def pan_tilt_deg(
     t = R^-1 d. Rotated back by the tilt, t keeps its x; rotated by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
     is two equations, in x for the pan and in y for the tilt.
 
-    Parameters
-    ----------
-    shape, principal_px
-        As in `ray`.
-    towards : (3,) float64
-        Direction of the chart's centre, in the axes of a head at rest.
+    shape, principal_px : as in `ray`; towards : (3,) direction of the chart's centre, in the axes of a head at rest.
     """
     t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
     pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))

@@ -22,6 +22,7 @@ from procedures.numbers import (
     OF_PLACES,
     without_photosite,
 )
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 from procedures.psf_field import PsfField, in_half_diagonals
@@ -29,8 +30,6 @@ from procedures.quality import crossing_model_error, frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
 from procedures.stray_tail import tail_energy_uncertainty
 from procedures.transfer_function import first_crossing
-
-Array = npt.NDArray[np.float64]
 
 COLUMNS = 21  # positions of a map along the frame's longer side
 MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)  # maps of numbers derived from the PSF
@@ -43,14 +42,11 @@ ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)  # maps of the field's predicted err
 class FieldMap:
     """A number over the frame.
 
-    Attributes
-    ----------
-    name, title, unit : str
     x : (nx,), y : (ny,); positions in pixels of the plane
     value : (ny, nx), NaN where the number is undefined
     uncertainty : (ny, nx) or None; None where the value is itself an uncertainty
-    enclosed : (ny, nx) bool or None
-        Mask of the positions inside the hull of the nodes, where the others have a value too; None: the finite values.
+    enclosed : (ny, nx) bool or None; mask of the positions inside the hull of the nodes, where the others have a value
+        too; None: the finite values
     """
 
     name: str

@@ -25,8 +25,6 @@ Answer = tuple[RawFrame, FrameNodes] | ProcedureError
 class MeasuredFrames:
     """Nodes of all photographs, by plane.
 
-    Attributes
-    ----------
     frames : path and SHA-256 of the photographs that gave nodes
     planes : of the first photograph: pitch, origin and shape, without samples
     exposures : metadata of the photographs, without samples
@@ -78,8 +76,6 @@ def measure(
 ) -> MeasuredFrames:  # fmt: skip
     """The nodes of all photographs, several at a time.
 
-    Parameters
-    ----------
     names : the planes; None for all
     progress : called with the name of every finished photograph
     layout : layout of photographs without a header

@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES
 from procedures.numerics.scattered import Smoother
-
-Array = npt.NDArray[np.float64]
 
 RING_SPACING = 1.3  # samples between the radial functions of each harmonic: closer ones are not resolved by the samples
 RIDGE = 1e-5
@@ -54,12 +52,9 @@ class Separate:
 class Optic:
     """The components as required by the symmetric model.
 
-    Attributes
-    ----------
     analysis, components : (r, p), as in `PsfField`
     whiten : (p, p), from a PSF's parameters to units of their noise
-    norms : dict of int to (rings,) float64
-        Cache of the norms of each harmonic's rings in these units, shared by optics of one noise.
+    norms : cache of the norms of each harmonic's rings in these units, shared by optics of one noise
     """
 
     analysis: Array
@@ -128,14 +123,10 @@ class AxialSymmetry:
     r and the angle of x about the axis: the smooth functions with the symmetry of equation (4.20). b, the PSF on the
     axis, is free except for b(-s) = b(s): it contains what is fixed to the sensor (photosites, low-pass filter).
 
-    Attributes
-    ----------
     places : (N, 2), trust : (N,); as in `numerics.scattered`
     axis : (x, y), intersection of the axis with the frame, in the units of `places`
 
-    References
-    ----------
-    Sorel's thesis, 2007, section 4.4, equation (4.20).
+    Source: Sorel's thesis, 2007, section 4.4, equation (4.20).
     """
 
     places: Array

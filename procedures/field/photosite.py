@@ -7,29 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.psf import Psf
 from procedures.quality import frequencies, mtf_along
-
-Array = npt.NDArray[np.float64]
 
 MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise and the error of its side
 
 
 @dataclass(frozen=True)
 class Photosite:
-    """A square photosite centred in its pixel.
+    """A square photosite centred in its pixel. Raises BadParameter if the fill factor is impossible.
 
-    Attributes
-    ----------
     fill : effective area over the pixel's, including the microlens
     uncertainty : standard uncertainty of `fill`
     assumed : whether it was not measured
-
-    Raises
-    ------
-    BadParameter
-        If the fill factor is impossible.
     """
 
     fill: float
@@ -49,8 +41,6 @@ class Photosite:
 
         |sinc(a fx) sinc(a fy)|, a the root of the fill factor, sinc(x) = sin(pi x) / (pi x).
 
-        Parameters
-        ----------
         f : (n,), cycles per pixel of a plane
         angle : direction in which the detail repeats, radians from x towards y
         pitch : sensor pixels per pixel of the plane

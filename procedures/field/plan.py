@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
@@ -47,7 +46,6 @@ from procedures.plan import (
 )
 from procedures.raw import Plane, RawFrame
 
-Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 BEFORE = ("print", "mount", "distance", "square", "focus")  # steps of the pattern PSF
 USUAL, FEWEST, MOST = 9, 6, 400  # numbers of positions: fewer than six do not determine a field

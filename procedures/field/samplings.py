@@ -8,14 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.maps import grid, mesh
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial
 from procedures.psf import extended
 from procedures.psf_field import PsfField, in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 FIT_COLUMNS = 16  # positions along the longer side at which a polynomial is fitted and compared with the field
 MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish
@@ -25,9 +23,6 @@ MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than th
 class PsfPolynomial:
     """Every sample of the PSF as a polynomial of the position.
 
-    Attributes
-    ----------
-    degree : int
     images : (c, K, K), coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, .
     centre, scale : (x, y) and float; x is (column - centre) / scale, in pixels of the plane, likewise y
     lost : largest norm of the difference from the field over the PSF's norm, inside the nodes' hull

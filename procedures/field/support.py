@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_kernels
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node
-
-Array = npt.NDArray[np.float64]
 
 
 def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:

@@ -6,20 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Polynomial, monomials
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A polynomial in each component of a measured vector.
 
-    Attributes
-    ----------
-    smoother : Polynomial
     values : (N, m), covariances : (N, m, m); measured values and covariances of their noise
     lack : (m,), upper estimate of the variance of the model error, per position
     """
@@ -60,15 +55,10 @@ class Surface:
 def fit_surface(places: Array, values: Array, covariances: Array, degrees: Sequence[int]) -> Surface:
     """Surface of the degree with the smallest leave-one-out error.
 
-    Parameters
-    ----------
+    Raises ValueError if the places do not determine the lowest.
+
     places : (N, 2), values : (N, m), covariances : (N, m, m)
     degrees : candidates; those that the places do not determine are skipped
-
-    Raises
-    ------
-    ValueError
-        If the places do not determine the lowest.
     """
     noise = np.trace(covariances, axis1=1, axis2=2)
     trust = noise.mean() / noise if np.all(noise > 0) else np.ones(len(places))

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.models import AxialSymmetry, Optic, mirrored
+from procedures.numerics.arrays import Array
 from procedures.psf_field import Node, in_half_diagonals
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 MAX_DIRECTIONS = 24  # most principal directions kept
@@ -24,8 +24,6 @@ FLOOR = 0.05  # minimum noise variance in any direction, relative to the mean: s
 class WhitenedNodes:
     """The nodes' PSFs z in coordinates in which the mean noise is 1 in every direction.
 
-    Attributes
-    ----------
     z : (N, p), places : (N, 2), trust : (N,); `trust` is the inverse variance of the noise, about 1
     C : (N, p, p), covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail
     to, back : (p, p), z = to h, h = back z

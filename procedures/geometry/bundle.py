@@ -1,4 +1,7 @@
-"""Bundle adjustment by pycolmap with a flat chart of known dimensions: the initial estimate.
+"""Bundle adjustment with a flat chart of known dimensions: the initial estimate.
+
+Lenses up to some 100 degrees start as pinholes with radial distortion, adjusted by pycolmap; wider ones start as
+equidistant or stereographic ones, adjusted by this package.
 
 References
 ----------
@@ -9,13 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pycolmap
+from scipy.spatial.transform import Rotation
 
-from procedures.geometry.cameras import CameraModel, simple_camera
+from procedures.geometry import stereographic
+from procedures.geometry.adjustment import AdjustmentProblem, adjust
+from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camera
+from procedures.geometry.shape import rigid_shape
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
@@ -23,6 +31,10 @@ Array = npt.NDArray[np.float64]
 
 FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Initial focal lengths, relative to the longer side of the frame."""
+WIDE_RATIOS = (0.3, 0.45, 0.7)
+"""Initial focal lengths of wide lenses, relative to the longer side of the frame."""
+WIDE_PX = 2.0
+"""Residual of a pinhole with radial distortion above which the lens may be wide."""
 FIRST_NODES = 60
 """Number of nodes of the initial estimate, chosen at random so that they are not collinear."""
 MAX_ITERATIONS, TOLERANCE = 200, 1e-7
@@ -64,12 +76,30 @@ def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]
             continue
         if np.isfinite(bundle.cost_px) and all(pose.t[2] > 0 for pose in bundle.poses):
             bundles.append(bundle)
+    if min((one.cost_px for one in bundles), default=np.inf) > WIDE_PX:
+        bundles += _wide_bundles(nodes, few, size)
     if not bundles:
         raise Refused(
             "no focal length puts the charts where the photographs show them",
             "give photographs of one camera at one focus, the chart flat and tilted differently in each",
         )
-    return _resolve_tilts(min(bundles, key=lambda one: one.cost_px), nodes, few)
+    best = min(bundles, key=lambda one: one.cost_px)
+    return best if best.camera.model == STEREOGRAPHIC else _resolve_tilts(best, nodes, few)
+
+
+def _wide_bundles(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]) -> list[Bundle]:
+    """Stereographic cameras, from equidistant and stereographic ones of several focal lengths."""
+    problem, bundles = AdjustmentProblem(nodes, views, rigid_shape(nodes)), []
+    for ratio, series in product(WIDE_RATIOS, (stereographic.EQUIDISTANT, (0.0,) * 4)):
+        focal, centre = (ratio * max(size),) * 2, ((size[0] - 1) / 2, (size[1] - 1) / 2)
+        camera = CameraModel(STEREOGRAPHIC, np.array([*focal, *centre, *series]), *size)
+        try:
+            poses = tuple(_first_pose(camera, nodes, view) for view in views)
+            state = adjust(problem.flat_state(camera, poses), problem).state
+        except (Refused, cv2.error):
+            continue
+        bundles.append(_scored(state.camera, state.poses, nodes, views))
+    return bundles
 
 
 def _resolve_tilts(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> Bundle:
@@ -99,34 +129,39 @@ def _distances(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -
     return np.asarray(camera.project(pose.apply(nodes[view.index])) - view.points)
 
 
-def _normalised(camera: CameraModel, nodes: Array, view: ChartView) -> tuple[Array, Array]:
-    """The nodes of a view, and their undistorted points at focal length 1."""
-    flat = camera.rays(view.points)[:, :2]
-    known = np.isfinite(flat).all(axis=1)
-    return nodes[view.index[known]], flat[known][:, None]
-
-
 def _flat_poses(camera: CameraModel, nodes: Array, view: ChartView) -> list[Pose]:
     """The two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014."""
-    board, points = _normalised(camera, nodes, view)
+    board, points, turn = _normalised(camera, nodes, view)
     _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
-    poses = [_pose(turn, t) for turn, t in zip(turns, shifts, strict=True)]
+    poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
     return [one for one in poses if np.isfinite(one.R).all() and np.isfinite(one.t).all()]
 
 
 def _first_pose(camera: CameraModel, nodes: Array, view: ChartView) -> Pose:
-    """Pose from the homography between the flat chart and the pinhole image."""
-    board, points = _normalised(camera, nodes, view)
+    """Pose from the homography between the flat chart and the image of a pinhole turned towards it."""
+    board, points, turn = _normalised(camera, nodes, view)
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):  # the first fails for some frontal charts
-        _, turn, t = cv2.solvePnP(board, points, np.eye(3), np.zeros(4), flags=method)
-        if turn is not None and np.isfinite(turn).all() and np.isfinite(t).all():
+        _, rotation, t = cv2.solvePnP(board, points, np.eye(3), np.zeros(4), flags=method)
+        if rotation is not None and np.isfinite(rotation).all() and np.isfinite(t).all():
             break
-    return _pose(turn, t)
+    return _pose(rotation, t, turn)
 
 
-def _pose(turn: npt.ArrayLike, t: npt.ArrayLike) -> Pose:
-    R = cv2.Rodrigues(np.asarray(turn))[0]
-    return Pose(np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
+def _normalised(camera: CameraModel, nodes: Array, view: ChartView) -> tuple[Array, Array, Array]:
+    """The nodes of a view, their undistorted points at focal length 1 in a camera turned towards them, and the turn."""
+    rays = camera.rays(view.points)
+    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    sight = np.nanmean(unit, axis=0)
+    turn = np.asarray(Rotation.align_vectors([[0.0, 0.0, 1.0]], [sight])[0].as_matrix())
+    turned = unit @ turn.T
+    known = turned[:, 2] > 0
+    return nodes[view.index[known]], (turned[known, :2] / turned[known, 2:])[:, None], turn
+
+
+def _pose(rotation: npt.ArrayLike, t: npt.ArrayLike, turn: Array) -> Pose:
+    """The pose in the camera's frame of one in the frame of the turned camera."""
+    R = np.asarray(cv2.Rodrigues(np.asarray(rotation))[0], dtype=np.float64)
+    return Pose(turn.T @ R, turn.T @ np.asarray(t, dtype=np.float64).ravel())
 
 
 def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:
@@ -199,6 +234,10 @@ def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartV
     camera = CameraModel.from_colmap(scene.cameras[1])
     rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
     poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
+    return _scored(camera, poses, nodes, views)
+
+
+def _scored(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:
     pairs = zip(poses, views, strict=True)
     squares = sum(float(np.sum(_distances(camera, pose, nodes, view) ** 2)) for pose, view in pairs)
     return Bundle(camera, tuple(poses), float(np.sqrt(squares / max(sum(map(len, views)), 1))))

@@ -1,4 +1,4 @@
-"""Camera models by COLMAP's formulas: projection, rays, and derivatives.
+"""Camera models by COLMAP's formulas, or the stereographic one: projection, rays, and derivatives.
 
 COLMAP has pixel centres at 0.5, this project at integers. The half pixel is added where parameters pass to pycolmap.
 """
@@ -14,14 +14,17 @@ import numpy as np
 import numpy.typing as npt
 import pycolmap
 
+from procedures.geometry import stereographic
 from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
 MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 """Models to choose from, the simplest first."""
-OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
-"""Further models, used on request and in exports."""
+STEREOGRAPHIC = "STEREOGRAPHIC"
+"""The formula of `stereographic`, which COLMAP does not have."""
+OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE", STEREOGRAPHIC)
+"""Further models, used on request, in exports, and under splines."""
 COLMAP_CENTRE = 0.5
 CENTRE = ("cx", "cy")
 PIXELS = ("f", "fx", "fy", *CENTRE)
@@ -51,9 +54,9 @@ class CameraModel:
     Attributes
     ----------
     model : str
-        Name of the COLMAP model.
+        Name of the model.
     params : (p,) float64
-        In COLMAP's order, see `names`; the principal point with pixel centres at integers.
+        In the order of `names`; the principal point with pixel centres at integers.
     columns, rows : int
         Size of the frame.
     """
@@ -119,16 +122,22 @@ class CameraModel:
         return cls(model, params, camera.width, camera.height)
 
     def project(self, points: Array) -> Array:
-        """Pixels (n, 2) of points (n, 3) in the camera's frame (x right, y down, z away); NaN behind it."""
+        """Pixels (n, 2) of points (n, 3) in the camera's frame (x right, y down, z away); NaN where it has none."""
+        if self.model == STEREOGRAPHIC:
+            return stereographic.project(self.params, points)
         return _projected(self._colmap, np.ascontiguousarray(points))
 
     def rays(self, pixels: Array) -> Array:
-        """Directions (x, y, 1) of pixels (n, 2), (n, 3); NaN where the model has none."""
+        """Directions (n, 3), of any length, of pixels (n, 2); NaN where the model has none."""
+        if self.model == STEREOGRAPHIC:
+            return stereographic.rays(self.params, pixels)
         flat = self._colmap.cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
         return np.column_stack([np.asarray(flat, dtype=np.float64)[:, :2], np.ones(len(pixels))])
 
     def by_params(self, points: Array) -> Array:
         """Derivative (n, 2, p) of the projection of points (n, 3) by the parameters."""
+        if self.model == STEREOGRAPHIC:
+            return stereographic.by_params(self.params, points)
         theirs, points, columns = self.colmap(), np.ascontiguousarray(points), []
         params = np.array(theirs.params)
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
@@ -145,6 +154,8 @@ class CameraModel:
 
     def by_points(self, points: Array) -> Array:
         """Derivative (n, 2, 3) of the projection of points (n, 3) by the points."""
+        if self.model == STEREOGRAPHIC:
+            return stereographic.by_points(self.params, points)
         step = STEP_SHARE * np.linalg.norm(points, axis=1)
         theirs, columns = self._colmap, []
         for axis in np.eye(3):
@@ -228,7 +239,11 @@ def _projected(theirs: pycolmap.Camera, points: Array) -> Array:
 def parameter_names(model: str) -> tuple[str, ...]:
     """Names of a model's parameters. Raises BadParameter where there is no such model."""
     base, (nx, ny) = split_model(model)
-    names = tuple(pycolmap.Camera.create_from_model_name(0, base, 1.0, 1, 1).params_info.split(", "))
+    names = (
+        stereographic.NAMES
+        if base == STEREOGRAPHIC
+        else tuple(pycolmap.Camera.create_from_model_name(0, base, 1.0, 1, 1).params_info.split(", "))
+    )
     return names + tuple(f"spline_{axis}_{i}_{j}" for j in range(ny) for i in range(nx) for axis in "xy")
 
 
@@ -260,5 +275,6 @@ def _is_centre(model: str) -> Array:
 
 def distortion(camera: CameraModel, pixels: Array) -> Array:
     """Displacement (n, 2), in pixels, at places (n, 2) of the frame, relative to a pinhole of the same focal length."""
-    pinhole = camera.rays(pixels)[:, :2] * camera.focal_px + camera.centre
+    rays = camera.rays(pixels)
+    pinhole = rays[:, :2] / np.where(rays[:, 2:] > 0, rays[:, 2:], np.nan) * camera.focal_px + camera.centre
     return np.asarray(pixels - pinhole)

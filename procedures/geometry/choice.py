@@ -23,9 +23,11 @@ from procedures.geometry.adjustment import (
     by_pose,
     moved_pose,
 )
-from procedures.geometry.bundle import adjust_flat, first_bundle
-from procedures.geometry.cameras import CameraModel, enriched, parameter_names, simple_camera, split_model
+from procedures.geometry.bundle import first_bundle
+from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, enriched, parameter_names, split_model
+from procedures.geometry.conversion import as_model
 from procedures.geometry.spline_camera import SplineCamera, spline_models
+from procedures.geometry.uncertainty import covered_region
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
@@ -38,8 +40,6 @@ EQUIVALENCE = 0.005
 deviations of a point), or by no more than one standard error of the difference over the views."""
 FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
 """The model of `first_state`; that for a long lens, whose narrow frame does not separate the first from a rotation."""
-BASES = ("OPENCV", "THIN_PRISM_FISHEYE")
-"""Formulas under splines, for narrow and for wide lenses: accurate to within some pixels."""
 MAX_POSE_ITERATIONS, POSE_TOLERANCE = 20, 1e-3
 
 
@@ -68,6 +68,8 @@ def first_state(problem: AdjustmentProblem, size: tuple[int, int]) -> Adjustment
     """State of a simple model, from which the others start."""
     bundle = first_bundle(problem.nodes, problem.views, size)
     start = problem.flat_state(bundle.camera, bundle.poses)
+    if bundle.camera.model == STEREOGRAPHIC:
+        return adjust(start, problem).state
     try:
         return fit_model(FIRST, start, problem).state
     except Refused:
@@ -77,8 +79,8 @@ def first_state(problem: AdjustmentProblem, size: tuple[int, int]) -> Adjustment
 def fit_model(model: str, start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
     """A model fitted to views, together with the shape of the chart.
 
-    The adjustment starts from the state's camera where the model contains that of the state, else from pycolmap's
-    result for a chart of the state's shape. A spline starts from the result of its formula.
+    The adjustment starts from the state's camera, converted to the model; that of a spline from the result of
+    its formula.
     """
     base, grid = split_model(model)
     if any(grid):
@@ -86,11 +88,10 @@ def fit_model(model: str, start: AdjustmentState, problem: AdjustmentProblem) ->
         return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), problem)
     camera = start.camera.base if isinstance(start.camera, SplineCamera) else start.camera
     known = enriched(camera, model)
-    if known is not None:
-        return adjust(replace(start, camera=known), problem)
-    plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
-    bundle = adjust_flat(plain, start.poses, problem.nodes + start.deviations_mm(problem.shape), problem.views)
-    return adjust(replace(start, camera=bundle.camera, poses=bundle.poses), problem)
+    if known is None:
+        region = covered_region(np.concatenate([view.points for view in problem.views]))
+        known = as_model(camera, region, model)[0]
+    return adjust(replace(start, camera=known), problem)
 
 
 def choose_model(models: Sequence[str], start: AdjustmentState, problem: AdjustmentProblem) -> tuple[ModelTrial, ...]:
@@ -125,18 +126,9 @@ def choose_model(models: Sequence[str], start: AdjustmentState, problem: Adjustm
 def with_splines(
     trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, problem: AdjustmentProblem
 ) -> tuple[ModelTrial, ...]:
-    """The trials with splines over the formula that fits the lens best, the chosen model first."""
-    base = min(BASES, key=lambda model: _scale(model, start, problem))
-    first, *others = choose_model((trials[0].model, *spline_models(base, *size)), start, problem)
+    """The trials with splines over the stereographic formula, the chosen model first."""
+    first, *others = choose_model((trials[0].model, *spline_models(STEREOGRAPHIC, *size)), start, problem)
     return (first, *sorted([*others, *trials[1:]], key=lambda trial: trial.left_over))
-
-
-def _scale(model: str, start: AdjustmentState, problem: AdjustmentProblem) -> float:
-    """Residual of a model fitted to all views; inf where the fit fails."""
-    try:
-        return fit_model(model, start, problem).scale
-    except Refused:
-        return float("inf")
 
 
 def _equivalent(one: Array, best: Array, freedom: Array) -> bool:

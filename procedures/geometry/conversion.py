@@ -151,7 +151,11 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
     pixels, rays = _covered(camera, region)
     start = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     scale = np.array([camera.focal_px[0] if unit == "pixel" else 0.1 for unit in start.units])
-    fit = start.with_params(_fit(lambda p: start.with_params(p).project(rays), start.params, scale, pixels))
+
+    def project(p: Array) -> Array:
+        return np.nan_to_num(start.with_params(p).project(rays), nan=FAR_PX)
+
+    fit = start.with_params(_fit(project, start.params, scale, pixels))
     return fit, _difference(fit.project(rays) - pixels)
 
 
@@ -315,11 +319,11 @@ def _distorted(u: Array, params: Array, formula: str, unit_px: float) -> Array:
 
 
 def _covered(camera: CameraModel, region: Array) -> tuple[Array, Array]:
-    """Grid of pixels within an outline, and their rays."""
+    """Grid of pixels within an outline, and their rays in front of the camera: formulas of pinholes have no others."""
     pixels = camera.frame_grid(*GRID)
     pixels = pixels[enclosed(region, pixels)]
     rays = camera.rays(pixels)
-    known = np.isfinite(rays).all(axis=1)
+    known = rays[:, 2] > 0
     return pixels[known], rays[known]
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, AdjustmentState, adjust
-from procedures.geometry.cameras import MODELS, CameraModel, parameter_names
+from procedures.geometry.cameras import MODELS, STEREOGRAPHIC, CameraModel, parameter_names
 from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
 from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.model_doubt import find_doubt
@@ -235,6 +235,8 @@ def calibrate_geometry(
             )
         problem = AdjustmentProblem(nodes, views, shape_model(nodes))
         start = first_state(problem, size)
+        if parameters.model is None and start.camera.model == STEREOGRAPHIC:
+            models = (STEREOGRAPHIC, *models)
         trials = choose_model(models, start, problem)
         geometry = _fitted(trials, start, problem, parameters)
         if parameters.model is None and is_too_simple(geometry) and len(views) >= LEAST_VIEWS:

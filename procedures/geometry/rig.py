@@ -226,7 +226,6 @@ def _rigid(fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], 
         step = (known @ (A.T @ (precision @ residual))).reshape(-1, POSE)
         placed = [placed[0], *(moved_pose(*one) for one in zip(placed[1:], step, strict=False))]
         boards = [moved_pose(*one) for one in zip(boards, step[len(placed) - 1 :], strict=True)]
-        residual = residual - A @ step.ravel()
     chi_square, freedom = float(residual @ precision @ residual), len(rows) - A.shape[1]
     misfit = float(np.sqrt(chi_square / freedom))
     covariance = known[:further, :further] * max(misfit, 1.0) ** 2

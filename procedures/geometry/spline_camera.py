@@ -77,7 +77,7 @@ class SplineCamera(CameraModel):
         return np.asarray(projected + self.correction(projected))
 
     def rays(self, pixels: Array) -> Array:
-        """Directions (x, y, 1) of pixels (n, 2), (n, 3); NaN where the model has none."""
+        """Directions (n, 3) of pixels (n, 2); NaN where the model has none."""
         places = pixels
         for _ in range(MAX_ITERATIONS):
             step = pixels - self.correction(places) - places

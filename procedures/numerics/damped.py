@@ -15,11 +15,9 @@ The minimum is reached when an undamped step would lower the sum by less than `t
 less than STEP_TOLERANCE of their size. A damped step is short by itself, so its length proves nothing; but where not
 even the shortest lowers the sum, a residual with a kink has its minimum.
 
-References
-----------
-Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963).
-Bates, Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981.
-Transtrum, Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012.
+Source: Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963). Bates, Watts, A
+relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981. Transtrum,
+Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012.
 """
 
 from __future__ import annotations
@@ -28,10 +26,10 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 State = TypeVar("State")
 
 MAX_ITERATIONS, MAX_REJECTIONS = 100, 10
@@ -94,16 +92,9 @@ class LeastSquares(Protocol[State]):
 class Minimum(Generic[State]):
     """Result of the minimisation.
 
-    Attributes
-    ----------
-    state : State
-    cost : float
-        Sum of squares.
-    iterations : int
-        Linearisations.
-    decrease : float
-        By which share of it the last step lowered the sum of squares; 0 where none was taken.
-    converged : bool
+    cost : sum of squares
+    iterations : linearisations
+    decrease : by which share of it the last step lowered the sum of squares; 0 where none was taken
     """
 
     state: State
@@ -118,15 +109,9 @@ def minimise(
 ) -> Minimum[State]:
     """The minimum of a sum of squares near a start.
 
-    Parameters
-    ----------
-    problem : Problem
-    start : State
-    tolerance : float
-        Relative decrease of the sum of squares that is not worth another step. A sum over m residuals of known noise
-        that is to be minimised to a thirtieth of a standard uncertainty needs 0.001 / m.
-    limit : int
-        Iterations at most.
+    tolerance : relative decrease of the sum of squares that is not worth another step. A sum over m residuals of known
+        noise that is to be minimised to a thirtieth of a standard uncertainty needs 0.001 / m.
+    limit : iterations at most
     """
     state, damping, decrease = start, FIRST_DAMPING, 0.0
     for iteration in range(1, limit + 1):

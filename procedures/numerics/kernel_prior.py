@@ -10,10 +10,8 @@ length L: curves with two derivatives. a, R and L maximise the likelihood of the
 smoothness and narrowness are assumed only as far as they show above the noise, and at low noise the prior has almost
 no effect.
 
-References
-----------
-Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sections 4.2 and 5.4.1; Gilmour, Thompson, Cullis,
-Biometrics 51 (1995) 1440-1450 (average information).
+Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sections 4.2 and 5.4.1; Gilmour, Thompson,
+Cullis, Biometrics 51 (1995) 1440-1450 (average information).
 """
 
 from __future__ import annotations
@@ -24,9 +22,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.triangular import inverse_lower
-
-Array = npt.NDArray[np.float64]
 
 START_PX = (0.2, 0.9, 1.1)
 """a per square pixel of a kernel of sum 1, R and L in pixels: starting values and prior medians."""
@@ -45,14 +42,9 @@ changes by less than its noise."""
 def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     """Covariance (n, n) of the most likely prior of a kernel, given its estimate.
 
-    Parameters
-    ----------
-    h : (n,) float64
-        The kernel's k x k values row by row, with errors, of a sum near 1.
-    errors : (n, n) float64
-        Their covariance.
-    s : int
-        Samples per pixel.
+    h : (n,) the kernel's k x k values row by row, with errors, of a sum near 1
+    errors : (n, n) their covariance
+    s : samples per pixel
     """
     k = round(len(h) ** 0.5)
     at = start = _start(s)

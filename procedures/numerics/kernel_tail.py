@@ -15,10 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.bessel import integral_of_j0, j0, j1
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,
@@ -98,16 +96,11 @@ def far_light(
 ) -> Array32:
     """Light from beyond the reach, for a mean tail of energy 1 within it: a picture filtered by 1/r^3, (rows, columns).
 
-    Parameters
-    ----------
-    picture : (rows, columns) float
-        The scene at pixels. Details do not matter at that distance, so the photograph itself serves.
-    corner : (x, y)
-        First pixel of the window.
-    shape : (rows, columns)
-        Size of the window.
-    levels : (float, float)
-        Levels of the picture that correspond to -1/2 and 1/2.
+    picture : (rows, columns) the scene at pixels. Details do not matter at that distance, so the photograph itself
+        serves.
+    corner : (x, y) first pixel of the window
+    shape : (rows, columns) size of the window
+    levels : levels of the picture that correspond to -1/2 and 1/2
     """
     x, y = corner
     rows, columns = (

@@ -6,33 +6,22 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.solvers import cholesky_inverse, cholesky_solve
 from procedures.numerics.triangular import inverse_lower, solve_factored
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class NormalEquations:
     """Gram matrix and right-hand side of the kernel h with the nuisance columns Z projected out.
 
-    Attributes
-    ----------
-    G : (n, n) float64
-        A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included.
-    b : (n,) float64
-        A'r - A'Z (Z'Z)^-1 Z'r.
-    L : (n, n) float64
-        Cholesky's factor of G.
-    AZ : (n, p), ZZ : (p, p) float64
-        A'Z and Z'Z.
-    E : (p, n) float64
-        (Z'Z)^-1 Z'A: the decrease of the nuisance parameters per unit of the kernel.
-    t : (p,) float64
-        (Z'Z)^-1 Z'r: the nuisance parameters without a kernel.
+    G : (n, n) A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included
+    b : (n,) A'r - A'Z (Z'Z)^-1 Z'r
+    L : (n, n) Cholesky's factor of G
+    AZ : (n, p), ZZ : (p, p) float64; A'Z and Z'Z
+    E : (p, n) (Z'Z)^-1 Z'A: the decrease of the nuisance parameters per unit of the kernel
+    t : (p,) (Z'Z)^-1 Z'r: the nuisance parameters without a kernel
     """
 
     G: Array
@@ -83,14 +72,9 @@ def gram(A: Array32) -> Array:
 class Products:
     """Products from which the normal equations are formed.
 
-    Attributes
-    ----------
-    AA : (n, n) float64
-        A'A, or that of a matrix near A when h is an increment.
-    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
-        A'Z, Z'Z, A'r, Z'r.
-    pull : (p,) float64 or 0
-        Prior part of Zr.
+    AA : (n, n) A'A, or that of a matrix near A when h is an increment
+    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,) A'Z, Z'Z, A'r, Z'r
+    pull : (p,) float64 or 0; prior part of Zr
     """
 
     AA: Array
@@ -107,12 +91,8 @@ class Products:
     def with_prior(self, precision: Array, pull: Array) -> Products:
         """Add a Gaussian prior of the nuisance parameters.
 
-        Parameters
-        ----------
-        precision : (p,) float64
-            One over the prior variance of each, in units where the data's noise is 1; 0 without prior.
-        pull : (p,) float64
-            Prior mean less the present value.
+        precision : (p,) one over the prior variance of each, in units where the data's noise is 1; 0 without prior
+        pull : (p,) prior mean less the present value
         """
         return replace(
             self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull, pull=self.pull + precision * pull
@@ -121,12 +101,7 @@ class Products:
     def with_joined(self, count: int, precision: Array, pull: Array) -> Products:
         """Move the last nuisance columns to A, as its last columns.
 
-        Parameters
-        ----------
-        count : int
-            Number of columns.
-        precision, pull : (c,) float64
-            Prior of the last c of them, as in `with_prior`.
+        count : number of columns; precision, pull : (c,) prior of the last c of them, as in `with_prior`.
         """
         joined, others = self.AZ[:, -count:], self.AZ[:, :-count]
         block, right = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
@@ -161,10 +136,7 @@ def products_within(whole: Array32, n: int, Z: Array, r: Array) -> Products:
 def eliminate(p: Products) -> NormalEquations:
     """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If A and Z do not determine h and t.
+    Raises numpy.linalg.LinAlgError if A and Z do not determine h and t.
     """
     inverse = cholesky_inverse(p.ZZ)
     E, t = inverse @ p.AZ.T, inverse @ p.Zr

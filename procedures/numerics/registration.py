@@ -1,9 +1,7 @@
 """Affine registration of two photographs by their correlation, independent of their brightness.
 
-References
-----------
-Evangelidis, Psarakis, Parametric image alignment using enhanced correlation coefficient maximization, IEEE TPAMI 30
-(2008), in OpenCV's implementation.
+Source: Evangelidis, Psarakis, Parametric image alignment using enhanced correlation coefficient maximization, IEEE
+TPAMI 30 (2008), in OpenCV's implementation.
 """
 
 from __future__ import annotations
@@ -13,8 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Single = npt.NDArray[np.float32]
+from procedures.numerics.arrays import Array, Array32
 
 MAX_ITERATIONS, TOLERANCE = 60, 1e-7
 COARSE_PX = 256
@@ -23,7 +20,7 @@ SMOOTHED = 5
 """Side of the smoothing window, pixels."""
 
 
-def affine_between(first: Single, second: Single, clear: npt.NDArray[np.bool_]) -> Array | None:
+def affine_between(first: Array32, second: Array32, clear: npt.NDArray[np.bool_]) -> Array | None:
     """The affine map (2, 3) from points (x, y) of the first picture to the second, or None without convergence.
 
     clear : mask of the valid pixels of the first picture
@@ -41,7 +38,7 @@ def affine_between(first: Single, second: Single, clear: npt.NDArray[np.bool_]) 
     return np.asarray(matrix, dtype=np.float64)
 
 
-def _shift_between(first: Single, second: Single, factor: float) -> Single:
+def _shift_between(first: Array32, second: Array32, factor: float) -> Array32:
     import cv2
 
     a, b = (cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) for image in (first, second))

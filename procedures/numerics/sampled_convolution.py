@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-
-Array32 = npt.NDArray[np.float32]
+from procedures.numerics.arrays import Array32
 
 np.empty(31 << 20, np.uint8)
 # The C library (glibc) keeps twice as much freed memory as the largest freed block of up to 32 MiB: after this one, the
@@ -27,14 +26,10 @@ def sample_convolution(
 
     Parameters
     ----------
-    raster : (s (rows - 1) + k, s (columns - 1) + k) float32
-        The image on the s grid, with a border of k // 2 samples.
-    rows, columns : (m,) int64
-        The pixels.
-    weight : (m,) float32
-        One over the standard deviation of the pixel's sample.
-    more : int
-        Additional columns, filled by the caller.
+    raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the image on the s grid, with a border of k // 2 samples
+    rows, columns : (m,) int64 the pixels
+    weight : (m,) float32 one over the standard deviation of the pixel's sample
+    more : additional columns, filled by the caller
 
     Returns
     -------

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 
 class Smoother(Protocol):
@@ -34,17 +34,8 @@ def monomials(points: Array, degree: int) -> Array:
 class Polynomial:
     """Weighted least squares by a polynomial of total degree `degree`.
 
-    Attributes
-    ----------
-    places : (N, 2) float64
-        Best within [-1, 1], for the condition of the monomials.
-    trust : (N,) float64
-        One over the variance of each value, in any unit.
-
-    Raises
-    ------
-    ValueError
-        If the places do not determine the coefficients.
+    places : (N, 2) best within [-1, 1], for the condition of the monomials; trust : (N,) one over the variance of each
+    value, in any unit. Raises ValueError if the places do not determine the coefficients.
     """
 
     places: Array
@@ -71,16 +62,11 @@ class Polynomial:
 class ThinPlate:
     """Thin-plate spline with a linear part; interpolates the values where `stiffness` is 0.
 
-    Attributes
-    ----------
-    places : (N, 2) float64, trust : (N,) float64
-        As in `Polynomial`; at least three places, not on a line.
-    stiffness : float
-        Weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is minimised.
+    places : (N, 2) float64, trust : (N,) float64; as in `Polynomial`; at least three places, not on a line
+    stiffness : weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is
+        minimised
 
-    References
-    ----------
-    Wahba, Spline Models for Observational Data, 1990, section 2.4.
+    Source: Wahba, Spline Models for Observational Data, 1990, section 2.4.
     """
 
     places: Array
@@ -119,13 +105,7 @@ def hull_area(points: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of places (N, 2).
-
-    Raises
-    ------
-    ValueError
-        If they lie on a line.
-    """
+    """The convex hull of places (N, 2). Raises ValueError if they lie on a line."""
 
     places: Array
 

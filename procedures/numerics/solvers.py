@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.triangular import inverse_lower, solve_factored
-
-Array = npt.NDArray[np.float64]
 
 SOLVERS = ("ls", "clip", "nnls")
 MOST_EXCHANGES = 200
@@ -16,10 +14,7 @@ MOST_EXCHANGES = 200
 def cholesky_solve(G: Array, b: Array) -> Array:
     """Solution x of G x = b for symmetric positive definite G (n, n) and b (n,) or (n, p).
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If G is not positive definite.
+    Raises numpy.linalg.LinAlgError if G is not positive definite.
     """
     return np.asarray(solve_factored(np.linalg.cholesky(G), b), dtype=np.float64)
 
@@ -27,10 +22,7 @@ def cholesky_solve(G: Array, b: Array) -> Array:
 def cholesky_inverse(G: Array) -> Array:
     """The inverse of a symmetric positive definite matrix.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If G is not positive definite.
+    Raises numpy.linalg.LinAlgError if G is not positive definite.
     """
     inverse = inverse_lower(np.linalg.cholesky(G))
     return np.asarray(inverse.T @ inverse, dtype=np.float64)
@@ -40,23 +32,13 @@ def non_negative_least_squares(G: Array, b: Array) -> Array:
     """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
 
     Whole blocks of variables are exchanged while that lowers the number of infeasible ones; when it stalls, single
-    exchanges of the last infeasible variable guarantee termination.
+    exchanges of the last infeasible variable guarantee termination. Raises numpy.linalg.LinAlgError if the pivots run
+    out, as they can when G is numerically singular.
 
-    Parameters
-    ----------
-    G : (n, n) float64
-        Symmetric positive definite: A'A of the least squares problem.
-    b : (n,) float64
-        A'v.
+    G : (n, n) symmetric positive definite: A'A of the least squares problem
+    b : (n,) A'v
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the pivots run out, as they can when G is numerically singular.
-
-    References
-    ----------
-    Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
+    Source: Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
     """
     n = len(b)
     passive = cholesky_solve(G, b) > 0
@@ -84,14 +66,9 @@ def non_negative_least_squares(G: Array, b: Array) -> Array:
 def solve_constrained(G: Array, b: Array, solver: str) -> Array:
     """The kernel (n,) from its normal equations: "ls" unconstrained, "clip" with negatives set to 0, "nnls" >= 0.
 
-    Raises
-    ------
-    ValueError
-        If the solver is unknown.
+    Raises ValueError if the solver is unknown.
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
     """
     if solver not in SOLVERS:
         raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")

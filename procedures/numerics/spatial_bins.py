@@ -5,28 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
+from procedures.numerics.arrays import Array, Complex, Indices
 
 
 class BinnedSaddles(NamedTuple):
     """Saddles sorted by bins, one row of bins after the other.
 
-    Attributes
-    ----------
-    points, axes : (n,) complex128
-        As in `marks.Saddles`.
-    merits : (n,) float64
-        Merit by which saddles compete: strength, for those of a chart.
-    starts : (rows columns + 1,) int64
-        Index of the first saddle of each bin.
-    left, top : float
-        Origin of the first bin, in pixels.
-    side : float
-        Side of a bin, in pixels.
+    points, axes : (n,) complex128 as in `marks.Saddles`
+    merits : (n,) merit by which saddles compete: strength, for those of a chart
+    starts : (rows columns + 1,) int64 index of the first saddle of each bin
+    left, top : origin of the first bin, in pixels
+    side : side of a bin, in pixels
     """
 
     points: Complex
@@ -43,27 +33,17 @@ class BinnedSaddles(NamedTuple):
 class LayoutRules(NamedTuple):
     """Limits that decide which saddles may be x-corners of one chart, for `loops.layouts`.
 
-    Attributes
-    ----------
-    min_step, max_step : float
-        Range of lattice steps, in pixels.
-    along_axis : float
-        Least cosine of twice the angle between a lattice direction and the axes, or across them.
-    same_axis : float
-        Least cosine of twice the angle between similar axes.
-    same_merit : float
-        Greatest ratio of similar merits.
-    collinear : float
-        Greatest distance of a third x-corner from its extrapolation by two, in steps.
-    middle_radius : float
-        Radius about the middle of a step, in steps; a finer lattice has a similar saddle there in every step.
-    square : float
-        Greatest distance of an x-corner from its prediction by a side of a square, in steps.
-    level_slope : float
-        Slope below which a line is tested in both directions.
-    min_near, min_near_crowded : int
-        Least number of hits of the five x-corners nearest to a triple, without and with a saddle in the middle of one
-        of its steps, which is common in textures.
+    min_step, max_step : range of lattice steps, in pixels
+    along_axis : least cosine of twice the angle between a lattice direction and the axes, or across them
+    same_axis : least cosine of twice the angle between similar axes
+    same_merit : greatest ratio of similar merits
+    collinear : greatest distance of a third x-corner from its extrapolation by two, in steps
+    middle_radius : radius about the middle of a step, in steps; a finer lattice has a similar saddle there in every
+        step
+    square : greatest distance of an x-corner from its prediction by a side of a square, in steps
+    level_slope : slope below which a line is tested in both directions
+    min_near, min_near_crowded : least number of hits of the five x-corners nearest to a triple, without and with a
+        saddle in the middle of one of its steps, which is common in textures
     """
 
     min_step: float

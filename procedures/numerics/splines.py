@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
+from procedures.numerics.arrays import Array, Array32
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 Complex64 = npt.NDArray[np.complex64]
 Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 
@@ -21,10 +20,7 @@ Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 class CellSpectra:
     """Spectra of a lattice of cells and of the steps between cells, each (n, n) complex64.
 
-    Attributes
-    ----------
-    cells : of the cells' values
-    left, upper : of the step heights at each cell's left and upper edge
+    cells : of the cells' values; left, upper : of the step heights at each cell's left and upper edge.
     """
 
     cells: Complex64
@@ -43,16 +39,10 @@ class CellSpectra:
 class Band:
     """Frequencies f of a lattice whose image J'f lies in [-limit, limit]^2, as the target grid represents them.
 
-    Attributes
-    ----------
-    n : int
-        Cells along one side of the lattice.
-    per_cell : int
-        Points of the splines' grid per cell, at (i + 1/2) / per_cell cells.
-    J : (2, 2) float64
-        d(cells x, y) / d(target x, y).
-    limit : float
-        In cycles per unit of the target.
+    n : cells along one side of the lattice
+    per_cell : points of the splines' grid per cell, at (i + 1/2) / per_cell cells
+    J : (2, 2) d(cells x, y) / d(target x, y)
+    limit : in cycles per unit of the target
     """
 
     n: int
@@ -124,12 +114,9 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
 
     Parameters
     ----------
-    image : (rows, columns) float32
-        Best centred about zero, for single precision.
-    J : (2, 2) float64
-        d(pixels x, y of the image) / d(target x, y).
-    band : float
-        Largest frequency kept along each target axis, in cycles per unit of the target.
+    image : (rows, columns) float32 best centred about zero, for single precision
+    J : (2, 2) d(pixels x, y of the image) / d(target x, y)
+    band : largest frequency kept along each target axis, in cycles per unit of the target
 
     Returns
     -------
@@ -193,20 +180,13 @@ def read_spline(
 
     Parameters
     ----------
-    coefficients : (rows, columns) float32
-        From `cell_image_spline` or `photograph_spline`.
-    H : (3, 3) float64
-        Target -> grid points of the coefficients.
-    centre, radius
-        Normalisation of the displacement's argument.
-    displacement : (2, 9) float64
-        Coefficients of d for `CUBIC_EXPONENTS`, in target units.
-    start : (2,) float64
-        First target point (x, y).
-    step : float
-        Distance of target points.
-    shape : (rows, columns)
-        Size of the target grid.
+    coefficients : (rows, columns) float32 from `cell_image_spline` or `photograph_spline`
+    H : (3, 3) target -> grid points of the coefficients
+    centre, radius : normalisation of the displacement's argument
+    displacement : (2, 9) coefficients of d for `CUBIC_EXPONENTS`, in target units
+    start : (2,) first target point (x, y)
+    step : distance of target points
+    shape : (rows, columns) size of the target grid
 
     Returns
     -------

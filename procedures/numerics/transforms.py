@@ -32,10 +32,7 @@ def fft2(picture: npt.NDArray[np.inexact[Any]]) -> npt.NDArray[np.complexfloatin
 def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None) -> npt.NDArray[np.complexfloating]:
     """The half-plane transform of a real picture (rows, columns), or of pictures along their last two axes.
 
-    Parameters
-    ----------
-    shape : (rows, columns), optional
-        Shape after zero padding.
+    shape : (rows, columns) shape after zero padding.
     """
     if picture.dtype != np.float32 or picture.ndim != 2:
         return np.asarray(np.fft.rfft2(picture, shape))

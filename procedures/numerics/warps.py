@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 CUBIC_EXPONENTS = tuple((i - j, j) for i in range(1, 4) for j in range(i + 1))
 """Exponents (of x, of y) of the monomials of degree one to three, lowest degree first."""
@@ -29,11 +28,7 @@ def fit_homography(source: Array, target: Array) -> Array:
     """The homography (3, 3) from `source` to `target`, both (n >= 4, 2), by least squares in the target.
 
     A direct linear solution on normalised points, followed by three Gauss-Newton steps on the distances in the target.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than four points.
+    Raises ValueError if there are fewer than four points.
     """
     if len(source) < 4:
         raise ValueError(f"a homography needs four points; got {len(source)}")
@@ -93,14 +88,9 @@ class CubicWarp:
     The constant is absent because a translation of the map is equivalent to a shift of the kernel observed through it;
     something else must fix it.
 
-    Attributes
-    ----------
-    H : (3, 3) float64
-        Homography, source points (x, y) -> target points.
-    centre : (2,) float64, radius : float
-        The polynomial's argument is (p - centre) / radius.
-    displacement : (2, 9) float64
-        Coefficients of d in units of the source, for x and y, in the order of `CUBIC_EXPONENTS`.
+    H : (3, 3) homography, source points (x, y) -> target points
+    centre : (2,) float64, radius : float; the polynomial's argument is (p - centre) / radius
+    displacement : (2, 9) coefficients of d in units of the source, for x and y, in the order of `CUBIC_EXPONENTS`
     """
 
     H: Array
@@ -160,12 +150,8 @@ def displacement_columns(slopes: Array, monomials: Array) -> Array:
 
     The mean of the monomials is subtracted, so that the columns move no centre.
 
-    Parameters
-    ----------
-    slopes : (m, 2) float64
-        Change of every sample per unit of displacement along x and y.
-    monomials : (m, 9) float64
-        From `CubicWarp.monomials`.
+    slopes : (m, 2) change of every sample per unit of displacement along x and y; monomials : (m, 9) from
+    `CubicWarp.monomials`.
     """
     centred = monomials - monomials.mean(axis=0)
     return np.hstack([centred * slopes[:, :1], centred * slopes[:, 1:]])

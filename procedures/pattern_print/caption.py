@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_print import distance
+from procedures.pattern_print.distance import rulers
 from procedures.pattern_print.panel import Drawing, Panel, PrintedLine, Text, wrapped
-from procedures.pattern_print.rulers import rulers
 
 # size of the panel on A4; it is enlarged on larger sheets
 PANEL_WIDTH_MM = 186.0

@@ -50,13 +50,7 @@ def papers_of_locale(environ: Mapping[str, str]) -> tuple[Paper, ...]:
 
 
 def paper_named(name: str) -> Paper:
-    """Paper of that name, in any case.
-
-    Raises
-    ------
-    BadParameter
-        If no paper has that name.
-    """
+    """Paper of that name, in any case. Raises BadParameter if no paper has that name."""
     paper = PAPERS.get(name.lower())
     if paper is None:
         raise BadParameter(f"the paper must be one of {', '.join(PAPERS)}; got {name!r}", "give one of these")

@@ -86,16 +86,10 @@ class Size:
 class Sheet:
     """One printed page.
 
-    Attributes
-    ----------
-    paper : str
-        "A4", or "special size" beyond A0.
-    corner_mm : (float, float)
-        Top left corner of the chart's frame.
-    black : list of loops
-        Black areas of the chart, in cells: see `outline`.
-    window_mm : (float, float, float, float), optional
-        Left, top, right and bottom of the visible part of the chart, on a sheet that shows a part only.
+    paper : "A4", or "special size" beyond A0
+    corner_mm : top left corner of the chart's frame
+    black : black areas of the chart, in cells: see `outline`
+    window_mm : left, top, right and bottom of the visible part of the chart, on a sheet that shows a part only
     """
 
     paper: str
@@ -172,10 +166,7 @@ def smallest_paper(papers: Sequence[Paper], size: Size, edges: bool) -> Paper:
 def lay_out(source: Source, size: Size, paper: Paper | None = None) -> Sheet:
     """Lay out chart, white margin and caption on upright paper, by default the smallest A sheet.
 
-    Raises
-    ------
-    BadParameter
-        If the chart does not fit on the paper.
+    Raises BadParameter if the chart does not fit on the paper.
     """
     edges = source.chart.edges
     paper = paper or smallest_paper(ISO_PAPERS, size, edges)

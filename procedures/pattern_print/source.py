@@ -42,10 +42,7 @@ class Source:
     def from_file(cls, path: Path) -> Source:
         """Chart whose cells are the pixels of a 256 x 256 black and white image.
 
-        Raises
-        ------
-        BadInput
-            If the file is not a grey image of that size, is not black and white, or has one colour only.
+        Raises BadInput if the file is not a grey image of that size, is not black and white, or has one colour only.
         """
         data = read_file(path, "picture of cells")
         chart = Chart.from_image(_black_and_white(path, data))

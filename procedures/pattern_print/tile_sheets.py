@@ -6,13 +6,28 @@ sheet is cut through its crosses and laid on the other, the halves complete each
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from procedures.outcome import BadParameter
-from procedures.pattern_print.assembly import assembly_sheet
+from procedures.pattern import BLOCK
+from procedures.pattern_print.caption import (
+    HEADING,
+    LEFT,
+    LEFT_END,
+    PANEL_HEIGHT_MM,
+    PANEL_WIDTH_MM,
+    RIGHT,
+    RIGHT_END,
+    TITLE_TYPE,
+    TYPE,
+    caption,
+    numbered,
+)
 from procedures.pattern_print.outline import outline
-from procedures.pattern_print.panel import Drawing, PrintedLine, Text
-from procedures.pattern_print.sheet import Box, Sheet, title
+from procedures.pattern_print.panel import Drawing, Panel, PrintedLine, Text
+from procedures.pattern_print.sheet import EDGE_MM, LARGEST_TYPE, QUIET_BLOCKS, Box, Sheet, title, titles
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tiles import BAND_MM, SheetTile, Tiling
+from procedures.pattern_print.tiles import BAND_MM, DRAWN_CELLS, SheetTile, Tiling
 
 BLEED_MM = 1.5
 """Width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper."""
@@ -24,13 +39,7 @@ ORIGIN_LETTERS = 24
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
-    """Assembly drawing, then the sheets row by row.
-
-    Raises
-    ------
-    BadParameter
-        If the chart has slanted edges.
-    """
+    """Assembly drawing, then the sheets row by row. Raises BadParameter if the chart has slanted edges."""
     if source.chart.edges:
         raise BadParameter(
             "a chart with slanted edges must fit on one sheet, as a seam would bend them; got several sheets",
@@ -102,3 +111,100 @@ def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing
     )
     texts = [Text(x + 5 * TYPE_MM, y - 1.3 * TYPE_MM * up, words, TYPE_MM) for up, words in enumerate(lines)]
     return Drawing(texts=(Text(x, y, tile.name, 2 * TYPE_MM, bold=True), *texts))
+
+
+# --- first page of a chart on several sheets: instructions for joining them, and the caption with the rulers ---------
+
+HEIGHT_MM = 140.0
+"""Height of the part above the caption, on A4."""
+SIDE_MM = LEFT_END - LEFT
+"""Width of the drawing of the chart with its white margin."""
+FRAME = BLOCK * QUIET_BLOCKS
+"""Width of the white margin, in cells."""
+TOP_MM = 18.0
+
+
+def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
+    """Assembly page, on the upright paper."""
+    width, height = sorted((tiling.paper.width_mm, tiling.paper.height_mm))
+    across, along = width - 2 * EDGE_MM, height - 2 * EDGE_MM
+    scale = min(LARGEST_TYPE, across / PANEL_WIDTH_MM, along / (HEIGHT_MM + PANEL_HEIGHT_MM))
+    x = (width - PANEL_WIDTH_MM * scale) / 2
+    below = Panel(x, height - EDGE_MM - PANEL_HEIGHT_MM * scale, scale)
+    return Sheet(
+        paper=tiling.paper.name,
+        width_mm=width,
+        height_mm=height,
+        size=tiling.size,
+        corner_mm=(0.0, 0.0),
+        black=[],
+        caption=_above(Panel(x, EDGE_MM, scale), tiling)
+        + caption(below, titles(source, tiling.size), tiling.size.noise_mm),
+        title=title(source, tiling.size),
+    )
+
+
+def _above(panel: Panel, tiling: Tiling) -> Drawing:
+    sheets = "1 sheet" if len(tiling.tiles) == 1 else f"{len(tiling.tiles)} sheets"
+    heading = panel.text(LEFT, 9, f"Assembly of {sheets} of {tiling.paper.name}", TITLE_TYPE, bold=True)
+    _, steps = numbered(panel, TOP_MM + HEADING, "Joining", _steps(tiling), RIGHT, RIGHT_END)
+    return Drawing(texts=(heading,)) + _plan(panel, tiling) + steps
+
+
+def _steps(tiling: Tiling) -> tuple[str, ...]:
+    whole = tiling.size.whole_mm
+    along = "Print all pages one-sided at 100 %. Both rulers below must measure 100 mm."
+    join_row = (
+        "Join each row first. Cut the left edge of every sheet but the row's first through the centres of its two "
+        "crosses. Lay the sheet on the one before it, so that the crosses and the cells continue without a step, "
+        "and glue it."
+    )
+    join_rows = (
+        "Then join the rows. Cut the upper edge of every row but the first through the centres of its two outermost "
+        "crosses. Lay the row on the one above it, so that the crosses and the cells continue, and glue it."
+    )
+    plate = "Glue the chart flat on a plate."
+    check = (
+        f"Measure from outer edge to outer edge of the printed frame: {whole:.5g} mm across and along, and "
+        f"{whole * 2**0.5:.5g} mm along both diagonals."
+    )
+    rows = (join_rows,) if len(tiling.rows) > 2 else ()
+    columns = (join_row,) if len(tiling.columns) > 2 else ()
+    return (along, *columns, *rows, check, plate)
+
+
+def _plan(panel: Panel, tiling: Tiling) -> Drawing:
+    """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
+    unit = SIDE_MM / DRAWN_CELLS
+
+    def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> PrintedLine:
+        start, end = (panel.at(LEFT + x * unit, TOP_MM + y * unit) for x, y in ((x0, y0), (x1, y1)))
+        return PrintedLine(start, end, thickness * panel.scale)
+
+    end = DRAWN_CELLS - FRAME
+    corners = ((FRAME, FRAME), (end, FRAME), (end, end), (FRAME, end), (FRAME, FRAME))
+    strokes = [line(x, 0, x, DRAWN_CELLS, 0.2) for x in tiling.columns]
+    strokes += [line(0, y, DRAWN_CELLS, y, 0.2) for y in tiling.rows]
+    strokes += [line(*start, *to, 0.5) for start, to in pairwise(corners)]
+    texts = []
+    for tile in tiling.tiles:
+        (x0, x1), (y0, y1) = _in_chart(tile.left, tile.right), _in_chart(tile.top, tile.bottom)
+        type_mm = min(TITLE_TYPE, 0.4 * unit * min(x1 - x0, y1 - y0))
+        place = LEFT + (x0 + x1) / 2 * unit, TOP_MM + (y0 + y1) / 2 * unit + 0.36 * type_mm
+        texts.append(panel.text(*place, tile.name, type_mm, bold=True, anchor="middle"))
+    whole, drawn = tiling.size.whole_mm, tiling.size.drawn_mm(edges=False)
+    for start, y, what, mm in ((FRAME, 4.0, "chart", whole), (0, 12.0, "with its white border", drawn)):
+        below, tick = DRAWN_CELLS + y / unit, 1.5 / unit
+        strokes.append(line(start, below, DRAWN_CELLS - start, below, 0.15))
+        strokes += [line(x, below - tick, x, below + tick, 0.15) for x in (start, DRAWN_CELLS - start)]
+        words = f"{what} {mm:.5g} × {mm:.5g} mm"
+        texts.append(panel.text(LEFT + SIDE_MM / 2, TOP_MM + SIDE_MM + y + 3.8, words, TYPE, anchor="middle"))
+    note = f"Thin lines are seams. A cell is {tiling.size.cell_mm:.4g} mm wide."
+    texts.append(panel.text(LEFT, TOP_MM + SIDE_MM + 23, note, TYPE))
+    return Drawing(tuple(strokes), tuple(texts))
+
+
+def _in_chart(start: int, end: int) -> tuple[int, int]:
+    """Part of a tile inside the chart, or all of it if there is none; its label is centred there."""
+    inner = max(start, FRAME), min(end, DRAWN_CELLS - FRAME)
+    return inner if inner[0] < inner[1] else (start, end)

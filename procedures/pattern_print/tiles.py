@@ -46,12 +46,8 @@ class SheetTile:
 class Tiling:
     """A chart on several sheets.
 
-    Attributes
-    ----------
-    paper : Paper
-        Paper in portrait or landscape orientation.
-    columns, rows : tuple of int
-        Starts of the tiles and the end of the last one, in cells from the top left of the white margin.
+    paper : paper in portrait or landscape orientation; columns, rows : starts of the tiles and the end of the last one,
+    in cells from the top left of the white margin.
     """
 
     size: Size
@@ -76,10 +72,7 @@ class Tiling:
 def tiling_of(size: Size, paper: Paper) -> Tiling:
     """Tiling with the fewest sheets, in portrait or landscape orientation.
 
-    Raises
-    ------
-    BadParameter
-        If too many sheets are required.
+    Raises BadParameter if too many sheets are required.
     """
     ways = [
         Tiling(size, way, _seams(size, way.width_mm), _seams(size, way.height_mm)) for way in (paper, paper.turned())

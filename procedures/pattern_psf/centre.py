@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import transforms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SUPERSAMPLING = 4  # points per sample of the s grid along each axis, for the antialiased mark
 
@@ -25,16 +23,10 @@ SUPERSAMPLING = 4  # points per sample of the s grid along each axis, for the an
 def mark_offset(h: Array, s: int, J: Array) -> Array:
     """Apparent displacement (x, y), in pixels, of the centre of an x-corner imaged through a PSF.
 
-    Parameters
-    ----------
-    h : (k, k) float64
-        The PSF on the s grid; its sum does not matter.
-    J : (2, 2) float64
-        Derivative of cells with respect to pixels, which orients the mark on the sensor.
+    h : (k, k) the PSF on the s grid; its sum does not matter
+    J : (2, 2) derivative of cells with respect to pixels, which orients the mark on the sensor
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1), its Gaussian window as wide as the PSF.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1), its Gaussian window as wide as the PSF.
     """
     return _view(h, J).centre / s
 

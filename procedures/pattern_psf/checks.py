@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.facts import facts_as
@@ -32,7 +31,6 @@ from procedures.pattern_psf.registration import Registration, block_size_px, ref
 from procedures.plan import Advice, Facts, Reading
 from procedures.raw import Plane, RawFrame
 
-Array = npt.NDArray[np.float64]
 Marks = tuple[tuple[float, float], ...]
 
 PREFERRED_PLANES = ("G1", "Y")

@@ -17,19 +17,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
 from procedures.budget import COMMON, TERMS, Budget, knot_budgets, with_parts
 from procedures.choice import Trial
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, Quality, assess
-
-Array = npt.NDArray[np.float64]
 
 UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
 """p-values of chi^2 below which the result is doubtful, and below which it is refused."""
@@ -43,20 +41,13 @@ CENTRE_PX = 0.05
 class CombinedPsf:
     """PSF of one plane from several shots.
 
-    Attributes
-    ----------
-    shots : tuple of PatternPsf
-        Estimates from the single shots, in order.
-    chi_square : float
-        chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their uncertainties.
-    chance : float
-        p-value of chi^2.
-    spread : float
-        Largest distance of a shot's PSF from the mean, over the norm of the mean.
-    centre_px : float
-        Scatter of the centre from shot to shot, in pixels.
-    places : tuple of int
-        Positions of these shots among all that were given: refused ones are excluded.
+    shots : estimates from the single shots, in order
+    chi_square : chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their
+        uncertainties
+    chance : p-value of chi^2
+    spread : largest distance of a shot's PSF from the mean, over the norm of the mean
+    centre_px : scatter of the centre from shot to shot, in pixels
+    places : positions of these shots among all that were given: refused ones are excluded
     """
 
     psf: Psf

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.ordered import quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import ChartFit
-
-Array = npt.NDArray[np.float64]
 
 BINS = 24
 """Bins along one side of the noise region."""
@@ -30,14 +29,9 @@ MIN_INFORMATION = 0.25
 class Correspondences:
     """Image positions of the chart's bins.
 
-    Attributes
-    ----------
-    index : (n,) int64
-        Indices of the bins, row by row of `bin_centres`.
-    points : (n, 2) float64
-        Images of their centres, (x, y) in pixels of the plane.
-    covariance : (n, 2, 2) float64
-        Covariance of each point, in squared pixels.
+    index : (n,) int64 indices of the bins, row by row of `bin_centres`
+    points : (n, 2) images of their centres, (x, y) in pixels of the plane
+    covariance : (n, 2, 2) covariance of each point, in squared pixels
     """
 
     index: npt.NDArray[np.int64]
@@ -48,6 +42,10 @@ class Correspondences:
     def cells(self) -> Array:
         """The bins' centres (n, 2) in cells."""
         return bin_centres()[self.index]
+
+    def take(self, chosen: npt.NDArray[np.bool_]) -> Correspondences:
+        """Some of the bins."""
+        return Correspondences(self.index[chosen], self.points[chosen], self.covariance[chosen])
 
 
 def bin_centres() -> Array:
@@ -60,10 +58,7 @@ def bin_centres() -> Array:
 def correspondences(fit: ChartFit) -> Correspondences:
     """Measure the positions of the bins from the residual of the joint fit in each of them.
 
-    Parameters
-    ----------
-    fit : ChartFit
-        A completed refinement: its slopes are those of its samples.
+    fit : a completed refinement: its slopes are those of its samples.
     """
     if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))

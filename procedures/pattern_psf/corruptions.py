@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
 from procedures.corruption.family import (
@@ -20,12 +19,11 @@ from procedures.corruption.family import (
     WIDE,
     nuisance,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
-
-Array = npt.NDArray[np.float64]
 
 MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.corruption.paper import NoiseMeasurement
 from procedures.corruption.ring import missing_light
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.outliers import ExcludedSamples
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-
-Array = npt.NDArray[np.float64]
-
 
 OBSTRUCTED = 0.67
 """Relative excess of the far tail behind a central obstruction of 0.4 of the pupil: 1 / (1 - 0.4) - 1."""
@@ -30,58 +27,38 @@ class Diagnostics:
 
     Attributes
     ----------
-    agreement : float
-        Share of the noise region's variance that the prediction explains, corrected for the degrees of freedom: near 1
-        with the right cells, 0 with any others.
-    unexplained : float
-        Share of the variance that is neither explained nor noise.
-    residual_std : float
-        Residual in units of the noise measured on the blocks.
-    whiteness : float
-        Largest correlation of the residual at a lag of one pixel, along rows or columns; 0 if white.
-    relative_uncertainty : float
-        sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect.
-    support_cut : float
-        Share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail.
-    marks_offset_px, marks_rms_px : float
-        Mean offset of the detected marks from their fitted positions, and their scatter about it.
-    moved_px : float
-        Largest distance between the marks' map and the refined one, inside the noise region.
-    outliers : float
-        Share of the samples excluded as connected outliers that noise does not explain.
-    stray_samples : float
-        Number of isolated samples excluded although their neighbours fit: hot or dead pixels.
-    saturated, flatness, contrast, noise : float
-        Clipped share of the white blocks, smallest over largest white, white minus black, and noise over that contrast.
-    response_curvature, response_uncertainty : float
-        beta of the response m + beta (m^2 - m), and its standard uncertainty.
-    ink_spread : float
-        Displacement of the printed edges from black towards white, in cells.
-    printed_edges_rms : float
-        Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
-    s_over_t : float
-        Sampling ratio: s times pixels per cell.
-    noise_correlation : float
-        Noise correlation of neighbouring samples in the flat blocks: 0 in a RAW plane, not after demosaicing,
-        sharpening or compression.
-    mismatch : float
-        Variance of MTF50 from the scatter of the chart's tiles, over that from white noise.
-    truncation, band_edge : float
-        Part of the OTF that the support may truncate, and the OTF near the band's edge.
-    tail_sigmas : float
-        Difference of the fitted far tail from that expected from f-number and pitch, in standard uncertainties, less
-        what an obstructed pupil adds; 0 where these are not known.
-    missing_light : float
-        Light missing in the rings around the core, relative to the least a lens leaves there, in standard
-        uncertainties.
-    crushed : float
-        Share of the black blocks' samples that lie at one value.
-    sharpened_by, sharpened_radius_px, sharpened_sigmas : float
-        Unsharp mask estimated from the noise of paper and residual: amount, radius, and significance.
-    sharpening_uncertainty : float
-        Standard uncertainty of the amount of a mask of one pixel.
-    finest_noise, finest_noise_uncertainty : float
-        Noise variance at the paper's finest detail over that of the sensor's calibration, or of the white blocks.
+    agreement : share of the noise region's variance that the prediction explains, corrected for the degrees of freedom:
+        near 1 with the right cells, 0 with any others
+    unexplained : share of the variance that is neither explained nor noise
+    residual_std : residual in units of the noise measured on the blocks
+    whiteness : largest correlation of the residual at a lag of one pixel, along rows or columns; 0 if white
+    relative_uncertainty : sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect
+    support_cut : share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail
+    marks_offset_px, marks_rms_px : mean offset of the detected marks from their fitted positions, and their scatter
+        about it
+    moved_px : largest distance between the marks' map and the refined one, inside the noise region
+    outliers : share of the samples excluded as connected outliers that noise does not explain
+    stray_samples : number of isolated samples excluded although their neighbours fit: hot or dead pixels
+    saturated, flatness, contrast, noise : clipped share of the white blocks, smallest over largest white, white minus
+        black, and noise over that contrast
+    response_curvature, response_uncertainty : beta of the response m + beta (m^2 - m), and its standard uncertainty
+    ink_spread : displacement of the printed edges from black towards white, in cells
+    printed_edges_rms : root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated
+    s_over_t : sampling ratio: s times pixels per cell
+    noise_correlation : noise correlation of neighbouring samples in the flat blocks: 0 in a RAW plane, not after
+        demosaicing, sharpening or compression
+    mismatch : variance of MTF50 from the scatter of the chart's tiles, over that from white noise
+    truncation, band_edge : part of the OTF that the support may truncate, and the OTF near the band's edge
+    tail_sigmas : difference of the fitted far tail from that expected from f-number and pitch, in standard
+        uncertainties, less what an obstructed pupil adds; 0 where these are not known
+    missing_light : light missing in the rings around the core, relative to the least a lens leaves there, in standard
+        uncertainties
+    crushed : share of the black blocks' samples that lie at one value
+    sharpened_by, sharpened_radius_px, sharpened_sigmas : unsharp mask estimated from the noise of paper and residual:
+        amount, radius, and significance
+    sharpening_uncertainty : standard uncertainty of the amount of a mask of one pixel
+    finest_noise, finest_noise_uncertainty : noise variance at the paper's finest detail over that of the sensor's
+        calibration, or of the white blocks
     """
 
     agreement: float
@@ -139,17 +116,10 @@ def diagnose(
 ) -> Diagnostics:
     """Compute the diagnostics of a fit.
 
-    Parameters
-    ----------
-    psf : Psf
-        The normalised PSF.
-    corners : (12, 2) float64
-        The detected marks, NaN where hidden.
-    marks_map : Registration
-        The map fitted to the marks alone.
-    prior : TailPrior or None
-    trial : Trial
-        The trial of s and k that gave the PSF.
+    psf : the normalised PSF
+    corners : (12, 2) the detected marks, NaN where hidden
+    marks_map : the map fitted to the marks alone
+    trial : the trial of s and k that gave the PSF
     """
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))

@@ -15,13 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
+from procedures.numerics.arrays import Array
 from procedures.pattern import CELLS
 from procedures.pattern_psf.estimate import PatternPsf
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 4
 """Photographs below which no slope is given."""

@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import Budget
+from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import NormalEquations
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, ChartFit
 from procedures.psf import Psf
 from procedures.quality import Quality
-
-Array = npt.NDArray[np.float64]
 
 GROUPS = {
     "light": slice(GEOMETRY, GEOMETRY + RESPONSE + 1),
@@ -40,13 +39,9 @@ CALIBRATED = {
 class Variation:
     """A number in two halves of the chart.
 
-    Attributes
-    ----------
-    halves : (str, str)
-        "left" and "right", "top" and "bottom", or "centre" and "rim".
+    halves : "left" and "right", "top" and "bottom", or "centre" and "rim"
     values : (float, float)
-    sigmas : float
-        Difference of the values in standard uncertainties.
+    sigmas : difference of the values in standard uncertainties
     """
 
     name: str
@@ -59,13 +54,8 @@ class Variation:
 class ErrorParts:
     """Uncertainty budgets of the numbers, and their scatter over the chart.
 
-    Attributes
-    ----------
-    parts : mapping of str to Budget
-    mismatch : mapping of str to float
-        Variance of the numbers by the tiles' scatter, over that by white noise.
-    variations : tuple of Variation
-        Requested numbers, left against right, top against bottom, centre against rim.
+    mismatch : variance of the numbers by the tiles' scatter, over that by white noise; variations : requested numbers,
+    left against right, top against bottom, centre against rim.
     """
 
     parts: Mapping[str, Budget]
@@ -82,10 +72,7 @@ def error_parts(
 ) -> ErrorParts:
     """Split the uncertainties of all numbers, and of the curves at their knots, into their parts.
 
-    Parameters
-    ----------
-    checked : names of the numbers whose variation over the chart is reported
-    groups : GROUPS, or CALIBRATED
+    checked : names of the numbers whose variation over the chart is reported; groups : GROUPS, or CALIBRATED.
     """
     names = list(quality.gradients)
     by_psf = np.array([quality.gradients[name] for name in names])

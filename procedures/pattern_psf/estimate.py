@@ -1,8 +1,6 @@
 """PSF from one photograph of the noise chart: the whole estimation, with uncertainties and a verdict.
 
-References
-----------
-Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 and appendix A.1.
+Source: Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 and appendix A.1.
 """
 
 from __future__ import annotations
@@ -29,6 +27,7 @@ from procedures.numbers import (
     RESIDUAL_STD,
     S_OVER_T,
 )
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Check, Outcome, Refused, Verdict, checked_type, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
@@ -38,7 +37,7 @@ from procedures.pattern_psf.corruptions import corruption_checks, modes_of
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.evidence import examine
-from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
+from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
 from procedures.pattern_psf.outliers import (
     ExcludedSamples,
@@ -68,8 +67,6 @@ from procedures.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 
 
 CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)
@@ -109,43 +106,26 @@ class PatternParameters(Sampling):
 class PatternPsf:
     """PSF of one plane at one position in the frame.
 
-    Attributes
-    ----------
-    n : int
-        Number of samples.
-    quality : Quality
-        MTF and the sharpness metrics derived from the PSF, with their uncertainty budgets.
-    diffraction : Diffraction or None
-        Diffraction limit of the plane, where known.
-    gamma, gamma_bound : float
-        Noise amplification sum 1 / sigma_i^2 of the photograph, and its lower bound over all charts: see
-        `pattern_psf.gamma`.
-    residual_std : float
-        Residual in units of the noise measured on the blocks.
-    pixels_per_pattern : float
-        Width of the noise region in pixels of the plane.
-    s_over_t : float
-        Sampling ratio; 1 is ideal.
-    choice : tuple of Trial
-        Trials of s and k; the last one gave this PSF.
-    variations : tuple of Variation
-        MTF50 in the halves of the chart.
-    centre_covariance : (2, 2) float64
-        Image (x, y) of a mark at the chart's centre, in pixels of the plane: its position by the registration plus the
-        `mark_offset` of the PSF, which the last step reduces to its noise.
-    diagnostics : mapping of str to float
-    marks : (12, 2) float64
-        Detected x-corners, (x, y) in pixels, NaN where hidden.
-    residual : (rows, columns) float64
-        Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
-    residual_origin : (int, int)
-        First pixel (x, y) of `residual` in the plane.
-    correspondences : Correspondences
-        Positions of parts of the chart, each measured by its own cells: the input of geometric calibration.
-    shared : SharedErrors
-        Covariances of PSF, centre and these positions.
-    probability : float
-        Probability that MTF50 along rows lies within two stated uncertainties: see `pattern_psf.probability`.
+    n : number of samples
+    quality : MTF and the sharpness metrics derived from the PSF, with their uncertainty budgets
+    diffraction : diffraction limit of the plane, where known
+    gamma, gamma_bound : noise amplification sum 1 / sigma_i^2 of the photograph, and its lower bound over all charts:
+        see `pattern_psf.gamma`
+    residual_std : residual in units of the noise measured on the blocks
+    pixels_per_pattern : width of the noise region in pixels of the plane
+    s_over_t : sampling ratio; 1 is ideal
+    choice : trials of s and k; the last one gave this PSF
+    variations : MTF50 in the halves of the chart
+    centre_covariance : (2, 2) image (x, y) of a mark at the chart's centre, in pixels of the plane: its position by the
+        registration plus the `mark_offset` of the PSF, which the last step reduces to its noise
+    marks : (12, 2) detected x-corners, (x, y) in pixels, NaN where hidden
+    residual : (rows, columns) photograph minus prediction in units of the noise, over the noise region; NaN where no
+        sample was used
+    residual_origin : first pixel (x, y) of `residual` in the plane
+    correspondences : positions of parts of the chart, each measured by its own cells: the input of geometric
+        calibration
+    shared : covariances of PSF, centre and these positions
+    probability : probability that MTF50 along rows lies within two stated uncertainties: see `pattern_psf.probability`
     """
 
     psf: Psf

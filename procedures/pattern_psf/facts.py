@@ -8,9 +8,8 @@ from functools import lru_cache
 from procedures.choice import START_K, START_S
 from procedures.facts import CameraFacts, derived_from, gathered, number, required
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
-from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
+from procedures.pattern_print.distance import LENGTH_MM, PHOTOSITES_PER_PIXEL
 from procedures.pattern_print.paper import ISO_PAPERS, Paper, paper_named
-from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import Size, largest_width_mm
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.pose import ImagingGeometry
@@ -59,8 +58,6 @@ def chart_of(seed: int) -> Chart:
 class PatternFacts(CameraFacts):
     """Facts of the plan with the chart.
 
-    Attributes
-    ----------
     paper : paper in the printer; None in sessions of earlier versions, which did not ask
     chart_width_mm : width of the print; None before it is chosen
     chart_seed : seed of the cells; the station's default if none was given

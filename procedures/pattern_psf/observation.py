@@ -7,33 +7,24 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.radiometry import LightLevels, quadratic
 from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class Observation:
     """Samples of the fit: their positions, and their values between black (0) and white (1).
 
-    Attributes
-    ----------
-    rows, columns : (m,) int64
-        Pixels, relative to the window.
-    points : (m, 2) float64
-        Positions (x, y) in the plane.
-    y : (m,) float64
-        Samples, black 0, white 1.
-    weight : (m,) float64
-        Reciprocal of the noise of y.
-    quadratics : (m, 6) float64, cubics : (m, 9) float64
-        Monomials of light and displacement at the registration's normalised coordinates.
+    rows, columns : (m,) int64 pixels, relative to the window
+    points : (m, 2) positions (x, y) in the plane
+    y : (m,) samples, black 0, white 1
+    weight : (m,) reciprocal of the noise of y
+    quadratics : (m, 6) float64, cubics : (m, 9) float64; monomials of light and displacement at the registration's
+        normalised coordinates
     """
 
     rows: npt.NDArray[np.int64]
@@ -74,10 +65,8 @@ def observe(
 ) -> Observation:
     """The samples of the noise region, scaled between black and white, with their weights.
 
-    Parameters
-    ----------
-    margin_px : float
-        Width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not known.
+    margin_px : width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not
+    known.
     """
     rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)

@@ -13,8 +13,6 @@ from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
-Array = npt.NDArray[np.float64]
-
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which no noise explains a sample."""
 PATCH_PX = 9
@@ -34,12 +32,8 @@ MAX_REFITS = 3
 class ExcludedSamples:
     """Samples excluded from a fit.
 
-    Attributes
-    ----------
-    connected : float
-        Share of the samples excluded together with a neighbour: something covers the chart.
-    stray : int
-        Number of isolated samples excluded: hot or dead pixels.
+    connected : share of the samples excluded together with a neighbour: something covers the chart; stray : number of
+    isolated samples excluded: hot or dead pixels.
     """
 
     connected: float

@@ -17,9 +17,9 @@ from procedures.drawings import steps as drawings
 from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
+from procedures.pattern_print.distance import LENGTH_MM
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.paper import PAPERS, Paper, papers_of_locale
-from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, SMALLEST_WIDTH_MM, Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_print.tiles import tiling_of
@@ -36,7 +36,7 @@ from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MOSAIC, RATIO, SENSORS, SIZES, PatternFacts
 from procedures.pattern_psf.focus.aperture import check_aperture
-from procedures.pattern_psf.gamma.words import gamma_diagram
+from procedures.pattern_psf.gamma import gamma_diagram
 from procedures.plan import (
     Advice,
     Ask,

@@ -1,8 +1,6 @@
 """Pose of the chart: distance, position and orientation, from its homography and the lens.
 
-References
-----------
-Zhang, A flexible new technique for camera calibration, PAMI 2000, section 3.1: K^-1 H = (r1 r2 t).
+Source: Zhang, A flexible new technique for camera calibration, PAMI 2000, section 3.1: K^-1 H = (r1 r2 t).
 """
 
 from __future__ import annotations
@@ -10,24 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import homography_jacobian
 from procedures.pattern import CELLS
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ImagingGeometry:
     """Data of camera and print that relate sizes to distances.
 
-    Attributes
-    ----------
-    plane_pitch_um : float
-        Distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane).
-    cell_mm : float
-        Side of a printed cell.
+    plane_pitch_um : distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane); cell_mm :
+    side of a printed cell.
     """
 
     focal_length_mm: float
@@ -52,8 +44,6 @@ class ImagingGeometry:
 class ChartPose:
     """Pose of the chart in the camera's frame: x right, y down, z away from the camera.
 
-    Attributes
-    ----------
     centre_mm : (x, y, z)
     yaw_deg : positive if the chart's right edge is nearer
     pitch_deg : positive if its lower edge is farther
@@ -69,8 +59,6 @@ class ChartPose:
 def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: ImagingGeometry) -> ChartPose:
     """Compute the pose from a homography from cells to the plane's pixels.
 
-    Parameters
-    ----------
     H_plane_cells : (3, 3) float64
     shape : (rows, columns) of the plane; its centre is assumed to be the principal point
     """

@@ -16,13 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.triangular import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int32]
 
 LINES = CELLS + 1
@@ -39,12 +38,8 @@ CORE_SHARE = 0.03
 class EdgeColumns:
     """Sparse matrix C (m, 514), the derivative of the samples by the lines' offsets.
 
-    Attributes
-    ----------
-    vertical, horizontal : (m, w) float32
-        The values of the lines around each sample.
-    first_vertical, first_horizontal : (m,) int32
-        The first of those lines.
+    vertical, horizontal : (m, w) float32 the values of the lines around each sample; first_vertical, first_horizontal :
+    (m,) int32 the first of those lines.
     """
 
     vertical: Array32
@@ -103,16 +98,10 @@ def edge_columns(
 
     Each cell's segment of a line is split into pieces of at most half a pixel, each a point source at its middle.
 
-    Parameters
-    ----------
-    whole : (320, 320) float32
-        The chart with its frame.
-    points : (m, 2) float64
-        The samples' pixels (x, y).
-    h : (k, k) float64
-        The PSF, its sum the contrast.
-    weight : (m,) float64
-        Factor of each row.
+    whole : (320, 320) float32 the chart with its frame
+    points : (m, 2) the samples' pixels (x, y)
+    h : (k, k) the PSF, its sum the contrast
+    weight : (m,) factor of each row
     """
     cells, J, row_weight = registration.to_pattern(points), registration.jacobian(), weight.astype(np.float32)
     inner = slice(BLOCK, BLOCK + CELLS)

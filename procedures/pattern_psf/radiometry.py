@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import find_clipping
+from procedures.numerics.arrays import Array
 from procedures.numerics.ordered import quantile
 from procedures.outcome import Refused
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, WHITE_BLOCKS
@@ -17,8 +18,6 @@ from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
-
-Array = npt.NDArray[np.float64]
 
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations, and digital numbers, beyond which a block's sample is an outlier of its surface."""
@@ -35,22 +34,14 @@ MIN_BEND_UNCERTAINTY = 1e-4
 class LightLevels:
     """Levels of black and white over the plane, and their noise.
 
-    Attributes
-    ----------
-    black, white : (6,) float64
-        Coefficients of `quadratic` at the normalised coordinates of the registration, in samples of the plane.
-    variance_black, variance_white : float
-        Variance of the samples about black and white, in samples squared.
-    saturated : float
-        Share of the white blocks' samples that are clipped.
-    flatness : float
-        Smallest white level over largest, on the blocks.
-    crushed : float
-        Share of the black blocks' samples that are clipped.
-    noise_correlation : float
-        Noise correlation of neighbouring samples in the blocks, the larger of rows and columns.
-    variance_middle : float or None
-        Variance half way between black and white, where known from the sensor's calibration.
+    black, white : (6,) coefficients of `quadratic` at the normalised coordinates of the registration, in samples of the
+        plane
+    variance_black, variance_white : variance of the samples about black and white, in samples squared
+    saturated : share of the white blocks' samples that are clipped
+    flatness : smallest white level over largest, on the blocks
+    crushed : share of the black blocks' samples that are clipped
+    noise_correlation : noise correlation of neighbouring samples in the blocks, the larger of rows and columns
+    variance_middle : variance half way between black and white, where known from the sensor's calibration
     """
 
     black: Array
@@ -89,16 +80,10 @@ def quadratic(x: Array, y: Array) -> Array:
 def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> LightLevels:
     """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
-    Parameters
-    ----------
-    samples : (rows, columns) float32
-        The plane.
-    quantisation : float
-        One digital number in the plane's units; rounding is a lower limit of the noise.
+    samples : (rows, columns) float32 the plane
+    quantisation : one digital number in the plane's units; rounding is a lower limit of the noise
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
     block_at = _block_reader(samples, registration, points, block, quantisation)
@@ -125,15 +110,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 def with_sensor(light: LightLevels, sensor: SensorModel, plane: Plane) -> LightLevels:
     """Replace the noise by that of the sensor's calibration at black and white.
 
-    Parameters
-    ----------
-    plane : Plane
-        Samples linearised by `straighten`.
-
-    Raises
-    ------
-    Refused
-        If white lies where the sensor saturates.
+    plane : samples linearised by `straighten`. Raises Refused if white lies where the sensor saturates.
     """
     levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
     straight = levels / plane.quantisation + plane.black - sensor.dark_level

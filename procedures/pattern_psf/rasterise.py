@@ -8,12 +8,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32
 from procedures.numerics.splines import Band, CellSpectra, cell_image_spline, outline_spline, read_spline
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.registration import Registration
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -74,16 +72,12 @@ def whole_chart(chart: Chart) -> Array32:
 class Raster:
     """Spline coefficients of the chart, to be resampled through any map near the one they were made for.
 
-    Attributes
-    ----------
-    coefficients : (320 G, 320 G) float32
-        G grid points per cell. The mean of black and white is subtracted: values lie about 0.
-    outline : (320 G, 320 G) float32
-        Coefficients of the cells' outlines, which are added where ink spreads over the edges.
-    per_cell : int
-        G.
-    s : int
-        Samples per pixel of the rasters.
+    coefficients : (320 G, 320 G) float32 G grid points per cell. The mean of black and white is subtracted: values lie
+        about 0.
+    outline : (320 G, 320 G) float32 coefficients of the cells' outlines, which are added where ink spreads over the
+        edges
+    per_cell : G
+    s : samples per pixel of the rasters
     """
 
     coefficients: Array32
@@ -124,9 +118,7 @@ def band_limited_chart(chart: Chart, registration: Registration, s: int) -> Rast
     The cutoff is applied in the chart's Fourier domain for the map's derivative at the chart's centre. Over a tilted
     chart it varies by a few per cent, at frequencies beyond the cutoff of the optics.
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.6; the cells' footprint is exact instead of 4 x 4 points.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.6; the cells' footprint is exact instead of 4 x 4 points.
     """
     J = registration.jacobian()
     # largest frequency along an axis of the chart, in cycles per cell: f_cell = J^-T f_pixel

@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import (
     DIFFERS,
     LEAST_TAIL,
@@ -40,9 +40,6 @@ from procedures.pattern_psf.printed_edges import EdgeColumns, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD, TAIL = 11, 12, 13  # indices of beta, delta and the tail's first amplitude in the light parameters
 NUISANCE = GEOMETRY + TAIL + len(SHAPES)
@@ -60,27 +57,18 @@ TOLERANCE_PX = 0.015  # convergence tolerance: the step is applied to first orde
 class ChartFit:
     """State of the refinement: map, PSF, light parameters, and residual.
 
-    Attributes
-    ----------
-    h : (k^2,) float64
-        PSF before normalisation; its sum is the contrast's correction.
-    light : (19,) float64
-        a (6), b without its constant (5), beta, delta, the tail's amplitudes (6).
-    prediction : (m,) float64
-        The model at the samples.
-    equations : NormalEquations
-        Normal equations of the last step, for unit noise.
-    edges : (514,) or (0,) float64
-        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where not estimated.
-    edge_rms : float
-        Root mean square of the offsets, in cells.
-    scores : (TILES^2, k^2 + p) float64
-        Contribution of each tile of the noise region, row by row, to the normal equations' right side at the solution.
-        Their sum is 0, and their scatter gives that of the solution, whatever the cause of the residual.
-    converged : bool
-        Whether the map converged.
-    slopes : (m, 2) float64
-        Derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels.
+    h : (k^2,) PSF before normalisation; its sum is the contrast's correction
+    light : (19,) a (6), b without its constant (5), beta, delta, the tail's amplitudes (6)
+    prediction : (m,) the model at the samples
+    equations : normal equations of the last step, for unit noise
+    edges : (514,) or (0,) float64; offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty
+        where not estimated
+    edge_rms : root mean square of the offsets, in cells
+    scores : (TILES^2, k^2 + p) contribution of each tile of the noise region, row by row, to the normal equations'
+        right side at the solution. Their sum is 0, and their scatter gives that of the solution, whatever the cause of
+        the residual.
+    converged : whether the map converged
+    slopes : (m, 2) derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels
     """
 
     registration: Registration
@@ -143,12 +131,8 @@ class ChartFit:
 class TailPrior:
     """Prior of the mean far tail from diffraction.
 
-    Attributes
-    ----------
-    density_px : float
-        a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels.
-    share : float
-        Relative standard uncertainty.
+    density_px : a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels; share : relative standard
+    uncertainty.
     """
 
     density_px: float
@@ -214,18 +198,12 @@ def refine(
 
     Coarse steps use a subset of the samples, fine steps all of them.
 
-    Parameters
-    ----------
-    registration : Registration
-        Map by the marks, or by another fit.
-    s, k : int
-        Samples per pixel, and their number along the PSF's side.
-    far : (rows, columns) float32
-        Light in the window from beyond the range of the tail's shapes, black -1/2 and white 1/2, from `far_light`.
-    tail : TailPrior, optional
-        Prior of the far tail.
-    bend : float, optional
-        Standard uncertainty of beta, where the response was linearised by the sensor's calibration.
+    registration : map by the marks, or by another fit
+    s, k : samples per pixel, and their number along the PSF's side
+    far : (rows, columns) float32 light in the window from beyond the range of the tail's shapes, black -1/2 and white
+        1/2, from `far_light`
+    tail : prior of the far tail
+    bend : standard uncertainty of beta, where the response was linearised by the sensor's calibration
     """
     model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail, bend)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import CubicWarp, apply_homography, fit_homography, inverse
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,17 +29,11 @@ class Registration(CubicWarp):
 def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:
     """Refine x-corners (n, 2) to subpixel accuracy, where the surrounding gradients are orthogonal to the rays.
 
-    Parameters
-    ----------
     plane : (rows, columns) float32
-    corners : (n, 2) float64
-        Initial positions (x, y), accurate to about a pixel; NaN rows stay.
-    block_px : float
-        Side of a block of the chart's frame, in pixels: the window must stay inside the block.
+    corners : (n, 2) initial positions (x, y), accurate to about a pixel; NaN rows stay
+    block_px : side of a block of the chart's frame, in pixels: the window must stay inside the block
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
     """
     half = max(2, int(0.25 * block_px))
     visible = np.isfinite(corners).all(axis=1)
@@ -55,10 +48,7 @@ def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: flo
 def register_marks(corners: Array) -> Registration:
     """Fit a homography to the x-corners by least squares on the sensor.
 
-    Parameters
-    ----------
-    corners : (12, 2) float64
-        x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
+    corners : (12, 2) x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
     """
     visible = np.isfinite(corners).all(axis=1)
     H_sensor_pattern = fit_homography(X_CORNERS[visible], corners[visible])

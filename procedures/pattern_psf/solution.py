@@ -17,8 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_prior import prior_covariance
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.pattern import CELLS
@@ -27,23 +27,15 @@ from procedures.pattern_psf.refine import GEOMETRY, TAIL, ChartFit
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf, PsfTail
 
-Array = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
     """Covariances shared by PSF, centre and map of a chart; P is the number of the PSF's parameters.
 
-    Attributes
-    ----------
-    centre : (P, 2) float64
-        PSF's parameters with the image of the chart's centre, in pixels of the plane.
-    displacement : (18, P + 2) float64
-        Coefficients of the map's displacement with the PSF's parameters, then with that centre.
-    mark : (2, P + 2) float64
-        Mark offset of the PSF with the PSF's parameters, then with that centre.
-    middle : (9,) float64
-        Mean of the displacement's monomials over the samples, the fixed point of the map.
+    centre : (P, 2) PSF's parameters with the image of the chart's centre, in pixels of the plane
+    displacement : (18, P + 2) coefficients of the map's displacement with the PSF's parameters, then with that centre
+    mark : (2, P + 2) mark offset of the PSF with the PSF's parameters, then with that centre
+    middle : (9,) mean of the displacement's monomials over the samples, the fixed point of the map
     """
 
     centre: Array

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import OPEN, Trial
 from procedures.corruption.family import threshold
@@ -19,8 +18,6 @@ from procedures.pattern_psf.refine import ChartFit
 from procedures.psf import Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 from procedures.sensor_model import SensorModel
-
-Array = npt.NDArray[np.float64]
 
 MIN_AGREEMENT = 0.3
 """Least share of the noise region's variance that the expected cells must explain."""
@@ -63,18 +60,11 @@ MAX_VARIATION = 0.03
 class VerdictInputs:
     """Inputs of the verdict in addition to the diagnostics.
 
-    Attributes
-    ----------
-    parameters : Sampling
-        As requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
-    chosen : bool
-        Whether the program chose s and k.
-    contradicted : list of Check
-        Violations of the diffraction limit, where f-number and pitch are known.
-    sensor : SensorModel or None
-        The sensor's calibration, which gives the noise.
-    raw : bool
-        Whether the photograph is a RAW file.
+    parameters : as requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
+    chosen : whether the program chose s and k
+    contradicted : violations of the diffraction limit, where f-number and pitch are known
+    sensor : the sensor's calibration, which gives the noise
+    raw : whether the photograph is a RAW file
     """
 
     parameters: Sampling

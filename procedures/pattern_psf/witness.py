@@ -25,14 +25,13 @@ from procedures.numbers import (
     WITNESS_RATIO,
     WITNESS_SHARPENING,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-
-Array = npt.NDArray[np.float64]
 
 TILE = 5
 """Side of the tiles in which two exposures are compared, pixels."""

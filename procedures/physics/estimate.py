@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, checked_type, verdict_of
-from procedures.physics.choice import choose, scale_of
-from procedures.physics.fit import ModelFit, WhitenedPsf
-from procedures.physics.model import Grid, names_of
-from procedures.physics.one_sided import OneSided, at_bounds
+from procedures.physics.fit import ModelFit, WhitenedPsf, distance_of_rise, fit_parts, start_near
+from procedures.physics.model import Grid, bounds_of, names_of
 from procedures.physics.pupil import TERMS
-from procedures.physics.sensor import Aperture
+from procedures.physics.sensor import Aperture, LowPass, ModelParts
 from procedures.psf import Psf
 from procedures.quality import Diffraction
-
-Array = npt.NDArray[np.float64]
 
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4
@@ -35,23 +31,15 @@ EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
 class Physics:
     """The physical model of a PSF.
 
-    Attributes
-    ----------
-    aperture, low_pass : str
-        The photosite's shape and the low-pass filter.
-    missing_corner_deg : int or None
-        Direction of the missing corner of an L-shaped aperture, from x towards y, y down.
-    numbers : mapping of str to Quantity
-        side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in
+    aperture, low_pass : the photosite's shape and the low-pass filter
+    missing_corner_deg : direction of the missing corner of an L-shaped aperture, from x towards y, y down
+    numbers : side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in
         nanometres; strehl_lens, the Strehl ratio of the lens alone. A parameter at its bound has the bound as its
         value, and a one-sided uncertainty.
     chi_square, freedom : float, int
-    remaining : float
-        Chi-square over that of the zero model: the fraction of the PSF, weighted by its noise, left unexplained.
-    prediction : (k, k) float64
-        The model's PSF.
-    candidates : tuple of (str, float)
-        The models tried, and the excess of their criterion over the best one's.
+    remaining : chi-square over that of the zero model: the fraction of the PSF, weighted by its noise, left unexplained
+    prediction : (k, k) the model's PSF
+    candidates : the models tried, and the excess of their criterion over the best one's
     """
 
     aperture: str
@@ -67,7 +55,9 @@ class Physics:
     __repr__ = summary
 
 
-def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
+def estimate_physics(
+    psf: Psf, diffraction: Diffraction | None, pitch: int, progress: Callable[[str], object] | None = None
+) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
 
     Parameters
@@ -78,6 +68,8 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
         Aperture, pitch of the plane's pixels, wavelength.
     pitch : int
         Sensor pixels per pixel of the plane.
+    progress : callable, optional
+        Called with a sentence after every model that was fitted.
 
     Raises
     ------
@@ -86,7 +78,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
-    fit, tried = choose(data)
+    fit, tried = choose(data, progress)
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
@@ -182,3 +174,133 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
 
     derived(STREHL_LENS, "1", strehl)
     return numbers
+
+
+# --- choice of a model -----------------------------------------------------------------------------------------------
+# support.
+
+ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(8)))
+"""None, defocus, spherical, both, all eight."""
+
+
+def choose(data: WhitenedPsf, progress: Callable[[str], object] | None = None) -> tuple[ModelFit, list[ModelFit]]:
+    """The best model, and all models tried in order of the criterion.
+
+    One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
+    under the new aperture, all with free aberrations. Aberrations that do not improve the criterion are then removed.
+    """
+    tried: dict[ModelParts, ModelFit] = {}
+
+    def best_of(candidates: Iterable[ModelParts], near: ModelParts | None = None) -> ModelParts:
+        candidates = list(candidates)
+        for parts in candidates:
+            if parts not in tried:
+                tried[parts] = fit_parts(data, parts, start_near(tried[near], parts) if near else None)
+                if progress is not None:
+                    progress(f"{len(tried)} models of sensor and lens fitted")
+        scale = scale_of(tried.values())
+        return min(candidates, key=lambda parts: tried[parts].criterion(scale))
+
+    filters = [ModelParts(low_pass=filter_) for filter_ in LowPass]
+    best_of(filters)
+    # spots can mimic diffusion, and two boxes of half the width a single one: compare both before fixing either
+    diffusing = [best_of([replace(parts, diffusion=True)], near=parts) for parts in filters]
+    parts = best_of([*filters, *diffusing])
+    square = parts
+    parts = best_of([square, *(replace(square, aperture=shape) for shape in Aperture)], near=square)
+    if parts.aperture is not Aperture.SQUARE:
+        parts = best_of((replace(parts, low_pass=filter_) for filter_ in LowPass), near=parts)
+    # diffusion is tried again: slight defocus can mimic it, and all aberrations together always can
+    lenses = [replace(parts, aberrations=some) for some in ABERRATIONS]
+    parts = best_of((replace(lens, diffusion=flag) for lens in lenses for flag in (False, True)), near=parts)
+    scale = scale_of(tried.values())
+    order = sorted(tried.values(), key=lambda fit: fit.criterion(scale))
+    return tried[parts], order
+
+
+def scale_of(fits: Iterable[ModelFit]) -> float:
+    """Reduced chi-square of the best model, at least 1: where no model is perfect, differences count less."""
+    return max(1.0, min(fit.chi2 / fit.freedom for fit in fits))
+
+
+# --- numbers at a bound ----------------------------------------------------------------------------------------------
+
+AT_BOUND = 1e-3
+"""Fraction of a parameter's range within which it counts as at its bound."""
+PROBES = ("defocus", "astigmatism", "coma_x", "spherical")
+"""Aberrations tried one at a time for the largest that the data allow where the fit has none."""
+LARGEST_PROBE = 0.25
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """A number at its bound. `best` is the unconstrained optimum, at or beyond the bound; `follows` marks a number that
+    restates another one."""
+
+    name: str
+    bound: float
+    uncertainty: float
+    best: float
+    follows: bool = False
+
+    @property
+    def words(self) -> str:
+        """Description of the limit."""
+        name = self.name.replace("_", " ")
+        if self.best != self.bound:
+            return f"{name} fits best at {self.best:.3g}, beyond its bound {self.bound:g}"
+        return f"{name} is at its bound {self.bound:g}, within {self.uncertainty:.2g}"
+
+    def quantity(self, number: Quantity) -> Quantity:
+        """The number with its one-sided uncertainty."""
+        method = f"{number.method}; at its bound: chi-square rises by 1 over this distance, on one side"
+        return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
+
+
+def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
+    """Numbers of a fit that are limited on one side: parameters at bounds, fill factor above 1, Strehl ratio 1 with
+    wavefront error 0.
+
+    `numbers` are the fit's, with uncertainties from its curvature.
+    """
+    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
+    return [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
+
+
+def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:
+    place = names_of(fit.parts).index(name)
+    low, high = (float(limits[place]) for limits in bounds_of(fit.parts))
+    for bound, inward in ((low, 1.0), (high, -1.0)):
+        if abs(number.value - bound) < AT_BOUND * (high - low):
+            return OneSided(name, bound, distance_of_rise(data, fit, name, bound, inward), bound)
+    return None
+
+
+def _fill_factor(number: Quantity) -> OneSided | None:
+    """Limit of the fill factor, as a photosite is no larger than its pixel. With chi-square ((f - best) / u)^2, it
+    rises by 1 over its value at f = 1 at u (sqrt(d^2 + 1) - d) below, d = (best - 1) / u."""
+    if number.value <= 1:
+        return None
+    d = (number.value - 1) / max(number.uncertainty, 1e-9)
+    return OneSided("fill_factor", 1.0, number.uncertainty * (float(np.hypot(d, 1)) - d), number.value)
+
+
+def _no_aberrations(data: WhitenedPsf, fit: ModelFit) -> list[OneSided]:
+    """Limits where a fit needs no aberrations: the loss of Strehl ratio by the least visible aberration, and the
+    largest wavefront error of any of them."""
+    if fit.parts.aberrations:
+        return []
+    hidden, drops = [], []
+    for term in (TERMS.index(name) for name in PROBES):
+        parts = replace(fit.parts, aberrations=(term,))
+        p = start_near(fit, parts)
+        p[-1] = 0.0
+        started = replace(fit, parts=parts, p=p)
+        hidden.append(min(distance_of_rise(data, started, TERMS[term], 0.0, 1.0), LARGEST_PROBE))
+        drops.append(1 - data.grid.pupil.strehl(hidden[-1] * np.eye(len(TERMS))[term]))
+    nm = data.grid.diffraction.wavelength_nm
+    return [
+        OneSided(STREHL_LENS, 1.0, max(drops), 1.0),
+        OneSided(WAVEFRONT_RMS, 0.0, max(hidden), 0.0, follows=True),
+        OneSided(WAVEFRONT_RMS_NM, 0.0, nm * max(hidden), 0.0, follows=True),
+    ]

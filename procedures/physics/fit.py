@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from procedures.numerics.arrays import Array
 from procedures.physics.model import Grid, bounds_of, names_of, start_of
 from procedures.physics.sensor import ModelParts
-
-Array = npt.NDArray[np.float64]
 
 RANK = 1e-9
 """Fraction of the covariance's largest eigenvalue below which a direction is taken as free of noise.
@@ -49,14 +48,8 @@ class WhitenedPsf:
 class ModelFit:
     """A fitted model.
 
-    Attributes
-    ----------
-    p : (n,) float64
-        Parameters in the order of `model.names_of`.
-    covariance : (n, n) float64
-        Scaled by the reduced chi-square where that exceeds 1.
-    chi2 : float
-    freedom : int
+    p : (n,) parameters in the order of `model.names_of`; covariance : (n, n) scaled by the reduced chi-square where
+    that exceeds 1.
     """
 
     parts: ModelParts
@@ -92,12 +85,8 @@ def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, 
     Where the fit's residual exceeds the noise, the required rise is larger by the reduced chi-square. For a parameter
     whose effect begins with its square (defocus, diffusion) this is the only uncertainty at the bound.
 
-    Parameters
-    ----------
-    fit : ModelFit
-        Includes this parameter; its start is moved to the bound first.
-    inward : float
-        1 or -1, direction from the bound into the range.
+    fit : includes this parameter; its start is moved to the bound first
+    inward : 1 or -1, direction from the bound into the range
     """
     low, high = bounds_of(fit.parts)
     place = names_of(fit.parts).index(name)

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Complex
 from procedures.physics.pupil import TERMS, Pupil
 from procedures.physics.sensor import BOUNDS, START, ModelParts, sensor_otf
 from procedures.psf import Psf
 from procedures.quality import Diffraction
-
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 PERIOD_PX = 16
 """Period of the model in pixels of the plane: the diffraction tail there is 1 / 400 of that at the PSF's rim."""
@@ -25,13 +22,7 @@ LARGEST_SHIFT_PX = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Sampling of the PSF, and the known properties of the camera.
-
-    Attributes
-    ----------
-    pitch : int
-        Sensor pixels per pixel of the plane.
-    """
+    """Sampling of the PSF, and the known properties of the camera. pitch : sensor pixels per pixel of the plane."""
 
     psf: Psf
     diffraction: Diffraction

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from procedures.numerics.arrays import Array, Complex
 
 TERMS = (
     "defocus", "astigmatism_oblique", "astigmatism", "coma_y", "coma_x", "trefoil_y", "trefoil_x", "spherical",
@@ -25,12 +23,8 @@ SUBSAMPLES = 8
 class Pupil:
     """A round pupil on a grid, with its autocorrelation at frequencies `step` apart, up to `highest`.
 
-    Attributes
-    ----------
-    cutoff : float
-        Cutoff frequency, cycles per pixel.
-    step, highest : float
-        Spacing and maximum of the frequencies, cycles per pixel.
+    cutoff : cutoff frequency, cycles per pixel; step, highest : spacing and maximum of the frequencies, cycles per
+    pixel.
     """
 
     cutoff: float

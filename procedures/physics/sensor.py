@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from procedures.numerics.arrays import Array, Complex
 
 
 class Aperture(StrEnum):
@@ -43,12 +41,7 @@ class LowPass(StrEnum):
 class ModelParts:
     """The parts of a model, besides diffraction and a shift.
 
-    Attributes
-    ----------
-    diffusion : bool
-        Whether charge diffuses, as a Gaussian.
-    aberrations : tuple of int
-        Indices of `pupil.TERMS` that are free.
+    diffusion : whether charge diffuses, as a Gaussian; aberrations : indices of `pupil.TERMS` that are free.
     """
 
     aperture: Aperture = Aperture.SQUARE

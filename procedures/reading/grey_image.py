@@ -110,7 +110,7 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
     depth, colour = data[24], data[25]
     if colour != 0:
         kinds = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
-        refused = ColourInput if colour == 2 else BadInput
+        refused = ColourInput if colour in (2, 3, 6) else BadInput
         raise refused(
             f"a photograph must be one linear grey plane; {name} has {kinds.get(colour, 'an unknown type')}", _EXPORT
         )
@@ -159,7 +159,7 @@ def _check_page(tags: Tags, name: str) -> None:
     """Raise BadInput if a TIFF's page is not a grey plane, or too large."""
     channels = _first(tags, SAMPLES_PER_PIXEL, 1)
     if channels != 1:
-        refused = ColourInput if channels == 3 else BadInput
+        refused = ColourInput if channels in (3, 4) else BadInput
         raise refused(f"a photograph must be one linear grey plane; {name} has {channels} channels", _EXPORT)
     _check_depth(_first(tags, BITS_PER_SAMPLE, 1), name)
     if _first(tags, PHOTOMETRIC, -1) == WHITE_IS_ZERO:
@@ -173,24 +173,26 @@ def _first(tags: Tags, code: int, default: int) -> int:
     return int((*tags.get(code, ()), default)[0])
 
 
-def read_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
-    """Samples (rows, columns, 3) of a TIFF or PNG file with red, green and blue of 16 bits.
+def read_levels(data: bytes, name: str) -> Samples:
+    """Samples (rows, columns, 1 or 3) of a TIFF or PNG file, grey or red, green and blue, of 8 or 16 bits.
 
     Raises
     ------
     BadInput
-        If the file has other channels or another depth, or cannot be decoded completely.
+        If the file has transparency or another depth, or cannot be decoded completely.
     """
     columns, rows = _declared_size(data, name)
     Room(name).take(3 * BYTES * rows * columns, f"{columns} x {rows} pixels of three colours")
     if data.startswith(PNG_MAGIC) and not png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
-    levels = _decode(data, name)
-    if levels.ndim != 3 or levels.shape[2] != 3:
-        channels = levels.shape[2] if levels.ndim == 3 else 1
-        raise BadInput(f"a colour photograph must have three channels; {name} has {channels}", _COLOURS)
-    if levels.dtype != np.uint16:
-        raise BadInput(f"a colour photograph must have integers of 16 bits; {name} has {levels.dtype}", _COLOURS)
+    levels = np.atleast_3d(_decode(data, name))
+    white = {"uint8": 255, "uint16": 65535}.get(levels.dtype.name)
+    if white is None:
+        raise BadInput(f"a picture must have integers of 8 or 16 bits; {name} has {levels.dtype}", _COLOURS)
+    if levels.shape[2] == 4 and (levels[..., 3] == white).all():  # opaque
+        levels = levels[..., :3]
+    if levels.shape[2] not in (1, 3):
+        raise BadInput(f"a picture must have one channel or three; {name} has {levels.shape[2]}", _COLOURS)
     return np.ascontiguousarray(levels[..., ::-1])  # OpenCV has blue first
 
 
@@ -205,7 +207,7 @@ def _declared_size(data: bytes, name: str) -> tuple[int, int]:
     raise BadInput(f"{name} is not a readable TIFF or PNG", _COLOURS)
 
 
-_COLOURS = "export it as RGB TIFF or PNG of 16 bits, without transparency"
+_COLOURS = "export it as grey or RGB TIFF or PNG of 8 or 16 bits, without transparency"
 
 
 def _check_depth(depth: int, name: str) -> None:

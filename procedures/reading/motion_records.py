@@ -50,6 +50,7 @@ class ShakerPath:
     since_s : from the first position to the opening of the shutter; None where that was not recorded
     response : of the three axes to their commands
     within_s : bound of the common error of all times
+    amplitude_uncertainty : its relative standard uncertainty, which is that of the inverse depths of a restoration, too
     """
 
     position_m: npt.NDArray[np.float64]
@@ -57,6 +58,7 @@ class ShakerPath:
     since_s: float | None = None
     response: tuple[ShakerResponse, ...] = (ShakerResponse(),) * 3
     within_s: float = 0.0
+    amplitude_uncertainty: float = 0.0
 
 
 LEAST_ROUNDS = 2.0
@@ -83,11 +85,19 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     w = 2 * np.pi / round_s * np.arange(1, highest + 1)
     waves = _waves(w, t + commanded.since_s)
     trend = np.vander((t - t.mean()) / (t[-1] - t[0]), 3)
-    fit = np.linalg.lstsq(np.hstack([waves, trend]), imu.acceleration_m_s2, rcond=None)[0][: 2 * highest]
+    design = np.hstack([waves, trend])
+    terms = np.linalg.lstsq(design, imu.acceleration_m_s2, rcond=None)[0]
+    fit = terms[: 2 * highest]
+    variance = np.sum((imu.acceleration_m_s2 - design @ terms) ** 2) / max(len(t) - design.shape[1], 1)
     at = commanded.interval_s * np.arange(len(commanded.position_m))
     position_m = -_waves(w, at) @ (fit / np.tile(w, 2)[:, None] ** 2)
+    error_m, rms_m = np.sqrt(2 / len(t) * variance * np.sum(w**-4.0)), np.linalg.norm(position_m) / np.sqrt(len(at))
     return ShakerPath(
-        np.asarray(position_m, np.float64), commanded.interval_s, commanded.since_s, within_s=imu.within_s
+        np.asarray(position_m, np.float64),
+        commanded.interval_s,
+        commanded.since_s,
+        within_s=imu.within_s,
+        amplitude_uncertainty=float(error_m / max(rms_m, error_m)),
     )
 
 

@@ -34,18 +34,20 @@ BLACK_REPEAT = 50713
 BLACK_LEVEL = 50714
 BLACK_DELTA_COLUMNS = 50715
 BLACK_DELTA_ROWS = 50716
+ICC_PROFILE = 34675
 
 Tags = Mapping[int, tuple[float, ...]]
 
 WANTED = frozenset((
     WIDTH, LENGTH, TILE_WIDTH, TILE_LENGTH, SAMPLES_PER_PIXEL, SUB_DIRECTORIES, BITS_PER_SAMPLE, PHOTOMETRIC,
     CFA_PATTERN, DNG_VERSION, ACTIVE_AREA, BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_COLUMNS, BLACK_DELTA_ROWS,
+    ICC_PROFILE,
 ))  # fmt: skip
 """Tags whose values are read."""
 
 # type code -> (struct letter, number of items per value)
-_KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 8: ("h", 1), 9: ("i", 1), 10: ("i", 2),
-          11: ("f", 1), 12: ("d", 1), 13: ("I", 1), 16: ("Q", 1)}  # fmt: skip
+_KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 7: ("B", 1), 8: ("h", 1), 9: ("i", 1),
+          10: ("i", 2), 11: ("f", 1), 12: ("d", 1), 13: ("I", 1), 16: ("Q", 1)}  # fmt: skip
 _TYPES = range(1, 19)
 """Known types of fields, including those of manufacturers and BigTIFF."""
 MOST_DIRECTORIES = 32

@@ -22,8 +22,6 @@ TRUTH = "truth"
 class RestorationFacts(CameraFacts):
     """The facts of the plan.
 
-    Attributes
-    ----------
     blur_by : "apertures", "motions", or "motions and lens" with one aperture in addition to recorded motions (6.5)
     lens_f_number : common f-number, where both blur
     focus_m : distance of the plane of focus from the lens, if the camera does not record it

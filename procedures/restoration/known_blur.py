@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.facts import required
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
@@ -27,7 +27,6 @@ from procedures.restoration.photograph_blur import (
     UnknownMotion,
 )
 
-Array = npt.NDArray[np.float64]
 ReadShape = Callable[[str, str | None, tuple[int, int] | None], Shape]
 """Reads a named shape for photographs (H, W) of a plane, or of any if None; raises ProcedureError."""
 
@@ -138,7 +137,9 @@ def recorded_motion(frames: Sequence[RawFrame], focal: float | None) -> Recorded
         return tuple(one for one in each if one is not None)
 
     with suppress(BadInput):
-        return RecordedMotion(poses(0.0), focal, within_s=max(map(times_within_s, frames)), late=poses)
+        within_s = max(map(times_within_s, frames))
+        uncertainty = max(0.0 if one.shaker_path is None else one.shaker_path.amplitude_uncertainty for one in frames)
+        return RecordedMotion(poses(0.0), focal, within_s=within_s, late=poses, scale_uncertainty=uncertainty)
     return None
 
 

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.restoration.first_depth.initial_depth import cost_volume, levels_of
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.thin_lens import CameraSetting
-
-Array = NDArray[np.float64]
 
 FRONT, BEHIND = "front", "behind"
 UNDETERMINED_PX = 0.5
@@ -72,9 +71,7 @@ def ambiguity(photographs: Sequence[Array], masks: Sequence[Masks], w: Array, no
     of each level, squares of whitened differences (8.1) over a window, defines its likelihood; where none fits, as at
     depth edges, the smallest cost is taken as typical.
 
-    Parameters
-    ----------
-    photographs : (C, H, W) each, registered; noise : their standard deviation
+    photographs : (C, H, W) each, registered; noise : their standard deviation.
     """
     z, levels = np.stack([np.asarray(one, np.float64) for one in photographs]), levels_of(masks)
     cost = cost_volume(z, masks, np.full(len(z), max(noise, 1e-5)), levels, WINDOW)
@@ -99,15 +96,8 @@ def distances_of(
 ) -> Distances:
     """Distances from w (H, W), the radius of the first photograph's blur circle in pixels, and its uncertainty.
 
-    Parameters
-    ----------
-    setting : of the first photograph
-    side : "front" or "behind": position of the scene relative to the plane of focus
-
-    Raises
-    ------
-    BadParameter
-        If the side is unknown, or the scene is behind a plane of focus at infinity.
+    setting : of the first photograph; side : "front" or "behind": position of the scene relative to the plane of focus.
+    Raises BadParameter if the side is unknown, or the scene is behind a plane of focus at infinity.
     """
     uncertainty = uncertainty or CameraUncertainty()
     if side not in (FRONT, BEHIND):

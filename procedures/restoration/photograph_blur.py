@@ -77,6 +77,7 @@ class RecordedMotion:
     max_inverse_m : largest inverse depth, 1/m; None for the one that blurs by `BlurSpec.max_w`.
     within_s : bound of the common error of the records' times; `late` : the poses if the times are late by so much, by
     which the error is fitted.
+    scale_uncertainty : relative standard uncertainty of all inverse depths, from that of the motions' amplitudes.
     """
 
     exposures: tuple[Poses, ...]
@@ -84,6 +85,7 @@ class RecordedMotion:
     max_inverse_m: float | None = None
     within_s: float = 0.0
     late: Callable[[float], tuple[Poses, ...]] | None = None
+    scale_uncertainty: float = 0.0
 
 
 @dataclass(frozen=True)

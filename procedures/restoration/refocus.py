@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.numbers import DEPTH_OF_FIELD_FAR, DEPTH_OF_FIELD_NEAR
+from procedures.numerics.arrays import Array
 from procedures.numerics.compiled import jitted
 from procedures.outcome import BadParameter, Quantity
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import CameraUncertainty
-
-Array = NDArray[np.float64]
 
 VIEWS_PER_PX, FEWEST, MOST = 16.0, 1024, 8192
 """Views per pixel of the largest blur circle, and the bounds of their number."""
@@ -43,17 +41,12 @@ class RefocusedPicture:
 def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -> RefocusedPicture:
     """The picture that a camera with this setting would have taken.
 
-    Parameters
-    ----------
+    Raises BadParameter if the sizes differ, or a blur circle would be wider than 128 pixels.
+
     sharp : (C, H, W), linear
     metres : (H, W) distance from the lens; infinity is allowed
     setting : aperture and focus of the new picture
     shape : (n, n) of the aperture's blur, see `blur_models`
-
-    Raises
-    ------
-    BadParameter
-        If the sizes differ, or a blur circle would be wider than 128 pixels.
     """
     if sharp.ndim != 3 or sharp.shape[1:] != metres.shape:
         raise BadParameter(

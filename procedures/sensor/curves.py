@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.recording import SensorRecording, column
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, subtracted, unrounded
 from procedures.sensor.uniformity import core_variance
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 1000  # sufficient for standard uncertainties to 2 %
 
@@ -25,8 +23,6 @@ DRAWS = 1000  # sufficient for standard uncertainties to 2 %
 class Curves:
     """Levels by light; the first row is measured, the others are draws.
 
-    Attributes
-    ----------
     light : (1 + draws, levels), photons per pixel, or a quantity proportional to them
     signal : (1 + draws, levels), mean digital number less that in the dark at the same exposure time
     variance : (1 + draws, levels), temporal variance before rounding, plus 1/12

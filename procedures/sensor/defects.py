@@ -12,11 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
+from procedures.numerics.arrays import Array, Mask
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.stacks import FrameStack, slow_part
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 EXPECTED = 0.01  # expected false positives of a sensor without defects
 MAD = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
@@ -27,8 +25,6 @@ BINS = 256
 class Histogram:
     """Histogram of the pixels' deviations from the mean.
 
-    Attributes
-    ----------
     centres : (n,), deviations: in digital numbers, or per cent of the signal
     counts : (n,) int64
     model : (n,), counts of a normal distribution of the same robust deviation
@@ -45,12 +41,9 @@ class Histogram:
 class Defects:
     """Defect pixels of a mean picture.
 
-    Attributes
-    ----------
     places : (n, 2) intp; [row, column], the largest deviation first
     deviation : (n,) float64
     count : with an interval: pixels near the limit may be on either side, within their noise
-    histogram : Histogram
     """
 
     places: npt.NDArray[np.intp]
@@ -68,8 +61,6 @@ class Defects:
 def find_defects(field: Array, noise: float, scale: float = 1.0, least_spread: float = 0.0) -> Defects:
     """Pixels of a picture of deviations (rows, columns) that are too far from 0.
 
-    Parameters
-    ----------
     noise : standard deviation of the temporal noise in the picture
     scale : from the picture's unit to that of the result
     least_spread : least standard deviation that is attributed to good pixels, in the picture's unit

@@ -20,8 +20,6 @@ def mark_of(sha256: str) -> str:
 class SensorFacts(CameraFacts):
     """Facts of the plan.
 
-    Attributes
-    ----------
     light_level : setting of the panel; None without one, where exposure times make the ladder
     ladder_s : exposure time of the whole ladder, or of its brightest level
     lit : light of every accepted picture, by its mark; 0 in the dark

@@ -8,9 +8,7 @@ is the number of quanta per pixel that an ideal counter requires for that signal
 such as sharpening, multiplies MTF^2 and NPS by the same factor, so that NEQ and numbers derived from it do not change.
 NPS includes aliasing, as the picture does.
 
-References
-----------
-Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
+Source: Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
 """
 
 from __future__ import annotations
@@ -19,13 +17,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.noise_power import NEIGHBOURS, NoisePower
-
-Array = npt.NDArray[np.float64]
 
 SCENE = 1 / 3
 """Variance of the scene over the square of its mean: independent pixels with uniformly distributed levels from black to
@@ -37,13 +33,10 @@ DRAWS = 200
 class Information:
     """Information content of one plane at one position.
 
-    Attributes
-    ----------
     frequencies : (n,), along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`
     mtf, nps, neq, neq_uncertainty : (n, n), [fy, fx]
-    equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
-        sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white noise.
-    numbers : mapping of str to IntervalNumber
+    equivalent_mtf, equivalent_mtf_uncertainty : (n, n) sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white
+        noise
     """
 
     frequencies: Array
@@ -59,10 +52,7 @@ class Information:
 def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Information:
     """NEQ, noise-equivalent MTF and information capacity, with the uncertainties of PSF and noise.
 
-    Parameters
-    ----------
-    psf : in pixels of the plane in which the noise was measured
-    rng : for draws of the PSF
+    psf : in pixels of the plane in which the noise was measured; rng : for draws of the PSF.
     """
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)

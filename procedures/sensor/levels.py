@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 Numbers = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 
 SIGNIFICANT = 4.0  # standard errors from which a correlation of the noise along rows or columns is significant
@@ -24,14 +25,11 @@ SEARCHED = 500_000  # samples of a picture searched for clipping
 class LightLevel:
     """Statistics of pairs of pictures of one exposure.
 
-    Attributes
-    ----------
-    exposure_s : float
     light : mean photons per pixel where known, otherwise a number proportional to them; 0 in the dark
-    mean, variance : float
-        Of the digital numbers; the variance is temporal, without the change of the light between the pictures.
-    mean_variance, variance_variance : float
-        Squares of their standard uncertainties, including noise common to rows or columns.
+    mean, variance : of the digital numbers; the variance is temporal, without the change of the light between the
+        pictures
+    mean_variance, variance_variance : squares of their standard uncertainties, including noise common to rows or
+        columns
     change : mean of the later picture less the earlier, in digital numbers (root mean square of several pairs)
     change_variance : expected square of `change` by noise alone
     bottom : share of the samples clipped at the lowest number

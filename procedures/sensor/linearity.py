@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LINEARITY_ERROR, LINEARITY_ERROR_MAX, LINEARITY_ERROR_MIN
+from procedures.numerics.arrays import Array
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
-
-Array = npt.NDArray[np.float64]
 
 RANGE = (0.05, 0.95)  # range of the fit, relative to the signal at saturation
 LEAST_LEVELS = 5  # minimum number of levels in that range, for a line and its residual
@@ -27,10 +26,8 @@ DEGREE = 2  # degree of the polynomial signal / light
 class Response:
     """The signal as a polynomial of the light without a constant, for the measured curve and all draws.
 
-    Attributes
-    ----------
-    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`
-    scale : light at saturation
+    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`; scale :
+    light at saturation.
     """
 
     coefficients: Array
@@ -66,8 +63,6 @@ class Response:
 class Linearity:
     """The line through the characteristic curve, and the deviations from it.
 
-    Attributes
-    ----------
     slope, offset : (1 + draws,) float64
     deviation : (1 + draws, levels), relative deviation of the signal from the line
     used : (levels,) bool; levels from 5 % to 95 % of saturation
@@ -117,9 +112,7 @@ def _solved(design: Array, values: Array) -> Array:
 def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
     """Linearity error, and the largest deviations to either side, in per cent.
 
-    Parameters
-    ----------
-    alternatives : with saturation at other possible levels
+    alternatives : with saturation at other possible levels.
     """
     deviation = 100 * linearity.deviation[:, linearity.used]
     spread = np.std(deviation[1:], axis=0)

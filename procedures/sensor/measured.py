@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity
-
-Array = npt.NDArray[np.float64]
 
 CONFIDENT = 1.96  # half width of the 95 % interval of a normal distribution, in standard uncertainties
 
@@ -27,10 +25,8 @@ def measured(
 ) -> IntervalNumber:
     """A number with a normally distributed error.
 
-    Parameters
-    ----------
-    least : lower bound of the number and of its interval
-    lower : possible bias of the value by noise, by which the interval is extended downwards
+    least : lower bound of the number and of its interval; lower : possible bias of the value by noise, by which the
+    interval is extended downwards.
     """
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
@@ -48,8 +44,6 @@ def from_draws(
 ) -> IntervalNumber:
     """The first value, with the spread of the others.
 
-    Parameters
-    ----------
     values : (1 + draws,) float64
     extra : further standard uncertainty, not included in the draws
     signed : whether the quantity may be negative

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.levels import Numbers
-
-Array = npt.NDArray[np.float64]
 
 BLOCK = 32  # side of a block in pixels: number of frequencies along each axis
 LEAST_SIDE = 5  # minimum side of a spectrum: two different frequencies on each side of 0
@@ -26,8 +24,6 @@ NEIGHBOURS = (35 / 18) ** 2
 class NoisePower:
     """The NPS at one signal.
 
-    Attributes
-    ----------
     power : (n, n), [fy, fx] in the order of `numpy.fft.fftfreq`; DN^2 per (cycle/pixel)^2: its mean is the variance
     signal : mean less dark of the pictures, DN
     blocks : averaged blocks: each value has the relative standard uncertainty 1 / sqrt(blocks)
@@ -44,12 +40,7 @@ class NoisePower:
 
 
 def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int = BLOCK) -> NoisePower | None:
-    """NPS of pairs of pictures (rows, columns); None where no block fits into them.
-
-    Parameters
-    ----------
-    signal : mean less dark
-    """
+    """NPS of pairs of pictures (rows, columns); None where no block fits into them. signal : mean less dark."""
     window = np.hanning(block + 1)[:-1]
     taper = window[:, None] * window[None, :]
     total, count = np.zeros((block, block)), 0

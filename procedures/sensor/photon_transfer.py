@@ -36,11 +36,10 @@ from procedures.numbers import (
     TEMPORAL_DARK_NOISE,
     TEMPORAL_DARK_NOISE_DN,
 )
+from procedures.numerics.arrays import Array
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
 from procedures.sensor.measured import IntervalNumber, bounded, from_draws, measured, positive
-
-Array = npt.NDArray[np.float64]
 
 REGRESSION = 0.7  # upper limit of the fit of gain and responsivity, relative to the signal at saturation
 LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates
@@ -52,8 +51,6 @@ LEAST_EXPOSURES = 3  # exposure times required for dark current
 class Transfer:
     """Results of the photon transfer curve, over the draws.
 
-    Attributes
-    ----------
     gain : (1 + draws,), K by the standard: a line through 0
     gain_at_dark : (1 + draws,), K of small signals, corrected for the response's curvature
     gain_bent : standard uncertainty of K by that curvature where it is significant, as the linear model neglects it

@@ -51,12 +51,7 @@ TRIAL_LEVEL = round(TRIAL * STEPS_OF_PANEL) / STEPS_OF_PANEL
 
 
 def plan(estimate: Estimator, levels: int = LEVELS, pictures: int = PICTURES) -> Plan:
-    """The guided calibration of a sensor.
-
-    Parameters
-    ----------
-    levels, pictures : levels of the ladder, pictures in each stack
-    """
+    """The guided calibration of a sensor. levels, pictures : levels of the ladder, pictures in each stack."""
     return Plan(
         "sensor",
         "Gain, noise and non-uniformity of a sensor (EMVA 1288)",

@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.levels import LightLevel
 from procedures.sensor.stacks import FrameStack
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 NEGLIGIBLE = 0.5
 """Temporal variance, in squared digital numbers, above which rounding adds 1/12 to 1e-3."""
@@ -51,10 +50,8 @@ LEAST_UNCERTAINTY = 1e-4
 class Unrounded:
     """Statistics before rounding, (1 + draws,): the estimate, and draws consistent with what was measured.
 
-    Attributes
-    ----------
-    mean, temporal, spatial : mean, temporal variance and variance of the pixels' means
-    slope : mean slope of the pixels' rounded means over their true ones
+    mean, temporal, spatial : mean, temporal variance and variance of the pixels' means; slope : mean slope of the
+    pixels' rounded means over their true ones.
     """
 
     mean: Array
@@ -66,10 +63,8 @@ class Unrounded:
 def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Array, Array]:
     """Mean, temporal variance, spatial variance and slope after rounding, (n,) each.
 
-    Parameters
-    ----------
-    mean, sigma, pixels : (n,) float64
-        Mean, standard deviation of the temporal noise, and of the pixels' means, in digital numbers.
+    mean, sigma, pixels : (n,) mean, standard deviation of the temporal noise, and of the pixels' means, in digital
+    numbers.
     """
     k = np.arange(1, HARMONICS + 1)
     both = np.arange(2 * HARMONICS + 1)[:, None]  # sums and differences of two harmonics
@@ -97,12 +92,9 @@ def unrounded(
     Each draw starts from another prior sample and is fitted to its own draw of the statistics with the prior: where
     these determine a parameter the draws have its uncertainty, elsewhere that of all values which are possible.
 
-    Parameters
-    ----------
-    measured : (3, 1 + draws) float64
-        Mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with their uncertainties.
-    variances : (3,) float64
-        Squares of the standard uncertainties; infinite where the spatial variance is not known.
+    measured : (3, 1 + draws) mean, temporal and spatial variance of the rounded numbers: the estimate, then draws with
+        their uncertainties
+    variances : (3,) squares of the standard uncertainties; infinite where the spatial variance is not known
     """
     mean, temporal, spatial = measured
     if temporal[0] > NEGLIGIBLE:

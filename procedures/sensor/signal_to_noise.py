@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import DSNU, GENERAL_DYNAMIC_RANGE, GENERAL_SNR_MAX, GENERAL_THRESHOLD, PRNU
+from procedures.numerics.arrays import Array
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import IntervalNumber, from_draws
 from procedures.sensor.photon_transfer import Transfer
-
-Array = npt.NDArray[np.float64]
 
 
 def input_snr(curves: Curves) -> Array:

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.stacks import FrameStack
-
-Array = npt.NDArray[np.float64]
 
 FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise
 FLOOR_BINS = 101  # neighbouring frequencies whose median power is the noise floor
@@ -30,8 +28,6 @@ LEAST_CYCLES = 3  # minimum number of periods within the picture: slower pattern
 class Spectrogram:
     """Root of the mean power over frequency.
 
-    Attributes
-    ----------
     direction : "horizontal": along rows, or "vertical"
     frequencies : (n,), in cycles per pixel, from 0 to 1/2
     amplitude : (n,), in digital numbers, or per cent of the signal; its mean square is the variance
@@ -48,8 +44,6 @@ class Spectrogram:
 class Period:
     """A sinusoid common to all lines.
 
-    Attributes
-    ----------
     pattern : "row": the rows differ, along a column; or "column"
     frequency : in cycles per pixel
     amplitude : from the mean to the crest
@@ -73,8 +67,6 @@ def spectrogram(stack: FrameStack, direction: str, scale: float = 1.0) -> Spectr
 def find_periods(picture: Array, pattern: str, unit: str, scale: float = 1.0) -> tuple[Period, ...]:
     """Sinusoids of the rows' or columns' averages, the strongest first.
 
-    Parameters
-    ----------
     picture : (rows, columns) float64
     pattern : "row" or "column"
     unit : unit of an amplitude after multiplication by the scale

@@ -7,13 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import convolve1d, uniform_filter
 
+from procedures.numerics.arrays import Array
 from procedures.sensor.levels import Numbers
 from procedures.sensor.rounding import NEGLIGIBLE
-
-Array = npt.NDArray[np.float64]
 
 BOXES = (7, 11)
 """Sides of the box filters that, with a binomial of 3, separate slow variation of the light from the pattern."""
@@ -25,8 +23,6 @@ BINOMIAL = np.array([0.25, 0.5, 0.25])
 class FrameStack:
     """A stack's mean picture.
 
-    Attributes
-    ----------
     mean_picture : (rows, columns), in digital numbers
     variance : temporal variance of one picture, averaged over the pixels, without changes of the light
     row_variance, column_variance : temporal variance of the averages of a picture's rows, and of its columns

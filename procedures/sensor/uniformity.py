@@ -10,16 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import DSNU, PRNU
+from procedures.numerics.arrays import Array, Mask
 from procedures.sensor.defects import find_defects
 from procedures.sensor.measured import IntervalNumber, root, with_share
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, unrounded
 from procedures.sensor.stacks import FrameStack, least_spread
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 LEAST_SLOPE = 0.1
 """Least slope of the pixels' rounded means over their true ones by which a pattern of lines is divided."""
@@ -30,10 +27,7 @@ PARTS = ("total", "row", "column", "pixel")
 class Variances:
     """Spatial variances of a mean picture without temporal noise, and their standard uncertainties.
 
-    Attributes
-    ----------
-    value, uncertainty : mapping of each of PARTS to float
-        DN^2; a value may be negative where the pattern is below the noise.
+    value, uncertainty : DN^2; a value may be negative where the pattern is below the noise.
     """
 
     value: Mapping[str, float]
@@ -55,12 +49,10 @@ def spatial_variances(
 ) -> Variances:
     """Variance over all pixels, and its parts by rows, columns and pixels.
 
-    Parameters
-    ----------
     picture : (rows, columns), a stack's mean picture
-    residual_variance : (pixels, rows, columns)
-        Temporal variance in it, DN^2: of pixels, of averages of rows, and of columns. The standard derives the second
-        and third from the first; noise common to a row would then appear as its pattern.
+    residual_variance : (pixels, rows, columns) temporal variance in it, DN^2: of pixels, of averages of rows, and of
+        columns. The standard derives the second and third from the first; noise common to a row would then appear as
+        its pattern.
     count : pictures of the stack
     excluded : (rows, columns) bool, optional; defect pixels, replaced by the averages of their row and column
     """
@@ -168,10 +160,8 @@ def response_numbers(
 ) -> Mapping[str, IntervalNumber]:  # fmt: skip
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 
-    Parameters
-    ----------
-    rounding : of the dark and of the flat stack
-    curvature : relative standard uncertainty by the curvature of the response at the flat stack's signal
+    rounding : of the dark and of the flat stack; curvature : relative standard uncertainty by the curvature of the
+    response at the flat stack's signal.
     """
     in_dark = variances_before(dark, rounding[0], excluded)
     in_flat = variances_before(flat, rounding[1], excluded)

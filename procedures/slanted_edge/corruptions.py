@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption.family import (
     GHOSTED,
@@ -18,12 +17,11 @@ from procedures.corruption.family import (
     nuisance,
 )
 from procedures.corruption.noise import MaskScore
+from procedures.numerics.arrays import Array
 from procedures.outcome import Check
 from procedures.slanted_edge.evidence import HALO_PX, MASK_RADII, Evidence
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
-
-Array = npt.NDArray[np.float64]
 
 MASK_PRIOR, HALO_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""

@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import EdgeLine, Strip
-
-Array = npt.NDArray[np.float64]
 
 CENTROID_ORDER = 2
 """Degree of the polynomial. Centroids depend on the edge's phase on the pixels, by hundredths of a pixel in a sharp
@@ -26,16 +25,10 @@ NO_EDGE = "give a region with one straight edge between two plain areas that cro
 class Course:
     """An edge's course: x as a polynomial of the position along it.
 
-    Attributes
-    ----------
-    coefficients : (order + 1,) float64
-        Coefficients for t = position / half, highest power first, in pixels.
-    half : float
-        Half length of the strip, in pixels.
-    rising : bool
-        Whether larger x is brighter.
-    slope_uncertainty : float
-        Standard uncertainty of the chord's slope.
+    coefficients : (order + 1,) coefficients for t = position / half, highest power first, in pixels
+    half : half length of the strip, in pixels
+    rising : whether larger x is brighter
+    slope_uncertainty : standard uncertainty of the chord's slope
     """
 
     coefficients: Array
@@ -73,14 +66,9 @@ class Course:
 def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
     """Estimate the course of the edge in a strip, near a line where one is given.
 
-    Raises
-    ------
-    Refused
-        If there is no edge, or it leaves the strip.
+    Raises Refused if there is no edge, or it leaves the strip.
 
-    References
-    ----------
-    ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
+    Source: ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
     """
     line, rising, reach = _first_line(strip, start)
     half = max((len(strip.samples) - 1) / 2, 1.0)

@@ -12,30 +12,27 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.budget import Budget, combined
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.slanted_edge.corruptions import corruption_checks, modes_of
-from procedures.slanted_edge.edge_line import Course, find_course
+from procedures.slanted_edge.edge_line import Course, find_course, tukey
 from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
-from procedures.slanted_edge.profile import EdgeProfile, edge_profile
+from procedures.slanted_edge.profile import BINS, EdgeProfile, edge_profile, filled, solve_light
 from procedures.slanted_edge.refinement import refine_course
-from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
-from procedures.slanted_edge.tail import Tail
-from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
+from procedures.slanted_edge.tail import Tail, with_tail
+from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of, noise_gain
 from procedures.slanted_edge.trust import MAX_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 
 WIDENINGS = (3.2, 1.8, 1.0)
 """Widths of the windows tried, relative to the narrowest."""
@@ -56,27 +53,16 @@ def orientation(turned: bool) -> str:
 class EdgeMtf:
     """The MTF across one edge.
 
-    Attributes
-    ----------
-    roi : Roi
-        Measured region.
-    turned : bool
-        Whether the edge is nearer to horizontal.
-    frequencies, mtf, uncertainty : (n,) float64
-        Cycles per pixel of the plane along the edge's normal, MTF, standard uncertainties.
-    numbers : mapping of str to Quantity
-        mtf50, mtf30, mtf20, mtf10, mtf_nyquist, and the angle from the nearest axis.
-    budgets : mapping of str to Budget
-        Terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded.
-    normal_deg : float
-        Direction of the normal from x towards y, -90 to 90.
-    order : int
-        Degree of the polynomial course.
-    course : (n, 2) float64
-        Points (x, y) of the plane along the edge.
-    distances, esf : (m,) float64
-        Edge spread function over the distance in pixels, 0 dark and 1 bright.
-    diagnostics : mapping of str to float
+    roi : measured region
+    turned : whether the edge is nearer to horizontal
+    frequencies, mtf, uncertainty : (n,) cycles per pixel of the plane along the edge's normal, MTF, standard
+        uncertainties
+    numbers : mtf50, mtf30, mtf20, mtf10, mtf_nyquist, and the angle from the nearest axis
+    budgets : terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded
+    normal_deg : direction of the normal from x towards y, -90 to 90
+    order : degree of the polynomial course
+    course : (n, 2) points (x, y) of the plane along the edge
+    distances, esf : (m,) edge spread function over the distance in pixels, 0 dark and 1 bright
     """
 
     roi: Roi
@@ -285,3 +271,48 @@ def _numbers(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, dra
     spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))
     numbers[EDGE_ANGLE] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
     return numbers
+
+
+# --- uncertainty of an MTF by the Bayesian bootstrap over rows -------------------------------------------------------
+# The rows along the edge are samples of all that varies: noise, roughness, blur that changes along the edge. Random
+# weights instead of repetitions leave no bin empty.
+
+DRAWS = 300
+SEED = 12233
+
+
+def resampled_mtf(profile: EdgeProfile, draws: int = DRAWS) -> Array:
+    """MTFs of resampled rows, (draws, f), which scatter about the profile's MTF as that does about the truth.
+
+    References ---------- Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. The variance of a mean of m rows
+    with exponential weights is (m - 1) / (m + 1) of the true one; the spread is enlarged accordingly, and by
+    `noise_gain`, as the values are not moved to the centres of their bins in each draw.
+    """
+    n = len(profile.sums)
+    rng = np.random.default_rng(SEED)
+    weight = rng.exponential(size=(draws, n))
+    esf = filled(weight @ profile.sums, weight @ profile.counts)
+    normal, right = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
+    sureness = profile.tail_weight, profile.contrast
+    normal, right = profile.lean.added(normal, right, rng.standard_normal(draws))
+    light = solve_light(*with_tail(normal, right, profile.tail_prior, *sureness, rng.standard_normal(draws)))
+    tail = light[:, 2] / (light[:, 1] - light[:, 0])
+    # the values were divided by the slope of the light of all rows: that of the draw differs
+    level = profile.esf + profile.light[0] / profile.contrast
+    esf = esf - (light[:, 3:4] - profile.light[3]) * profile.centres * level
+    drawn = mtf_of(esf, tail, profile.flat_px, profile.end_px)
+    own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
+    m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)
+    return np.asarray(own + (drawn - own) * noise_gain() * np.sqrt((m + 1) / (m - 1)))
+
+
+def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
+    """Relative uncertainty of MTF50 expected of this noise and window; NaN where MTF50 is.
+
+    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm. Half of its power is in
+    phase with the transfer function, whose derivative by the logarithm of the frequency is about -0.65 at one half.
+    """
+    counts = profile.counts.sum(axis=0)
+    bin_noise = profile.noise / abs(profile.contrast) / np.sqrt(max(float(counts[counts > 0].mean()), 1.0))
+    window = float(np.linalg.norm(tukey(profile.centres, profile.flat_px, profile.end_px)))
+    return float(2 * np.pi * mtf50 / BINS * bin_noise * window / (2**0.5 * 0.65))

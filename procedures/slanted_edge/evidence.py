@@ -10,19 +10,16 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.clipping import step_of
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, EdgeProfile, filled, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 MASK_RADII = (0.6, 1.0, 2.0)
 """Radii of the unsharp masks that are searched for in the noise, in pixels."""
@@ -48,24 +45,17 @@ MIN_SAMPLES = 20
 class Evidence:
     """Scores of an edge; those of its noise are NaN or of infinite uncertainty where rounding hides it.
 
-    Attributes
-    ----------
-    masks : list of MaskScore
-        Unsharp masks in the noise of the plains.
-    textured : list of MaskScore
-        The same, where the plains may have a fine texture, which the lens images.
-    halo : MaskScore
-        An unsharp mask beside the edge.
-    scattered : MaskScore
-        An unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge.
-    growth, exponent : float
-        Growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its variance.
-    scatter, scatter_px : float
-        Excess of the scatter on the edge, in standard uncertainties; the displacement that explains it, in pixels.
-    fall, windows : float, int
-        Largest fall of the spread function to a neighbouring window, in standard uncertainties; number of windows.
-    tail : float
-        Excess of the tail over that of any lens, in standard uncertainties.
+    masks : unsharp masks in the noise of the plains
+    textured : the same, where the plains may have a fine texture, which the lens images
+    halo : an unsharp mask beside the edge
+    scattered : an unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge
+    growth, exponent : growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its
+        variance
+    scatter, scatter_px : excess of the scatter on the edge, in standard uncertainties; the displacement that explains
+        it, in pixels
+    fall, windows : largest fall of the spread function to a neighbouring window, in standard uncertainties; number of
+        windows
+    tail : excess of the tail over that of any lens, in standard uncertainties
     """
 
     masks: list[MaskScore]

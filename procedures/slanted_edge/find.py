@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import Refused
-from procedures.slanted_edge.strip import Array, Array32, EdgeLine, Roi, Strip, strip_of
+from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 
 MIN_LENGTH_PX = 24.0
 MIN_ANGLE_DEG, MAX_ANGLE_DEG = 2.0, 43.0
@@ -61,13 +62,7 @@ class _Segment:
 
 
 def find_edges(samples: Array32) -> list[EdgeSighting]:
-    """Detect the slanted edges of a plane, the best first.
-
-    Raises
-    ------
-    Refused
-        If there is none, with the reason.
-    """
+    """Detect the slanted edges of a plane, the best first. Raises Refused if there is none, with the reason."""
     segments = _merged(_segments(samples))
     slanted = [one for one in segments if MIN_ANGLE_DEG <= one.angle_deg <= MAX_ANGLE_DEG]
     detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]

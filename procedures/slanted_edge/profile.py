@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
+from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
-
-Array = npt.NDArray[np.float64]
 
 BINS = 4
 """Bins per pixel, as in ISO 12233:2023."""
@@ -38,30 +37,19 @@ LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 class EdgeProfile:
     """The samples of an edge by bin and row, so that rows can be resampled.
 
-    Attributes
-    ----------
-    sums, counts : (n, 2 K) float64
-        Sum and number of each row's values in every bin, 0 dark and 1 bright, moved to the bins' `centres` along the
-        spread function.
-    light_normal : (n, 6, 6) float64, light_right : (n, 6) float64
-        Contribution of each row to the normal equations of the plains.
-    flat_px, end_px : float
-        Start and end of the window's taper.
-    width_px : float
-        Approximate full width at half maximum of the line spread function.
-    light : (6,) float64
-        Dark and bright level, in samples of the plane; a of the approach a/d times their difference; relative slopes
-        per pixel across and along the edge, removed from the values; a g of the approach a/(d - g).
-    noise : float
-        Standard deviation of the samples about the profile, in samples of the plane.
-    unevenness : float
-        Standard deviation of the plains beyond the window without that of white noise, in samples of the plane.
-    tail_prior : Tail or None
-        Prior of a; `tail_weight` is its weight in the normal equations of the plains.
-    lean : Lean
-        Prior of a g.
-    samples : int
-        Samples under the window.
+    sums, counts : (n, 2 K) sum and number of each row's values in every bin, 0 dark and 1 bright, moved to the bins'
+        `centres` along the spread function
+    light_normal : (n, 6, 6) float64, light_right : (n, 6) float64; contribution of each row to the normal equations of
+        the plains
+    flat_px, end_px : start and end of the window's taper
+    width_px : approximate full width at half maximum of the line spread function
+    light : (6,) dark and bright level, in samples of the plane; a of the approach a/d times their difference; relative
+        slopes per pixel across and along the edge, removed from the values; a g of the approach a/(d - g)
+    noise : standard deviation of the samples about the profile, in samples of the plane
+    unevenness : standard deviation of the plains beyond the window without that of white noise, in samples of the plane
+    tail_prior : prior of a; `tail_weight` is its weight in the normal equations of the plains
+    lean : prior of a g
+    samples : samples under the window
     """
 
     sums: Array

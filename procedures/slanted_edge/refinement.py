@@ -12,11 +12,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, EdgeProfile, edge_profile, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
-
-Array = npt.NDArray[np.float64]
 
 HIGHEST_ORDER = 5
 """Highest degree of the polynomial, as in ISO 12233:2023."""

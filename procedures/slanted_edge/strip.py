@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadParameter
 from procedures.slanted_edge.tail import Tail
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 MIN_SIDE = 8
 """Least side of a rectangle, in pixels."""
@@ -35,10 +33,7 @@ class Roi:
     def cut(self, samples: Array32) -> Array:
         """Samples of the rectangle, (height, width).
 
-        Raises
-        ------
-        BadParameter
-            If it does not lie in the plane, or is smaller than 8 x 8.
+        Raises BadParameter if it does not lie in the plane, or is smaller than 8 x 8.
         """
         rows, columns = samples.shape
         inside = self.x >= 0 and self.y >= 0 and self.x + self.width <= columns and self.y + self.height <= rows
@@ -71,24 +66,14 @@ class EdgeLine:
 class Strip:
     """Samples around an edge, the edge running along axis 0.
 
-    Attributes
-    ----------
-    samples : (n, m) float64
-        n pixels along the edge, m across.
-    roi : Roi
-        Their rectangle in the plane.
-    turned : bool
-        Whether they are transposed: the edge is nearer to horizontal.
-    reach_px : float
-        Distance from the edge at which its plains end.
-    valid : (n, m) bool or None
-        Samples of the edge and its plains; None for all.
-    tail : Tail or None
-        Prior of the approach to the plains, where there is one.
-    quantisation : float
-        One digital number, in units of the samples.
-    raw : bool
-        Whether they come from a RAW file or a dump: no program has processed them.
+    samples : (n, m) n pixels along the edge, m across
+    roi : their rectangle in the plane
+    turned : whether they are transposed: the edge is nearer to horizontal
+    reach_px : distance from the edge at which its plains end
+    valid : (n, m) bool or None; samples of the edge and its plains; None for all
+    tail : prior of the approach to the plains, where there is one
+    quantisation : one digital number, in units of the samples
+    raw : whether they come from a RAW file or a dump: no program has processed them
     """
 
     samples: Array

@@ -14,11 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.quality import Diffraction
-
-Array = npt.NDArray[np.float64]
 
 COLUMN, LEAN = 2, 5
 """Indices of the tail and its asymmetry among the plains' parameters."""

@@ -5,13 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS
-
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 STEP = 0.005
 """Spacing of the frequencies, in cycles per pixel."""

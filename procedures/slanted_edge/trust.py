@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.transfer import HIGHEST
-
-Array = npt.NDArray[np.float64]
 
 MAX_CLIPPED = 0.01
 MAX_OVERSHOOT = 0.01
@@ -30,10 +29,7 @@ FAINT, NOISY = 0.5, 2.0
 def check_samples(strip: Strip) -> None:
     """Refuse saturated and short edges.
 
-    Raises
-    ------
-    Refused
-        If more than 1 % of the samples are saturated, or the strip has too few rows.
+    Raises Refused if more than 1 % of the samples are saturated, or the strip has too few rows.
     """
     clipped = float(np.mean(strip.samples >= NOMINAL))
     if clipped > MAX_CLIPPED:
@@ -51,10 +47,7 @@ def check_samples(strip: Strip) -> None:
 def check_clipping(strip: Strip, course: Course) -> None:
     """Refuse an edge with a clipped side, at whatever level.
 
-    Raises
-    ------
-    Refused
-        If more than 1 % of the samples accumulate at their largest or smallest value.
+    Raises Refused if more than 1 % of the samples accumulate at their largest or smallest value.
     """
     d = course.distances(strip)
     near = strip.usable & (np.abs(d) < strip.reach_px)
@@ -87,10 +80,7 @@ def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
 def check_course(strip: Strip, course: Course) -> None:
     """Refuse an edge that does not cross all phases of the pixels.
 
-    Raises
-    ------
-    Refused
-        If it is too near the pixels' axes for its length.
+    Raises Refused if it is too near the pixels' axes for its length.
     """
     n, slope = len(strip.samples), abs(course.mean_slope)
     if n * slope < MIN_DRIFT_PX:

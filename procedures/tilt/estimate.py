@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
 from procedures.field.focus import FREQUENCY, PlaceFocus, best_focus
@@ -21,13 +20,11 @@ from procedures.numbers import (
     TILT_HORIZONTAL,
     TILT_VERTICAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
-from procedures.tilt.plane import TiltedPlane, fit_plane
-from procedures.tilt.positions import Positions, behind_lens_um, magnification
+from procedures.tilt.plane import Positions, TiltedPlane, behind_lens_um, fit_plane, magnification
 from procedures.tilt.screws import Screws, Turns, turns_for
-
-Array = npt.NDArray[np.float64]
 
 UNLIKELY = 0.001  # probability of larger residuals below which they are not noise alone
 LARGE_UM = 5.0  # uncertainty of the tilt over the frame above which it is doubtful
@@ -38,18 +35,14 @@ SIGNIFICANT = 2.0  # standard uncertainties from which an offset is significant
 class TiltParameters:
     """Parameters of camera, bracket and screws.
 
-    Attributes
-    ----------
     pixel_pitch_um : pitch of the sensor
     positions : meaning of the bracket's positions in mm
-    focal_length_mm : float or None
     distance_mm : distance of the chart from the lens, where the positions do not give it
     position_uncertainty_mm : standard uncertainty of each position
     chart_tilt_deg : standard uncertainty of the chart's squareness to the lens's axis, about each of two axes: the
         image of a tilted chart is tilted by the magnification times as much
     nominal_mm : position at which the sensor should be in focus; None for the tilt alone
     nominal_uncertainty_mm : its standard uncertainty, common to all heights
-    screws : Screws
     frequency : frequency of the followed MTF, in cycles per pixel of the plane
     """
 
@@ -69,13 +62,8 @@ class TiltParameters:
 class Tilt:
     """The sensor relative to the surface of best focus, and its correction.
 
-    Attributes
-    ----------
-    sensor : TiltedPlane
-    astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um
-    screws : Screws
-    turns : Turns
-    with_focus : whether the nominal position is known, so that the offset is meaningful
+    astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um; with_focus : whether
+    the nominal position is known, so that the offset is meaningful.
     """
 
     sensor: TiltedPlane
@@ -117,6 +105,8 @@ def estimate_tilt(
 ) -> Outcome[Tilt]:
     """The sensor's plane from nodes at known focus positions.
 
+    Raises BadParameter if the focal length is required and unknown, or the distance of a tilted chart.
+
     Parameters
     ----------
     bracket : mapping of position in mm to nodes; of one plane; charts at about the same place of the frame are combined
@@ -126,11 +116,6 @@ def estimate_tilt(
     -------
     Outcome[Tilt]
         Refused where fewer than seven places have their best focus within the bracket.
-
-    Raises
-    ------
-    BadParameter
-        If the focal length is required and unknown, or the distance of a tilted chart.
     """
     in_um = {_behind(position, parameters): nodes for position, nodes in bracket.items()}
     side = pitch * parameters.pixel_pitch_um / 1000

@@ -25,8 +25,6 @@ def turns_of(facts: Facts) -> tuple[float, ...]:
 class TiltFacts(FieldFacts):
     """Facts of the plan.
 
-    Attributes
-    ----------
     screw_count, screw_radius_mm, screw_pitch_mm, first_screw_deg : of `Screws`
     depths : distance of the chart along the optical axis in mm, by the photograph's mark
     turns : required turns of the screws

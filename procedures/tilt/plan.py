@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
@@ -23,6 +22,7 @@ from procedures.field.facts import TourStart
 from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE
 from procedures.numbers import HELPS, TILT_CORNER
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.checks import check_light, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.plan import LENS
@@ -52,7 +52,6 @@ from procedures.tilt.facts import DEPTH, TURN, TiltFacts
 from procedures.tilt.reach import bracket_mm, check_width, f_number_of, off_reach_mm, width_within_reach, without_laser
 from procedures.tilt.screws import SURE
 
-Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
 NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width

@@ -7,14 +7,13 @@ combines the lens's field curvature with the plane nearest to the quadratic over
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, stats
 
-from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+from procedures.outcome import BadParameter, Refused
 
 FEWEST = 7  # places: one more than the coefficients of a quadratic, for a degree of freedom
 SINGULAR = 1e3  # condition of the design above which plane and curvature are not separated
@@ -26,8 +25,6 @@ class TiltedPlane:
 
     (x, y) are millimetres on the sensor from the frame's centre, to the right and down in the photograph.
 
-    Attributes
-    ----------
     size_mm : width and height of the frame
     plane : (3,), covariance : (3, 3); offset in um, slopes in um/mm
     curvature : (3,), curvature_covariance : (3, 3); coefficients of x^2, x y and y^2, in um/mm^2
@@ -102,3 +99,47 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
         size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], (float(c[0]), float(C[0, 0])), places_mm,
         heights_um, residuals, misfit, float(stats.chi2.sf(chi2, freedom)),
     )  # fmt: skip
+
+
+# --- positions of a focus bracket ------------------------------------------------------------------------------------
+
+
+class Positions(StrEnum):
+    """Meaning of the bracket's positions in millimetres.
+
+    LENS: distance of the lens from the sensor, with any zero. SET: distance setting of the lens. CHART: distance of the
+    chart from the lens, whose setting is unchanged.
+    """
+
+    LENS = "lens"
+    SET = "set"
+    CHART = "chart"
+
+
+def behind_lens_um(position_mm: float, kind: Positions, focal_length_mm: float | None) -> float:
+    """Distance of the sensor behind the lens in um, with any zero, at a position of the bracket.
+
+    For CHART it is relative to the chart's image, which moves instead. Thin lens: 1 / image + 1 / object = 1 / focal
+    length.
+
+    Raises BadParameter if the focal length of a distance is not known, or not smaller than it.
+    """
+    if kind is Positions.LENS:
+        return 1000 * position_mm
+    if focal_length_mm is None:
+        raise BadParameter(
+            "distances before the lens need its focal length, which the photographs do not record",
+            "give --focal-length-mm",
+        )
+    if position_mm <= focal_length_mm:
+        raise BadParameter(
+            f"a distance of {position_mm:g} mm is not beyond the focal length of {focal_length_mm:g} mm",
+            "give distances in millimetres, or use --positions lens if the lens's own position is given",
+        )
+    image_um = 1000 * focal_length_mm * position_mm / (position_mm - focal_length_mm)
+    return image_um if kind is Positions.SET else -image_um
+
+
+def magnification(focal_length_mm: float, distance_mm: float) -> float:
+    """Magnification of a chart at a distance from the lens."""
+    return focal_length_mm / (distance_mm - focal_length_mm)

@@ -14,7 +14,7 @@ from procedures.pattern_psf.plan import check_sheets
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Fact, Facts
 from procedures.tilt.facts import TiltFacts
-from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.plane import Positions, behind_lens_um
 
 STEPS = (-3, -2, -1, 0, 1, 2, 3)
 """Range of the bracket in depths of focus behind the lens: f-number times a pixel of the plane."""

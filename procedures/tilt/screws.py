@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Quantity
 from procedures.tilt.plane import TiltedPlane
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 2000
 SURE = 0.9  # probability of improvement from which a turn is advised
@@ -21,13 +19,10 @@ SEED = 20260801  # seed of the draws, so that the result is reproducible
 class Screws:
     """Screws that hold the sensor, equally spaced on a circle about the frame's centre.
 
-    Attributes
-    ----------
-    count : int
     radius_mm : radius of the circle
     pitch_mm : move of the sensor per turn
-    first_deg : float
-        Position of the first screw, clockwise from the top, seen from behind the camera; the others follow clockwise.
+    first_deg : position of the first screw, clockwise from the top, seen from behind the camera; the others follow
+        clockwise
     turn_uncertainty : standard uncertainty of a turn by hand, in turns
     """
 
@@ -69,8 +64,6 @@ class Screws:
 class Turns:
     """Correction of a plane.
 
-    Attributes
-    ----------
     moves : moves of the sensor at each screw, in um, away from the lens; negative is towards it
     turns : the same in turns of each screw
     helps : probability that the correction reduces the distance from the surface of best focus over the frame
@@ -87,12 +80,8 @@ class Turns:
 def turns_for(sensor: TiltedPlane, screws: Screws, *, with_focus: bool) -> Turns:
     """The turns that align the sensor with the surface of best focus, and the probability of improvement.
 
-    Parameters
-    ----------
     with_focus : whether the offset is corrected too; otherwise the mean focus over the frame is unchanged
 
-    Notes
-    -----
     The probability is the share of planes, drawn from the measurement, that are flatter after turns with their own
     uncertainty.
     """

@@ -164,7 +164,7 @@ def _parts(
     """Budget of every number; the tiles' scatter is the largest of the pairs."""
     parts = {}
     for name, gradient in quality.gradients.items():
-        noise = float(np.sqrt(max(gradient @ free.parameter_covariance @ gradient, 0.0)))
+        noise = max(float(gradient @ free.parameter_covariance @ gradient), 0.0) ** 0.5
         scatter: float = max(one.scatter.get(name, 1.0) for one in solved)
         moved = {term: float(gradient @ error) for term, error in errors.items()}
         parts[name] = {

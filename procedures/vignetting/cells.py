@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 from procedures.raw import Plane
-
-Array = npt.NDArray[np.float64]
 
 COLUMNS = 32  # cells along the longer side: vignetting is smooth over many of them
 LEAST_SIDE = 4  # minimum number of samples along a cell's side
@@ -22,8 +20,6 @@ DARK = 0.02  # minimum of a flat's median on the scale
 class LightCells:
     """Averages over cells.
 
-    Attributes
-    ----------
     place : (n, 2), (x, y) of the cells' centres, in pixels of the plane
     level : (n,), sigma : (n,); mean, and its standard deviation by the noise of the samples, including fixed pattern
     """

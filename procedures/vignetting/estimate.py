@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.numbers import (
@@ -18,12 +17,11 @@ from procedures.numbers import (
     VIGNETTING_K,
     VIGNETTING_NOT_RADIAL,
 )
+from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
 from procedures.vignetting.cells import LightCells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
-
-Array = npt.NDArray[np.float64]
 
 REFERENCE = "G1"
 GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
@@ -37,10 +35,6 @@ UNITS = ("pixel of the plane", "pixel of the plane", "1", "1", "1")
 class PlaneVignetting:
     """Vignetting of one plane.
 
-    Attributes
-    ----------
-    surface : Falloff
-    radial : RadialFalloff
     numbers : mapping of name to Quantity
     places : (n, 2), value : (n,), uncertainty : (n,); map of the light relative to the plane's centre
     middle : (2,), (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart
@@ -186,11 +180,7 @@ def _noise(one: PlaneVignetting) -> Array:
 class JointFormula:
     """Centre, relative to the frame's, and coefficients of every plane.
 
-    Attributes
-    ----------
-    planes : tuple of str
-    values : (5 planes,), in the order of `NAMES`, plane by plane
-    covariance : (5 planes, 5 planes) float64
+    values : (5 planes,), in the order of `NAMES`, plane by plane; covariance : (5 planes, 5 planes) float64.
     """
 
     planes: tuple[str, ...]

@@ -5,24 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import monomials
 from procedures.psf_field import in_half_diagonals
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class LightSurface:
     """Log light as a polynomial of the position.
 
-    Attributes
-    ----------
-    shape : (rows, columns) of the plane
-    degree : int
-    coefficients : (c,) float64
-        Coefficients of the monomials of the position in half diagonals from the frame's centre, without the constant.
+    shape : (rows, columns) of the plane; coefficients : (c,) coefficients of the monomials of the position in half
+    diagonals from the frame's centre, without the constant.
     """
 
     shape: tuple[int, int]

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
+from procedures.numerics.arrays import Array
 from procedures.psf_field import in_half_diagonals
 from procedures.vignetting.cells import LightCells
 from procedures.vignetting.formula import LightSurface, design_of, terms_of
-
-Array = npt.NDArray[np.float64]
 
 DEGREES = (2, 4, 6, 8)
 OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded
@@ -33,9 +31,6 @@ TERMS = 3  # terms of the radial formula: r^2, r^4, r^6
 class Falloff:
     """The light of a plane over the frame, 1 at its centre.
 
-    Attributes
-    ----------
-    light : LightSurface
     covariance : (c, c), covariance of its coefficients by noise
     slope_covariance : (2, 2), covariance of the mean slope of the flats' light; NaN for one flat
     slopes : (F, 2), slopes of each flat's light, relative to their mean
@@ -69,8 +64,6 @@ class Falloff:
 class RadialFalloff:
     """The light as 1 + k1 r^2 + k2 r^4 + k3 r^6, r about a fitted centre, in half diagonals.
 
-    Attributes
-    ----------
     centre : (2,), (x, y) in pixels of the plane
     coefficients : (3,) float64
     covariance : (5, 5), covariance of centre and coefficients
@@ -87,12 +80,7 @@ class RadialFalloff:
 
 
 def fit_falloff(flats: Sequence[LightCells], shape: tuple[int, int]) -> Falloff:
-    """The surface of the degree with the least Schwarz criterion.
-
-    Parameters
-    ----------
-    flats : of one plane, the same cells in all
-    """
+    """The surface of the degree with the least Schwarz criterion. flats : of one plane, the same cells in all."""
     return min((_fitted(flats, shape, degree) for degree in DEGREES), key=lambda fit: fit[0])[1]
 
 

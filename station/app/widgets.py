@@ -19,10 +19,9 @@ from textual.widget import Widget
 from textual.widgets import Static
 
 from station.common.sanitise import printable
-from station.drawing.big_letters import big_lines
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
-from station.drawing.glyphs import Glyphs
-from station.results.verdict_words import measurement_words
+from station.drawing.glyphs import Glyphs, big_lines
+from station.results.comparison import measurement_words
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading

@@ -19,11 +19,7 @@ TIME_S = 3600.0
 class Allowance:
     """Limits of an item; None for none.
 
-    Attributes
-    ----------
-    memory_bytes : int or None
-        Address space in addition to that of the process before it begins.
-    time_s : float or None
+    memory_bytes : address space in addition to that of the process before it begins.
     """
 
     memory_bytes: int | None = None

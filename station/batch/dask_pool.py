@@ -54,21 +54,11 @@ def run_on_cluster(
     """`run_in_processes` on the cluster at an address, or on one of `jobs` processes started here ("local").
 
     Workers of a cluster need this program, and photographs and results under the same paths. The scheduler is trusted:
-    its messages and those of its workers are unpickled here.
+    its messages and those of its workers are unpickled here. Raises BadParameter if Dask is not installed, or no
+    cluster answers at the address; Refused if the cluster goes away while it works.
 
-    Parameters
-    ----------
-    allowance : Allowance
-        Limits of each item on a local cluster; others have limits of their own.
-    tls : (Path, Path, Path), optional
-        Files for a cluster at tls://...: authority, own certificate, own key.
-
-    Raises
-    ------
-    BadParameter
-        If Dask is not installed, or no cluster answers at the address.
-    Refused
-        If the cluster goes away while it works.
+    allowance : limits of each item on a local cluster; others have limits of their own
+    tls : files for a cluster at tls://...: authority, own certificate, own key
     """
     with _client(address, jobs, tls) as client:
         # a task, not data: it is computed again if the workers that hold it die

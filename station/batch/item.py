@@ -47,14 +47,9 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 class Job:
     """Data common to all items.
 
-    Attributes
-    ----------
-    out : Path
-        Folder of the batch.
-    done : mapping of key to folder
-        Results of earlier runs.
-    reports : bool
-        Whether a page is written for each item.
+    out : folder of the batch
+    done : results of earlier runs
+    reports : whether a page is written for each item
     """
 
     procedure: BatchProcedure
@@ -79,23 +74,13 @@ class PlaneRow:
 class ItemRow:
     """The result of an item.
 
-    Attributes
-    ----------
-    files, sha256 : sequence of str
-    verdict : one of VERDICTS
-        Of the measurement: the worst of the planes'.
-    specification : one of JUDGED
-        The worst verdict of the planes against their limits.
-    against : str
-        The limits that are missed or undecided, in sentences.
-    noted : mapping of str to number or str
-        Recorded by the camera: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
-    folder : str
-        Of its result, relative to the batch; "" where none was written, so that a later run tries again.
-    reused : bool
-        Whether it is the result of an earlier run.
-    redone : str
-        Why the result of an earlier run was not used; "" where there is none.
+    verdict : one of VERDICTS; of the measurement: the worst of the planes'
+    specification : one of JUDGED; the worst verdict of the planes against their limits
+    against : the limits that are missed or undecided, in sentences
+    noted : recorded by the camera: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens
+    folder : of its result, relative to the batch; "" where none was written, so that a later run tries again
+    reused : whether it is the result of an earlier run
+    redone : why the result of an earlier run was not used; "" where there is none
     """
 
     files: Sequence[str]

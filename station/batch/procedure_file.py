@@ -63,8 +63,6 @@ PlaneName = Annotated[str, one_of(lambda: (*PLANES, ALL))]
 class BatchProcedure:
     """A procedure with its settings.
 
-    Attributes
-    ----------
     terms : unit of frequencies, further frequencies, and specification
     endings : how the names of a pair's photographs end
     pairs : a table whose rows name the photographs of an item, in place of endings
@@ -95,12 +93,8 @@ class BatchProcedure:
 def read_procedure(path: Path) -> BatchProcedure:
     """The procedure that a file describes.
 
-    Raises
-    ------
-    BadParameter
-        If it cannot be read, has an unknown key (the nearest one is named), or a value is not valid.
-    BadInput
-        If the chart's cells cannot be read.
+    Raises BadParameter if it cannot be read, has an unknown key (the nearest one is named), or a value is not valid;
+    BadInput if the chart's cells cannot be read.
     """
     content, source = TableSource.read(path)
     known = next(one for one in fields_of(ProcedureTable) if one.name == "procedure")

@@ -154,21 +154,12 @@ def run_in_processes(
 ) -> Generator[tuple[int, R | Lost], None, None]:
     """Yield number and `function(item, job)` of every item, as they are finished.
 
-    Parameters
-    ----------
-    function : callable
-        Importable by its name.
-    jobs : int
-        Processes at a time.
-    stop : Stop
-        On request items in work are finished, and the others omitted.
-    allowance : Allowance
-        Limits of each item; a process that exceeds its time, or is stopped, is killed.
+    Raises Refused if `DEATHS_IN_A_ROW` processes die.
 
-    Raises
-    ------
-    Refused
-        If `DEATHS_IN_A_ROW` processes die.
+    function : importable by its name
+    jobs : processes at a time
+    stop : on request items in work are finished, and the others omitted
+    allowance : limits of each item; a process that exceeds its time, or is stopped, is killed
     """
     waiting, deaths, in_a_row = deque(range(len(items))), Counter[int](), 0
     workers: list[_Worker[I, J, R]] = []

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -19,15 +20,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from procedures.outcome import BadParameter
 from station.batch.allowance import Allowance
-from station.batch.batch_folder import LINES, PAGE, PARQUET, TABLE, check_own, known_hashes, owned, unwritable
-from station.batch.item import JUDGED, LOST, VERDICTS, ItemRow, Job, work
+from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, work
 from station.batch.procedure_file import BatchProcedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.batch.stored_rows import StoredRows, Tally
 from station.batch.summary_table import check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole, written
+from station.common.durable_files import holds, read_own
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.results.result_files import PUBLISHING, RECORD, sealed_text
@@ -85,31 +87,18 @@ def run_batch(
 ) -> tuple[Batch, str]:
     """Work on all items, write each result at once, then the summaries; returns the record's text too.
 
-    Parameters
-    ----------
-    jobs : int
-        Processes at a time.
-    cluster : str, optional
-        The address of a Dask cluster, or "local" for one of `jobs` processes here.
-    allowance : Allowance, optional
-        Limits of each item; by default its share of this machine's memory, and an hour.
-    tls : (Path, Path, Path), optional
-        Authority, certificate and key for a cluster at tls://...
-    stop : Stop, optional
-        Request to stop from a signal or another thread.
-    report : callable
-        Called with every row when it is finished.
-    function : callable
-        The work itself.
-    force : bool
-        Whether files in the folder that no batch has written are overwritten.
-    parquet : bool
-        Whether the summary is written as a Parquet file too.
+    Raises BadParameter if the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no
+    such cluster.
 
-    Raises
-    ------
-    BadParameter
-        If the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no such cluster.
+    jobs : processes at a time
+    cluster : the address of a Dask cluster, or "local" for one of `jobs` processes here
+    allowance : limits of each item; by default its share of this machine's memory, and an hour
+    tls : authority, certificate and key for a cluster at tls://...
+    stop : request to stop from a signal or another thread
+    report : called with every row when it is finished
+    function : the work itself
+    force : whether files in the folder that no batch has written are overwritten
+    parquet : whether the summary is written as a Parquet file too
     """
     start, stop = time.perf_counter(), stop or Stop()
     if parquet:
@@ -239,3 +228,91 @@ def _record(batch: Batch) -> dict[str, Any]:
         "software": software(),
         "duration_s": batch.duration_s,
     }
+
+
+# --- locking of the folder -------------------------------------------------------------------------------------------
+
+LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
+LINE_BEGINS = '{"files": '
+"""Beginning of every line of results."""
+
+
+def check_own(out: Path) -> None:
+    """Raise BadParameter if a file that a batch would overwrite was not written by a batch."""
+    known = known_hashes(out)
+    own = {RECORD: bool(_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
+    own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PARQUET, PAGE)}
+    foreign = [name for name, known in own.items() if (out / name).exists() and not known]
+    if foreign:
+        raise BadParameter(
+            f"{out} holds {', '.join(foreign)}, which no batch has written as it is now",
+            "name a new folder with --out, move the file away, or add --force to write over it",
+        )
+
+
+def known_hashes(out: Path) -> dict[str, list[str]]:
+    """Possible hashes of a batch's files by name, from its record and from the note of an interrupted one."""
+    record, by_name = _object(out / RECORD), dict[str, list[str]]()
+    files_of_record = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
+    for files in (files_of_record, _object(out / PUBLISHING).get("files")):
+        for name, hashes in files.items() if isinstance(files, dict) else ():
+            by_name.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
+    return by_name
+
+
+def _object(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; an empty one if there is none."""
+    try:
+        value = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _begins(path: Path, letters: str) -> bool:
+    """Whether a file is empty, or begins with these letters."""
+    try:
+        data = read_own(path)
+    except OSError:
+        return False
+    return not data or data.startswith(letters.encode())
+
+
+@contextmanager
+def owned(out: Path) -> Iterator[None]:
+    """Lock the folder for one batch; incomplete results of killed workers are removed before and after."""
+    try:
+        (out / RESULTS).mkdir(parents=True, exist_ok=True)
+        lock = (out / ".lock").open("w")
+    except OSError as error:
+        raise unwritable(out, error) from error
+    with lock:
+        _lock(lock, out)
+        _sweep(out)
+        yield
+        _sweep(out)
+
+
+def _lock(lock: Any, out: Path) -> None:
+    """Lock until the file is closed, also by a kill. Not on Windows, which has no such lock."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise BadParameter(f"another batch is writing {out}", "wait for it, or name another folder") from error
+
+
+def _sweep(out: Path) -> None:
+    for unfinished in (out / RESULTS).glob("*/.unfinished-*"):
+        shutil.rmtree(unfinished, ignore_errors=True)
+        if not any(unfinished.parent.iterdir()):
+            unfinished.parent.rmdir()
+
+
+def unwritable(out: Path, error: OSError) -> BadParameter:
+    """The error of a folder that cannot be written."""
+    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
+    return BadParameter(reason, "name another folder with --out, or make room")

@@ -107,8 +107,6 @@ class NumberSeries:
 class Tally:
     """Counts and values over the rows of a batch.
 
-    Attributes
-    ----------
     verdicts, specifications : number of items by verdict
     planes : number of planes by name and verdict
     failed : places of the rows that are not usable

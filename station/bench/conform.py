@@ -27,6 +27,7 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.interfaces import Stage
+from simulators.devices.alpaca import AlpacaFocusers
 from simulators.devices.cable_faults import Faults
 from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
@@ -78,7 +79,7 @@ class StageRig:
     stage: Stage
     clock: Clock
     axes: Mapping[str, Axis] | None = None
-    cable: Cable | None = None
+    cable: Cable | AlpacaFocusers | None = None
 
     def target(self, fraction: float | np.ndarray) -> dict[str, float]:
         """Positions at a fraction of each axis' travel."""
@@ -254,7 +255,7 @@ def stops_in_an_emergency(rig: StageRig, rng: np.random.Generator, tries: int) -
 # --- faults ----------------------------------------------------------------------------------------------------------
 
 
-def disturb(cable: Cable, fault: str, now_s: float, rng: np.random.Generator) -> None:
+def disturb(cable: Cable | AlpacaFocusers, fault: str, now_s: float, rng: np.random.Generator) -> None:
     """Let the line fail in this way during the next seconds."""
     begin_s = now_s + rng.uniform(0.0, 2.0)
     end_s = begin_s + rng.uniform(0.2, 2.0)

@@ -6,7 +6,7 @@ their options, imported when it is used.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -131,3 +131,34 @@ def _check_reference(
         remedy = f"write {key} = {toml_value(good[:1] if many else good[0])}"
     missing = "there is no such device" if other is None else f"{name} is not a {kind}"
     source.refuse(("devices", *path), f"must name a {kind}; it is {shown(given)}, and {missing}", remedy)
+
+
+# --- comparison of two configurations: whether they open the same devices, reached in the same way -------------------
+
+Tables = Mapping[str, Mapping[str, Any]]
+
+WHICH = (
+    "driver", "port", "server", "device", "switch", "camera", "model", "config", "folder", "on", "box", "shutter",
+    "name", "letter", "axis", "motor", "module", "channel", "focuser", "part",
+)  # fmt: skip
+"""Keys of a device and its axes that identify the hardware; other keys set its use."""
+
+
+def bench_differences(before: Tables, now: Tables) -> list[str]:
+    """The differences in hardware, as text; empty if both configurations open the same bench."""
+    old, new = dict(_which(before)), dict(_which(now))
+    keys = dict.fromkeys([*old, *new])
+    return [
+        f"{key} was {old.get(key, 'absent')}, is {new.get(key, 'absent')}"
+        for key in keys
+        if old.get(key) != new.get(key)
+    ]
+
+
+def _which(tables: Tables) -> Iterator[tuple[str, str]]:
+    for name, table in tables.items():
+        rows = [("", table), *((f".axes[{n}]", row) for n, row in enumerate(table.get("axes", ()), 1))]
+        for place, row in rows:
+            for key in WHICH:
+                if key in row:
+                    yield f"devices.{name}{place}.{key}", repr(row[key])

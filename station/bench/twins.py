@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from drivers.errors import BadConfiguration
 from drivers.transport import register_scheme
 from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.alpaca import AlpacaFocusers
 from simulators.devices.gcs import GcsTwin
 from simulators.devices.newport import Esp301Twin, Smc100Twin
 from simulators.devices.serial_device import Cable, SerialDevice, SimClock, plug, unplug
@@ -42,9 +43,10 @@ class TwinSetup:
     table: Mapping[str, Any]
     clock: SimClock
     axes: Mapping[str, Axis]
-    cable: Cable
+    cable: Cable | AlpacaFocusers
 
 
+ALPACA = {"axes": [{"name": "z_mm", "focuser": 0, "home": "Home"}, {"name": "x_mm", "focuser": 1, "home": "Home"}]}
 BUILT_IN = {"grbl": "stage", "zaber": "head"}
 """Drivers whose twin is a device of the simulated bench."""
 TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
@@ -85,6 +87,14 @@ def twin_of(driver: str, folder: Path) -> Iterator[TwinSetup]:
             yield TwinSetup(table, bench.clock, bench.world.axes, bench.cables[name])
         finally:
             bench.close()
+        return
+    if driver == "alpaca_stage":
+        focusers = AlpacaFocusers(clock := VirtualClock())
+        try:
+            table = {"driver": driver, "server": f"127.0.0.1:{focusers.port}", **ALPACA}
+            yield TwinSetup(table, clock, focusers.axes, focusers)
+        finally:
+            focusers.close()
         return
     make, options = _twins().get(driver, (None, {}))
     if make is None:

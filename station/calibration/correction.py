@@ -52,17 +52,10 @@ def correct_photographs(
 ) -> Corrected:
     """Read all photographs, check that they match the field, and correct them.
 
-    Parameters
-    ----------
-    photos
-        The first defines the frame of the picture; the others are registered to it.
-    insisted : bool
-        The field is used for any camera, and the result flagged as doubtful.
+    Raises BadInput, Refused if one cannot be read, or the field is of another camera, lens, aperture or focus.
 
-    Raises
-    ------
-    BadInput, Refused
-        If one cannot be read, or the field is of another camera, lens, aperture or focus.
+    photos : the first defines the frame of the picture; the others are registered to it
+    insisted : the field is used for any camera, and the result flagged as doubtful
     """
     data = read_photograph(photos[0])
     frame = read_frame(photos[0], layout=layout, data=data)
@@ -86,10 +79,7 @@ def correct_photographs(
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
     """Settings for which it is not known whether they agree with those of the field.
 
-    Raises
-    ------
-    Refused
-        If one differs; names the photograph where there are several.
+    Raises Refused if one differs; names the photograph where there are several.
     """
     unknown: list[str] = []
     for frame in frames:

@@ -30,14 +30,9 @@ class EdgeRecord:
 
     The plane reports numbers and verdict of the best edge.
 
-    Attributes
-    ----------
-    result : PlaneResult
-        The best edge's numbers in the requested unit, compared with the specification.
-    at : tuple of float
-        Frequencies at which the MTF is reported, in cycles per pixel of the plane.
-    limit : Diffraction or None
-        The diffraction limit, where it is known.
+    result : the best edge's numbers in the requested unit, compared with the specification
+    at : frequencies at which the MTF is reported, in cycles per pixel of the plane
+    limit : the diffraction limit, where it is known
     """
 
     name: str
@@ -81,10 +76,7 @@ def measure_edges(
 ) -> Iterator[EdgeRecord]:
     """The edge of a region, or all detected edges, plane by plane; `limit` gives the diffraction limit.
 
-    Raises
-    ------
-    BadParameter
-        If the region does not lie in a plane, or the unit requires an unknown quantity.
+    Raises BadParameter if the region does not lie in a plane, or the unit requires an unknown quantity.
     """
     pixels = pixels or pixels_of(frame)
     for plane in frame.planes.values():

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
 
 from procedures.field.conclusion import FieldResult, Limit, PlaneField
+from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames
-from procedures.outcome import Outcome
-from station.calibration.field_spots import field_spots
-from station.results.limits import Place
+from procedures.numbers import OF_PLACES
+from procedures.outcome import Outcome, Quantity
+from procedures.psf_field import PsfField
+from procedures.quality import Diffraction, assess
+from station.results.limits import Place, Specification, Spot
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Pixels
@@ -42,3 +47,58 @@ def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limi
     outcome, plane = result.planes[name], result.measured.planes[name]
     spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels), limit(plane))
     return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
+
+
+# --- places of a specification ---------------------------------------------------------------------------------------
+
+OUT = 0.8
+"""How far out, of the frame's half sides, its sides and corners are sampled."""
+COLUMNS = {-1: "left", 0: "", 1: "right"}
+ROWS = {-1: "upper", 0: "", 1: "lower"}
+
+
+def field_spots(
+    one: PlaneField | None, specification: Specification, at: Sequence[float], limit: Diffraction | None
+) -> tuple[Spot, ...]:
+    """The numbers of a plane wherever its specification has limits, without numbers where the nodes do not reach."""
+    if one is None or not specification.limits:
+        return ()
+    wanted = set(specification.places)
+    field, everywhere = one.interpolation.field, Place.ANYWHERE in wanted
+    return tuple(
+        Spot(name, (place,), _numbers(field, u, v, at, limit) if _reached(field, u, v) else {})
+        for name, place, u, v in _nine()
+        if everywhere or place in wanted
+    )
+
+
+def _nine() -> Iterator[tuple[str, Place, float, float]]:
+    """Name, kind and position of the nine places, from -1 to 1 of the half sides."""
+    for j, row in ROWS.items():
+        for i, column in COLUMNS.items():
+            place = (Place.CENTRE, Place.SIDES, Place.CORNERS)[abs(i) + abs(j)]
+            kind = {Place.CENTRE: "centre", Place.SIDES: "side", Place.CORNERS: "corner"}[place]
+            yield " ".join(word for word in (row, column, kind) if word), place, OUT * i, OUT * j
+
+
+def _position(field: PsfField, u: float, v: float) -> tuple[float, float]:
+    rows, columns = field.shape
+    return (1 + u) * (columns - 1) / 2, (1 + v) * (rows - 1) / 2
+
+
+def _reached(field: PsfField, u: float, v: float) -> bool:
+    return bool(field.inside(np.array([_position(field, u, v)]))[0])
+
+
+def _numbers(
+    field: PsfField, u: float, v: float, at: Sequence[float], limit: Diffraction | None
+) -> dict[str, Quantity]:
+    """All numbers of the PSF at a place, and those about the radius, with the field's own error in them."""
+    x, y = _position(field, u, v)
+    psf, n = field.at(x, y), len(field.nodes)
+    numbers = dict(assess(psf, n=n, diffraction=limit, at=at).numbers)
+    values, uncertainties = numbers_of(psf, radius_direction(field.shape, x, y))
+    for one, value, uncertainty in zip(MAPS, values, uncertainties, strict=True):
+        if one in OF_PLACES:
+            numbers[one] = Quantity(float(value), one.unit, float(uncertainty), one.label, n)
+    return numbers

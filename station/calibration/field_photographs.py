@@ -18,10 +18,7 @@ from station.sessions.reader import read_session
 def photographs(folder: Path) -> list[Path]:
     """The photographs of a folder by name; of a session those that its journal says count.
 
-    Raises
-    ------
-    BadParameter
-        If there is no such folder, or no photograph in it.
+    Raises BadParameter if there is no such folder, or no photograph in it.
     """
     if not folder.is_dir():
         raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
@@ -64,10 +61,8 @@ def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist
 def focus_positions(table: Path, photographs: Sequence[Path]) -> dict[str, float]:
     """Focus position by name of photograph, from a CSV file of two columns: name, position.
 
-    Raises
-    ------
-    BadInput
-        If a row has no number, or none is of one of the photographs; a first row of words is taken for headings.
+    Raises BadInput if a row has no number, or none is of one of the photographs; a first row of words is taken for
+    headings.
     """
     rows = [row for row in read_rows(table, "give a CSV file: name, focus position") if any(map(str.strip, row))]
     positions = {}

@@ -32,11 +32,7 @@ def photographs_in(folder: Path) -> set[Path]:
 class Item:
     """The input of one estimate: one photograph, or several that belong together.
 
-    Attributes
-    ----------
-    paths : tuple of Path
-    trouble, remedy : str
-        Why it cannot be estimated, or ""; and the remedy.
+    trouble, remedy : why it cannot be estimated, or ""; and the remedy.
     """
 
     paths: tuple[Path, ...]
@@ -77,14 +73,8 @@ def find_frames(
     `suffixes` are those of the wanted files, or whole names; by default those of photographs. Files may be given, too,
     with any suffix. Hidden folders and `out`, the folder of results, are excluded. Pipes and broken links are included:
     reading them raises an error with their name. `missed` is called for each folder that cannot be read, which raises
-    by default.
-
-    Raises
-    ------
-    BadParameter
-        If one of the folders does not exist, or there is no photograph in all of them.
-    BadInput
-        If a folder cannot be read, and `missed` is not given.
+    by default. Raises BadParameter if one of the folders does not exist, or there is no photograph in all of them;
+    BadInput if a folder cannot be read, and `missed` is not given.
     """
     files: dict[str, Path] = {}
     for folder in folders:
@@ -156,12 +146,7 @@ def in_rows(frames: Sequence[Path], table: Path, least: int = 2, most: int | Non
     """The photographs of each row of a CSV file, given by name or the end of the path.
 
     A row with unknown or ambiguous names, or a wrong number of them, is an item with this as its trouble. A first row
-    without the name of a photograph is the heading.
-
-    Raises
-    ------
-    BadInput
-        If the table cannot be read, or has no rows.
+    without the name of a photograph is the heading. Raises BadInput if the table cannot be read, or has no rows.
     """
     lines = [
         [name.strip() for name in row] for row in read_rows(table, "give a CSV file: a row of names for each item")

@@ -25,10 +25,7 @@ from station.common.threads import threads
 class ViewRecord:
     """The view of one photograph.
 
-    Attributes
-    ----------
     path, sha256 : of the file, the hash "" where it could not be read
-    view : ChartView or None
     verdict, reason, remedy : of the chart in it
     exposure : from the metadata
     """
@@ -46,8 +43,6 @@ class ViewRecord:
 class GeometryPhotographs:
     """The views of all photographs in one plane.
 
-    Attributes
-    ----------
     plane : name of the plane
     size : (columns, rows) of the sensor, (0, 0) where no photograph could be read
     records : one for each photograph, in order
@@ -99,15 +94,8 @@ def measure_views(
 ) -> list[GeometryPhotographs]:
     """The views of all photographs in each plane, several photographs at a time; failures are recorded.
 
-    Parameters
-    ----------
-    plane : str or None
-        The colour plane, or "all"; None for green of RAW files, the only plane of grey images.
-
-    Raises
-    ------
-    BadInput
-        If photographs differ in size or planes, and thus in camera.
+    plane : the colour plane, or "all"; None for green of RAW files, the only plane of grey images. Raises BadInput if
+    photographs differ in size or planes, and thus in camera.
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     measured: list[_Measured] = []

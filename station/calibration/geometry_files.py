@@ -15,8 +15,8 @@ from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Quantity
 from procedures.raw import RawFrame
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
+from station.calibration.stored_results import table_prefix
 from station.results.exports import csv_bytes, csv_columns, numbers_table
-from station.results.geometry_planes import table_prefix
 from station.results.measurement import NUMBERS, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, StoredSensor
+from station.common.progress import Progress, silent
 from station.common.threads import threads
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
@@ -39,20 +41,15 @@ def calibrate(
     *,
     physics: bool = False,
     sensor: StoredSensor = NO_SENSOR,
+    progress: Progress = silent,
 ) -> Iterator[PlaneResult]:
     """Every plane of a photograph in order; a refused plane does not affect the others.
 
-    Parameters
-    ----------
-    physics : bool
-        Whether a model of sensor and lens is fitted to every PSF.
-    sensor : StoredSensor, optional
-        Result of the sensor's calibration; planes without one are estimated without it.
+    Raises BadParameter if `physics` is set and the diffraction limit of a plane is not known.
 
-    Raises
-    ------
-    BadParameter
-        If `physics` is set and the diffraction limit of a plane is not known.
+    progress : called, without a step, after every model of sensor and lens that was fitted
+    physics : whether a model of sensor and lens is fitted to every PSF
+    sensor : result of the sensor's calibration; planes without one are estimated without it
     """
     if physics:
         from procedures.physics.estimate import check_known, estimate_physics  # a slow import
@@ -69,7 +66,9 @@ def calibrate(
             if plane.name in sensor.noise:
                 result = replace(result, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
-                result = replace(result, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
+                report = partial(_of_plane, progress, plane.name)
+                physical = estimate_physics(outcome.value.psf, limit(plane), plane.pitch, report)
+                result = replace(result, physics=physical)
         return replace(result, duration_s=time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()))
@@ -80,10 +79,7 @@ def calibrate_wall(
 ) -> Iterator[PlaneResult]:
     """Every plane of two or more photographs of one wall, in any order, as `calibrate` does.
 
-    Raises
-    ------
-    BadInput
-        If they have different planes.
+    Raises BadInput if they have different planes.
     """
     first, *others = frames
     for other in others:
@@ -116,6 +112,10 @@ def _of_wall(
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return estimate_psf_of_wall([frame.planes[name] for frame in frames], parameters, diffraction)
+
+
+def _of_plane(progress: Progress, name: str, words: str) -> None:
+    progress(f"{name}: {words}", 0)
 
 
 def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:
@@ -173,10 +173,7 @@ def diffraction_limit(
 ) -> Diffraction | None:
     """A plane's diffraction limit, where pitch and aperture are known.
 
-    Raises
-    ------
-    BadParameter
-        If they are not known and the limit is `needed`; names the missing options.
+    Raises BadParameter if they are not known and the limit is `needed`; names the missing options.
     """
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:

@@ -36,12 +36,8 @@ SEED = 1288
 class SensorPlane:
     """The outcome of one plane.
 
-    Attributes
-    ----------
-    step : float
-        Step of the file's values per digital number (left-aligned samples).
-    noise : NoisePower or None
-        Spectrum of the temporal noise at the signal of the flat stack.
+    step : step of the file's values per digital number (left-aligned samples); noise : spectrum of the temporal noise
+    at the signal of the flat stack.
     """
 
     name: str
@@ -86,21 +82,12 @@ def measure_sensor(
 ) -> SensorFiles:
     """The requested planes. The pictures are read once, one after the other; unreadable ones are excluded.
 
-    Parameters
-    ----------
-    plane : str or None
-        A plane's name; "all" or None for every plane.
-    watch : callable
-        Passes on the paths as they are read.
-    read : callable, optional
-        Reads a picture; by default from its file.
-    missed : sequence of Miss
-        Pictures that are already excluded.
+    Raises BadInput if no picture can be read, or pictures differ in size or planes.
 
-    Raises
-    ------
-    BadInput
-        If no picture can be read, or pictures differ in size or planes.
+    plane : a plane's name; "all" or None for every plane
+    watch : passes on the paths as they are read
+    read : reads a picture; by default from its file
+    missed : pictures that are already excluded
     """
     gathered: dict[str, _Gathered] = {}
     inputs: list[InputFile] = []

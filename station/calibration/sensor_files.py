@@ -8,7 +8,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import (
     DARK_CURRENT,
@@ -23,6 +22,7 @@ from procedures.numbers import (
     SYSTEM_GAIN,
     TEMPORAL_DARK_NOISE,
 )
+from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.measured import IntervalNumber
@@ -34,8 +34,6 @@ from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import npy, number_record
-
-Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/sensor/1"
 SECTIONS = {

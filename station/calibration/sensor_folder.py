@@ -28,15 +28,9 @@ _RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) with the exposure of e
 class Shots:
     """Pictures of one exposure.
 
-    Attributes
-    ----------
     kind : "dark" or "light"
-    exposure_s : float
-    photons, light : float or None
-        Photons per pixel, or a number proportional to them, where the manifest has it.
-    paths : tuple of Path
-    only_stack : bool
-        Whether the pictures are a stack alone, and no level of the ladder.
+    photons, light : photons per pixel, or a number proportional to them, where the manifest has it
+    only_stack : whether the pictures are a stack alone, and no level of the ladder
     """
 
     kind: str
@@ -63,10 +57,7 @@ def find_shots(folder: Path, missed: Callable[[Miss], object] = _refuse) -> tupl
 
     `missed` is called for each RAW file whose exposure time cannot be read, which raises by default.
 
-    Raises
-    ------
-    BadInput
-        If there is no manifest and no folder `dark` and `light`, or the manifest is invalid.
+    Raises BadInput if there is no manifest and no folder `dark` and `light`, or the manifest is invalid.
     """
     if not folder.is_dir():
         raise BadInput(f"{folder} is no folder", "name the folder of the sensor's pictures")

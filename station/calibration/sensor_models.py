@@ -63,10 +63,8 @@ def sensor_record(path: Path) -> Iterator[StoredRecord]:
 def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
     """The models of a photograph's planes.
 
-    Raises
-    ------
-    BadParameter, BadInput
-        As `sensor_record`; or if the record is of another sensitivity, or has none of the planes.
+    Raises BadParameter, BadInput as `sensor_record`; or if the record is of another sensitivity, or has none of the
+    planes.
     """
     with sensor_record(path) as stored:
         _check_iso(stored.data, "the photograph", frame.exposure.iso)
@@ -82,10 +80,7 @@ def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
 def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:
     """The models of all planes of a record, for photographs that have not been read.
 
-    Raises
-    ------
-    BadInput
-        If the record is none, or of another sensitivity than one of the photographs.
+    Raises BadInput if the record is none, or of another sensitivity than one of the photographs.
     """
     with sensor_record(path) as stored:
         for one in photographs:

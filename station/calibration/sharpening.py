@@ -41,10 +41,7 @@ def choose(
 ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
     """The way to sharpen these photographs, the reasons, and settings that follow from the photographs.
 
-    Raises
-    ------
-    BadParameter
-        If the photographs are not sufficient for it; the remedy says what is missing.
+    Raises BadParameter if the photographs are not sufficient for it; the remedy says what is missing.
     """
     if len(frames) == 1:
         if not field_given:

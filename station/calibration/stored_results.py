@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, ProcedureError
+from procedures.outcome import BadInput, BadParameter, ProcedureError
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.text import parse_json, read_json
 from station.results.result_files import RECORD
@@ -51,3 +51,24 @@ def stored_record(
         if (origin := record.get("procedure", "unknown origin")) != procedure:
             raise BadInput(f"{kind} is required; {path} is of {origin}", remedy)
         yield StoredRecord(path, hashlib.sha256(data).hexdigest(), record)
+
+
+# --- the planes of a geometry's result: which one is meant, and what its tables are called ---------------------------
+
+
+def table_prefix(plane: str, count: int) -> str:
+    """Prefix of the names of a plane's tables, in a result of `count` planes."""
+    return "geometry_" if count == 1 else f"geometry_{plane}_"
+
+
+def plane_entry(planes: Mapping[str, Any], plane: str | None, record: Path) -> tuple[str, Mapping[str, Any]]:
+    """The name and entry of the plane that is asked for; None for green, or the first there is.
+
+    Raises BadInput if the record has no plane; BadParameter if it has not this plane.
+    """
+    if not planes:
+        raise BadInput(f"{record} contains no plane", "name the folder that station geometry wrote")
+    name = plane or ("G1" if "G1" in planes else next(iter(planes)))
+    if name not in planes:
+        raise BadParameter(f"{record} has the planes {', '.join(planes)}, not {name!r}", "name one of these")
+    return name, planes[name]

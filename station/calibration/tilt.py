@@ -13,7 +13,7 @@ from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
 from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt, shim_words
-from procedures.tilt.positions import behind_lens_um
+from procedures.tilt.plane import behind_lens_um
 from procedures.tilt.screws import SURE
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
@@ -28,9 +28,7 @@ def measure_tilt(
 ) -> Outcome[Tilt]:
     """The tilt from the nodes of photographs with known positions; refused where there are none.
 
-    Parameters
-    ----------
-    positions : mapping of names of photographs to positions in mm
+    positions : mapping of names of photographs to positions in mm.
     """
     bracket: dict[float, list[Node]] = {}
     for node in measured.nodes.get(plane, ()):

@@ -47,10 +47,7 @@ class StoredVignetting:
 def measure_flats(paths: Sequence[Path], progress: Progress = silent) -> Flats:
     """Vignetting from the readable photographs of even light.
 
-    Raises
-    ------
-    BadInput
-        If none can be read, or they are not of one camera.
+    Raises BadInput if none can be read, or they are not of one camera.
     """
     missed: list[Miss] = []
     flats = flats_of(_readable_flats(paths, missed), progress)
@@ -124,10 +121,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
 def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
     """The vignetting of every plane of a result that has one.
 
-    Raises
-    ------
-    BadInput
-        If there is no such result, or it has none.
+    Raises BadInput if there is no such result, or it has none.
     """
     with stored_record(result, "vignetting", _GIVE) as stored:
         planes = {name: _stored(name, one) for name, one in stored.data["planes"].items() if "light" in one}
@@ -139,10 +133,7 @@ def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
 def read_joint_formula(result: Path) -> JointFormula:
     """The radial formulas of all planes of a result with their joint covariance.
 
-    Raises
-    ------
-    BadInput
-        If there is no such result, or it is of an older version without a joint covariance.
+    Raises BadInput if there is no such result, or it is of an older version without a joint covariance.
     """
     read_vignetting(result)
     with stored_record(result, "vignetting", _GIVE) as stored:

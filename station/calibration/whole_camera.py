@@ -19,10 +19,7 @@ SHAPES = {"values": (2,), "covariance": (2, 2)}
 def other_parts(vignetting: Path | None, sensor: Path | None) -> list[CameraPart]:
     """The parts; `vignetting` and `sensor` are results of those commands.
 
-    Raises
-    ------
-    BadInput
-        If one of them is no such result, or too old to contain a covariance.
+    Raises BadInput if one of them is no such result, or too old to contain a covariance.
     """
     parts = vignetting_parts(read_joint_formula(vignetting)) if vignetting else []
     return parts + (sensor_parts(read_gain_and_noise(sensor)) if sensor else [])

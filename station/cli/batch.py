@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import jobs_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
 from station.common.errors import INTERRUPTED
@@ -37,7 +38,7 @@ MOST_NAMED = 40
 """Number of unusable photographs on the screen; the files list all."""
 
 
-@click.command("batch")
+@click.command("batch", cls=StationCommand)
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
@@ -61,8 +62,8 @@ MOST_NAMED = 40
 )
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
 @click.option("--parquet", is_flag=True, help="Write summary.parquet beside summary.csv (extra `parquet`).")
-@click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed.")
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@strict_option
+@json_option
 @force_option
 @log_json_option
 def batch(
@@ -240,7 +241,7 @@ def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
 
 def _sentence(row: ItemRow) -> str:
     from station.common.sanitise import printable
-    from station.results.verdict_words import measurement_words, specification_words
+    from station.results.comparison import measurement_words, specification_words
 
     words = f"{printable(' + '.join(row.files))}: {measurement_words(row.verdict)}"
     words += f"; {printable(row.reason)}" if row.reason else ""
@@ -254,7 +255,7 @@ def _show(done: Batch) -> None:
     """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
-    from station.results.verdict_words import measurement_words
+    from station.results.comparison import measurement_words
 
     console = Console(highlight=False)
     console.print(_planes(done))
@@ -277,7 +278,7 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.results.verdict_words import measurement_words
+    from station.results.comparison import measurement_words
 
     numbers = done.tally.followed
     table = Table(
@@ -297,7 +298,7 @@ def _wrong(done: Batch) -> Table:
     from rich.table import Column, Table
 
     from station.common.sanitise import printable
-    from station.results.verdict_words import measurement_words
+    from station.results.comparison import measurement_words
 
     photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
@@ -27,14 +28,14 @@ WIDE = 100
 """Least width of a terminal at which the table shows both directions, columns."""
 
 
-@click.command("demo")
+@click.command("demo", cls=StationCommand)
 @click.option(
     "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
 )
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@json_option
 @log_json_option
 def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""

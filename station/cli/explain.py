@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log_json_option
 
 if TYPE_CHECKING:
@@ -18,16 +19,13 @@ if TYPE_CHECKING:
 MOST_TERMS = 3
 
 
-@click.command("explain")
+@click.command("explain", cls=StationCommand)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
-@click.option("--json", "as_json", is_flag=True, help="Write the explanation to stdout as JSON.")
+@json_option
 @log_json_option
 def explain(result: Path, twin: bool, as_json: bool) -> None:
-    """Explain RESULT, a result, a session or a batch: its most likely cause, the largest uncertainty, the best remedy.
-
-    Example: station explain result --twin
-    """
+    """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
     from station.results.explanation import explain_batch, explain_result, is_batch, read_explained, result_folder
 
     if is_batch(folder := result_folder(result)):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.terms import plane_name
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.numbers import FiniteNumber
 from station.common.log import log, log_json_option
 
@@ -23,7 +24,7 @@ LENSES = ("lensfun", "dng")
 """Formats of distortion and vignetting; lensfun also of lateral colour."""
 
 
-@click.command("export")
+@click.command("export", cls=StationCommand)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="The format.")
 @click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first plane]")

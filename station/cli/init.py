@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.command import StationCommand
+
 EXAMPLES = {
     "station.toml": "station.bench",
     "procedure.toml": "station.batch",
@@ -15,7 +17,7 @@ EXAMPLES = {
 """The files, and the packages with their `example.toml`."""
 
 
-@click.command("init")
+@click.command("init", cls=StationCommand)
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 def init(folder: Path) -> None:
     """Write commented templates into FOLDER: station, procedure, specification and certificate.

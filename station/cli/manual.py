@@ -9,11 +9,13 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.command import StationCommand
+
 NARROWEST, WIDEST = 40, 100
 """Limits of the width of a page, in columns."""
 
 
-@click.command("manual")
+@click.command("manual", cls=StationCommand)
 @click.argument("topic", required=False)
 @click.option(
     "--html",

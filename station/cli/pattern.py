@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.paper import PAPERS, paper_named, papers_of_locale
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import ImagingGeometry
 
 
-@click.command()
+@click.command(cls=StationCommand)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
     "--paper",
@@ -104,7 +105,7 @@ def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
     """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO
-    from procedures.pattern_psf.gamma.words import gamma_diagram
+    from procedures.pattern_psf.gamma import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.drawing.diagrams import diagram_lines
     from station.drawing.glyphs import glyphs_for

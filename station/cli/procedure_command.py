@@ -21,6 +21,7 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
@@ -76,7 +77,8 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_options]),
         *([overlay_option] if procedure.has_mtf and procedure.inputs is not Inputs.SERIES else []),
-        click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
+        strict_option,
+        json_option,
         log_json_option,
     ]  # fmt: skip
     for option in reversed(options):
@@ -91,7 +93,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     return click.command(procedure.name, cls=ListCommand, help=procedure.help)(argument(command))
 
 
-class ListCommand(click.Command):
+class ListCommand(StationCommand):
     """A command whose options of several texts also accept them as `--shape FILE1 FILE2` before the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -164,7 +166,7 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
     """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
     finish([one for planes, _, _ in done for one in planes], "".join(text for _, text, _ in done),
-           as_json=given["as_json"])  # fmt: skip
+           as_json=given["as_json"], strict=given["strict"])  # fmt: skip
     if any(missed for _, _, missed in done):
         raise click.exceptions.Exit(FAILED_ITEMS)
 
@@ -177,7 +179,15 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
     terms, settings = terms_of(given), read_model(procedure.Settings, chosen, TableSource())
     settings.check()
     batch = BatchProcedure(procedure, settings, terms)
-    carry_out(batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], as_json=given["as_json"])
+    carry_out(
+        batch,
+        (*paths,),
+        given["out"],
+        jobs=given["jobs"],
+        reports=given["report"],
+        strict=given["strict"],
+        as_json=given["as_json"],
+    )
 
 
 def _results(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.log import log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
-@click.command("reproduce")
+@click.command("reproduce", cls=StationCommand)
 @click.argument("name", required=False)
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
@@ -31,7 +32,7 @@ DISAGREES = 1
     show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout instead of the table.")
+@json_option
 @log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
     """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.

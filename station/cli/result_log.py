@@ -35,8 +35,8 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
+    from station.results.comparison import measurement_words
     from station.results.line_numbers import line_numbers
-    from station.results.verdict_words import measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
@@ -46,12 +46,13 @@ def _sentence(record: PlaneResult) -> str:
     return "; ".join(parts)
 
 
-def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
+def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: bool = False) -> None:
     """Log the verdicts against the specification, write the record to stdout if requested, and exit.
 
-    The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification.
+    The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
+    is `strict`, is doubtful or undecided.
     """
-    from station.results.verdict_words import specification_words
+    from station.results.comparison import specification_words
 
     for one in records:
         comparison = one.specification
@@ -67,5 +68,7 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
         click.echo(text, nl=False)
     if any(record.verdict == "refused" for record in records):
         raise click.exceptions.Exit(REFUSED)
-    if any(record.specification and record.specification.judged == "does not meet" for record in records):
+    judged = {record.specification.judged for record in records if record.specification}
+    unsure = any(record.verdict != "pass" for record in records) or "undecided" in judged
+    if "does not meet" in judged or (strict and unsure):
         raise click.exceptions.Exit(FAILED)

@@ -9,26 +9,25 @@ from pathlib import Path
 import click
 
 from procedures.outcome import BadInput
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 WORDS = {True: "agrees", False: "DIFFERS", None: "not compared"}
 
 
-@click.command("verify")
+@click.command("verify", cls=StationCommand)
 @click.argument("certificate", type=click.Path(path_type=Path))
 @click.option(
     "--originals", type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Folder of the photographs, if they are no longer where they were measured.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Write the checks to stdout as JSON.")
+@json_option
 @log_json_option
 def verify(certificate: Path, originals: Path | None, as_json: bool) -> None:
     """Compare CERTIFICATE, a page or a PDF, with its record, and compute its numbers again from the originals.
 
     The record is found by the digest that the certificate states: beside it, or among the results of the session in
     whose folder it is. Exits with 4 if anything differs.
-
-    Example: station verify result/certificate.pdf
     """
     from station.guide.certificate_check import check_certificate
 

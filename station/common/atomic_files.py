@@ -16,10 +16,7 @@ from station.common.durable_files import Disk
 def write_whole(path: Path, data: bytes) -> None:
     """Write the data atomically; an older file of that name stays unchanged until all is written.
 
-    Raises
-    ------
-    BadParameter
-        If the file cannot be written there; no remnant stays.
+    Raises BadParameter if the file cannot be written there; no remnant stays.
     """
     with written(path, lambda beside: beside.write_bytes(data)) as file:
         file.publish()

@@ -23,10 +23,7 @@ RANDOM_BYTES = 8
 def hold(folder: Path) -> int | None:
     """Lock a folder against `sweep`; returns the descriptor, None on systems without such locks.
 
-    Raises
-    ------
-    BlockingIOError
-        If it is locked already.
+    Raises BlockingIOError if it is locked already.
     """
     try:
         import fcntl

@@ -41,20 +41,21 @@ def logs_json() -> bool:
 
 
 def quiet_option(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--quiet` to a program, for all its commands."""
+    """Add the option `--quiet` to a command; that of a group is for all its commands."""
     option = click.option(
         "-q",
         "--quiet",
         is_flag=True,
         expose_value=False,
-        callback=lambda context, _, chosen: context.meta.__setitem__(_QUIET, chosen),
+        callback=lambda context, _, chosen: context.meta.__setitem__(_QUIET, chosen or is_quiet(context)),
         help="Write only warnings and errors to stderr.",
     )
     return option(program)
 
 
-def _is_quiet() -> bool:
-    context = click.get_current_context(silent=True)
+def is_quiet(context: click.Context | None = None) -> bool:
+    """Whether the running command writes only warnings and errors."""
+    context = context or click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_QUIET))
 
 
@@ -71,17 +72,12 @@ def log(
 
     A quiet program omits level "info".
 
-    Parameters
-    ----------
-    event : str
-        A stable name, for programs.
+    event : a stable name, for programs
     level : "info", "warning" or "error"
-    other_causes
-        Alternative causes, each with its own remedy.
-    facts
-        Values of the event; numbers that are not finite become null.
+    other_causes : alternative causes, each with its own remedy
+    facts : values of the event; numbers that are not finite become null
     """
-    if level == "info" and _is_quiet():
+    if level == "info" and is_quiet():
         return
     if logs_json():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}

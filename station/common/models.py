@@ -47,8 +47,6 @@ UNIONS = (typing.Union, types.UnionType)
 class ModelField:
     """One field of a model.
 
-    Attributes
-    ----------
     kind : float, int, bool, str or Path; the model of a table or of the tables of a list
     choices : the only values, of a Literal; empty where others are possible
     word : a text that may stand in place of a number, as "auto"; "" where none may
@@ -215,8 +213,6 @@ def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
 class TableSource:
     """Origin of a table, as named in messages.
 
-    Attributes
-    ----------
     file : name of the file; "" for options of a command
     lines : lines of its keys
     places : paths of keys in the file, where they differ from those in the model
@@ -282,10 +278,8 @@ def shown(value: Any) -> str:
 def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, path: KeyPath = ()) -> T:
     """A model of the values of a table; one value is accepted for a list.
 
-    Raises
-    ------
-    The source's error
-        If a key is not known (the nearest one is named), a value is not valid, or a required one is missing.
+    Raises the source's error if a key is not known (the nearest one is named), a value is not valid, or a required one
+    is missing.
     """
     fields = {one.name: one for one in fields_of(model)}
     for key in given:

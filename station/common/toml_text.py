@@ -15,12 +15,8 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 def toml_text(table: Mapping[str, Any]) -> str:
     """The table as TOML: plain values first, then a section for each subtable; None is omitted.
 
-    Strings are quoted safely. Surrogates, which UTF-8 cannot represent, become "?".
-
-    Raises
-    ------
-    TypeError
-        For values that have no form in TOML.
+    Strings are quoted safely. Surrogates, which UTF-8 cannot represent, become "?". Raises TypeError for values that
+    have no form in TOML.
     """
     return "".join(_section(table, ()))
 

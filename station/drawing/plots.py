@@ -12,10 +12,10 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from procedures.numerics.arrays import Array
 from station.drawing.colours import FAINT, INK
 from station.drawing.style import CONFIDENT, STYLE, axes_grid, colour_bar, svg
 
-Array = npt.NDArray[np.float64]
 Extent = tuple[float, float, float, float]
 
 

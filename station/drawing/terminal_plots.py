@@ -9,7 +9,8 @@ from textwrap import shorten
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 Cells = npt.NDArray[np.int64]
 
 GUTTER = 5

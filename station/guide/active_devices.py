@@ -31,8 +31,6 @@ DISTANCE = "distance_mm"
 class Snapshot:
     """State of the devices when a frame was taken; values that a device did not report are absent.
 
-    Attributes
-    ----------
     axes : position by name, in the unit of the name
     distance_mm : from the rangefinder's housing
     silent : devices that did not answer, with the reason
@@ -268,6 +266,11 @@ class ActiveDevices:
             if light is not None:
                 light.set_level(level)
             return light is not None
+
+    def flicker(self, exposure_s: float) -> Caveat | None:
+        """The caveat about exposures that are too short for the lamp's modulation."""
+        lamp = self._device("light")
+        return None if lamp is None else lamp.flicker(exposure_s)
 
     def measure_mm(self) -> float | None:
         """The rangefinder's reading, None without a rangefinder. Raises DeviceError."""

@@ -13,10 +13,7 @@ YES, NO = ("y", "yes", "ok", "done", "true"), ("n", "no", "false")
 def parse(ask: Ask, text: str) -> Fact:
     """The answer in a line of text; an empty line is the default.
 
-    Raises
-    ------
-    ValueError
-        If it is invalid; the message states the requirement.
+    Raises ValueError if it is invalid; the message states the requirement.
     """
     text = text.strip()
     if not text and ask.default is not None:

@@ -51,18 +51,12 @@ def _write_psf(
 class GuidedProcedure:
     """A guided procedure: title, plan, and conversion of its estimate into results and files.
 
-    Attributes
-    ----------
-    results : callable
-        Results of the planes from photographs, outcomes, terms (unit, specification) and facts; by default one PSF per
-        plane.
-    write : callable
-        Writes and publishes the files of a result, from its folder, results, photographs and the record's head; gives
-        the record's text.
-    in_session : bool
-        Whether the plan requires the session's folder, since it reads files stored there.
-    general : bool
-        Whether the plan is the general one, `station.guide.plans.general`.
+    results : results of the planes from photographs, outcomes, terms (unit, specification) and facts; by default one
+        PSF per plane
+    write : writes and publishes the files of a result, from its folder, results, photographs and the record's head;
+        gives the record's text
+    in_session : whether the plan requires the session's folder, since it reads files stored there
+    general : whether the plan is the general one, `station.guide.plans.general`
     """
 
     title: str

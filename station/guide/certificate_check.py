@@ -40,15 +40,8 @@ class CertificateCheck:
 def check_certificate(path: Path, originals: Path | None = None) -> Iterator[CertificateCheck]:
     """The checks of a certificate, each as it is done.
 
-    Parameters
-    ----------
-    path : certificate.html or certificate.pdf
-    originals : folder of the photographs, if they are no longer where they were measured
-
-    Raises
-    ------
-    BadInput
-        If the file cannot be read, or is no certificate with a digest.
+    path : certificate.html or certificate.pdf; originals : folder of the photographs, if they are no longer where they
+    were measured. Raises BadInput if the file cannot be read, or is no certificate with a digest.
     """
     digest = _stated_digest(path)
     folder = _result_of(path.parent, digest)

@@ -15,7 +15,7 @@ from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import OperatorActions
 from station.guide.frontend import Event, Frontend, ProblemEvent, ProgressEvent, Stopped
-from station.sessions.given_files import is_given
+from station.sessions.layout import is_given
 from station.sessions.session import Session
 
 T = TypeVar("T")
@@ -177,16 +177,8 @@ class Conversation:
     ) -> T:
         """The value of `work()`. After a failure the operator decides; `recover` runs before each further attempt.
 
-        Parameters
-        ----------
-        always : run it even if the operator has asked to stop, to keep a file that was begun
-
-        Raises
-        ------
-        Skipped
-            If the operator continues without it.
-        Stopped
-            If the operator stops, or the emergency stop was pressed.
+        always : run it even if the operator has asked to stop, to keep a file that was begun. Raises Skipped if the
+        operator continues without it; Stopped if the operator stops, or the emergency stop was pressed.
         """
         failure: Exception | None = None
         while True:

@@ -63,6 +63,7 @@ class PhotographRecorder:
         self.rig, self.session, self.talk = rig, session, talk
         self._camera, self._clock = camera, clock
         self.settling = Settling(rig.imu, clock, timeouts)
+        self._exposures_s: set[float] = set()
 
     def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> RecordedPhotograph:
         """One photograph: of a settled rig, or of a moving one with the IMU recorded, shaken or not.
@@ -70,7 +71,9 @@ class PhotographRecorder:
         Raises Skipped, Stopped.
         """
         vibration = None if moving else self.talk.attempt(self._settled, self.rig.recover)
-        return self.read(self._store(purpose, step, vibration, moving=moving, shake=shake))
+        photograph = self.read(self._store(purpose, step, vibration, moving=moving, shake=shake))
+        self._check_flicker(photograph.frame.exposure.exposure_s)
+        return photograph
 
     def read(self, shot: SessionShot) -> RecordedPhotograph:
         """A stored photograph. Raises Skipped, Stopped."""
@@ -119,6 +122,13 @@ class PhotographRecorder:
             raise
         adopt = partial(self.session.adopt, exposure, step=step, purpose=purpose, snapshot=moment)
         return self.talk.attempt(adopt, always=True)
+
+    def _check_flicker(self, exposure_s: float | None) -> None:
+        """Report, once for each exposure time, that photographs are too short for the lamp's modulation."""
+        if exposure_s and exposure_s not in self._exposures_s:
+            self._exposures_s.add(exposure_s)
+            if (caveat := self.rig.flicker(exposure_s)) is not None:
+                self.talk.notify(ProblemEvent(caveat.reason, caveat.remedy))
 
     def _expose_moving(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
         """One photograph while the rig moves, and the record of the motion."""

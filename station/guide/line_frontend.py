@@ -28,8 +28,8 @@ from station.guide.frontend import (
     StepEnded,
     Stopped,
 )
+from station.results.comparison import measurement_words, specification_words
 from station.results.line_numbers import line_numbers
-from station.results.verdict_words import measurement_words, specification_words
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult

@@ -30,8 +30,6 @@ PREVIEW = ("G1", "Y")
 class AdviceAction:
     """How an advice is carried out.
 
-    Attributes
-    ----------
     shown : the advice as shown to the operator, who is not asked for what the bench does itself
     target : positions to which the bench moves, by axis
     exposure_s : exposure time set through the camera's cable

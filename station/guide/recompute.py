@@ -40,8 +40,6 @@ class MovedNumber:
 class RecomputedResult:
     """Comparison of a result with its recomputation.
 
-    Attributes
-    ----------
     result : folder of the result, relative to the session
     same, different, missing, added : names of files, by comparison with the hashes in the journal
     keys : entries in which the records differ
@@ -77,14 +75,8 @@ def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Recompute
 
     Each is computed from the state of the journal at that time, into a temporary folder, and compared with the hashes
     in the journal, so that files altered afterwards are reported as well. A result of another processor family is
-    recomputed with the kernels of that family where this processor supports them.
-
-    Raises
-    ------
-    BadParameter
-        If there is no such result.
-    Damaged
-        If a photograph has changed.
+    recomputed with the kernels of that family where this processor supports them. Raises BadParameter if there is no
+    such result; Damaged if a photograph has changed.
     """
     record = read_session(folder)
     results = record.state.results

@@ -18,8 +18,6 @@ MAX_LOOKS = 3
 class ScriptedOperator:
     """Confirms everything, and answers other questions by their key, else by their default.
 
-    Attributes
-    ----------
     answers : by key: a fact, or a function of the question that gives one
     patience : number of problems that are retried; the next one ends the run
     heard, asked : all events and questions, in order

@@ -119,7 +119,8 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
         else ShakerResponse() for i in range(3)
     )  # fmt: skip
     within_s = max((float(one["within_s"]) for one in given.values()), default=0.0)
-    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s)
+    uncertainty = max((float(one.get("gain_uncertainty", 0.0)) for one in given.values()), default=0.0)
+    path = ShakerPath(position_m, float(shake["interval_s"]), since_s, response, within_s, uncertainty)
     if ((shot.snapshot.get("motion") or {}).get("clock") or {}).get("by") == "box":  # on the clock of the shaker
         with suppress(BadInput):
             return measured_path(path, imu) if (imu := imu_during(shot)) is not None else path
@@ -155,12 +156,8 @@ def compute(
     """The result of a session in this state, written into a folder; bitwise the same files at every call.
 
     `progress` is called with the number of each photograph that is accessed, and their total; `sealed` applies to the
-    result's folder; `known` holds earlier estimates of the same photographs.
-
-    Raises
-    ------
-    ProcedureError
-        If a photograph cannot be read, or the result cannot be written.
+    result's folder; `known` holds earlier estimates of the same photographs. Raises ProcedureError if a photograph
+    cannot be read, or the result cannot be written.
     """
     shots, entry = state.counting(), entry_named(plan.name)
     frames = Frames(folder, shots, progress)

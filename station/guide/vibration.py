@@ -7,30 +7,23 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.interfaces import Imu, ImuBlock
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 
 @dataclass(frozen=True)
 class SettlingTimeouts:
     """How long to wait for the rig to settle, and when it counts as settled.
 
-    Attributes
-    ----------
-    frequency_hz, damping : float
-        Of the stage's slowest mode. Without an IMU the wait lasts until that mode has decayed to the fraction `quiet`.
-    rate_hz, window_s : float
-        Sampling rate of the IMU, and duration of a block.
-    factor : float
-        Largest vibration level of a settled rig, relative to the noise at rest. The root mean square of 40 samples of
-        three axes scatters by 6 %: 1.4 is more than six standard deviations.
-    longest_s : float
-        Timeout.
+    frequency_hz, damping : of the stage's slowest mode. Without an IMU the wait lasts until that mode has decayed to
+        the fraction `quiet`.
+    rate_hz, window_s : sampling rate of the IMU, and duration of a block
+    factor : largest vibration level of a settled rig, relative to the noise at rest. The root mean square of 40 samples
+        of three axes scatters by 6 %: 1.4 is more than six standard deviations.
+    longest_s : timeout
     """
 
     frequency_hz: float = 8.0

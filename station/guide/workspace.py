@@ -156,7 +156,7 @@ class StationLab:
 
     def _check_bench(self, folder: Path) -> None:
         """Raises BadParameter where the session began on another bench."""
-        from station.bench.same_bench import bench_differences
+        from station.bench.device_models import bench_differences
         from station.sessions.layout import read_config
 
         config = read_config(folder)[0].get("config", {})
@@ -205,7 +205,7 @@ class StationLab:
         """Close the session; one without answers and photographs is deleted, unless it is being resumed."""
         if self._session is None:
             return
-        from station.sessions.deletion import delete_session
+        from station.sessions.reader import delete_session
 
         session, self._session = self._session, None
         session.close()

@@ -32,6 +32,8 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     yield f"`{context.command_path} {usage}`"
     yield ""
     yield inspect.cleandoc(command.help or "")
+    if command.epilog:
+        yield from ("", f"Example: `{command.epilog.removeprefix('Example: ')}`")
     options = [one for one in command.get_params(context) if isinstance(one, click.Option)]
     records = [one for one in (option.get_help_record(context) for option in options) if one]
     if records:

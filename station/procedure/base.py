@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
-from procedures.outcome import BadParameter, Miss, Outcome
+from procedures.developed import is_developed, read_developed
+from procedures.outcome import BadParameter, ColourInput, Miss, Outcome
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
-from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
@@ -93,6 +95,23 @@ class PlaneSettings(RawLayout, frozen=True, kw_only=True):
         return read_frame(path, None if chosen == "all" else chosen.split(","), self.layout)
 
 
+class PictureSettings(PlaneSettings, frozen=True, kw_only=True):
+    """Settings of procedures that also take developed pictures, as JPEG files."""
+
+    encoding: Annotated[
+        Literal["linear", "srgb"] | None,
+        setting("Of files in colour, JPEG, WebP and HEIC.  [default: by the ICC profile, or sRGB]"),
+    ] = None
+
+    def read(self, path: Path) -> RawFrame:
+        """The plane, or all of a picture in colour. Raises ProcedureError."""
+        data = read_photograph(path)
+        if not self.encoding and not is_developed(data):
+            with suppress(ColourInput):
+                return super().read(path)
+        return read_developed(path, self.encoding, data=data)
+
+
 ChartBits = Annotated[Path, setting("The chart's 256 x 256 cells as a grey image.")] | None
 ChartSeed = (
     Annotated[int, setting("The chart's seed; 1 if neither this nor the cells are given.", least=0, most=2**63 - 1)]
@@ -146,8 +165,6 @@ S = TypeVar("S", bound=Settings)
 class Procedure(ABC, Generic[S]):
     """One kind of measurement.
 
-    Attributes
-    ----------
     name : as commands, records, procedure files and limits call it
     title : one line for lists and for the first line of its page
     help : what `--help` says, paragraphs with an empty line between

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from procedures.pattern_print.source import Source
@@ -77,6 +78,10 @@ class PsfProcedure(Procedure[P]):
     has_mtf = True
     usual_page = False
     drawn_by = "psf_page:psf_page"
+
+    def steps(self, paths: Sequence[Path]) -> int:
+        """Reading each photograph, and the estimate."""
+        return len(paths) + 1
 
     def measurement(
         self, frames: Sequence[RawFrame], results: Iterable[PlaneResult], asked: Mapping[str, Any], settings: P,

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from procedures.outcome import BadInput, BadParameter, ColourInput
-from procedures.raw import RawFrame
-from station.procedure.base import PlaneSettings
+from procedures.outcome import BadParameter
+from station.procedure.base import PictureSettings
 from station.procedure.settings import setting
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ SEE = "see `station restore --help`"
 Texts = tuple[str, ...]
 
 
-class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
+class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     """The cause of the blur, the descent, and what is known of the camera."""
 
     blur: Annotated[Literal["defocus", "motion", "both"], setting("Cause of the blur.")]
@@ -145,10 +144,6 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
     ] = ()
     focal_length_mm: Annotated[float, setting("For --metres.  [default: as recorded]", least=0.1)] | None = None
     pixel_pitch_um: Annotated[float, setting("For --metres: of the sensor's pixels.", least=0.1)] | None = None
-    encoding: Annotated[
-        Literal["linear", "srgb"] | None,
-        setting("Encoding of photographs that are colour TIFF or PNG files of 16 bits."),
-    ] = None
     reference: Annotated[
         Path | None,
         setting("A sharp photograph of the same scene from the same place, with which the result is compared."),
@@ -184,18 +179,6 @@ class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
         names = [part for key in OF_FILES for name in getattr(self, key) for part in _parts(name)]
         inputs = [file for name in names for file in with_record(Path(name))]
         return list(dict.fromkeys([*inputs, *([self.reference] if self.reference else [])]))
-
-    def read(self, path: Path) -> RawFrame:
-        """The plane, or all. Raises ProcedureError."""
-        if self.encoding:
-            from procedures.colour_frame import read_colour_frame
-
-            return read_colour_frame(path, self.encoding)
-        try:
-            return super().read(path)
-        except ColourInput as error:
-            remedy = "give the encoding of 16-bit colours, --encoding linear or srgb; or give RAW files"
-            raise BadInput(error.reason, remedy) from error
 
     # --- consistency ---------------------------------------------------------------------------------------------
 

@@ -41,6 +41,7 @@ from procedures.restoration.photograph_blur import (
 from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 from procedures.restoration.unknown_motion.recorded_paths import read_path
+from station.calibration.restoration import developed
 from station.calibration.restoration.inputs import (
     doubt_of,
     poses_of_records,
@@ -83,18 +84,26 @@ def restored(
     if lenses and outcome.value is not None:
         distances = _distances(outcome.value, photographs, blur.masks, lenses[0], str(settings.metres))
         outcome = _judged(outcome, distances)
+    outcome = developed.judged(outcome, frames)
     if truth is not None:
         outcome = compare_to_ground_truth(outcome, [one.planes for one in frames], truth.planes)
     given = {
         **_blur_record(settings, frames, spec, blur), **(_lens_record(settings, lenses) if lenses else {}),
-        "planes": list(frames[0].planes), **({"encoding": settings.encoding} if settings.encoding else {}),
+        "planes": list(frames[0].planes), **_encoding(frames),
         **({"reference": str(settings.reference), "reference_sha256": truth.sha256} if truth else {}),
         **settings.descent, **({"raw": str(settings.layout)} if settings.raw else {}), **_file_record(settings),
     }  # fmt: skip
     head = RecordHead(name, files_read(frames), given)
     whole = Restored(outcome, photographs, distances)
     measurement = restoration_measurement("+".join(frames[0].planes), whole, head)
-    return replace(measurement, exposure=frames[0].exposure).compared(terms)
+    files = {**measurement.files, **developed.picture_file(frames[0], outcome.value)}
+    return replace(measurement, files=files, exposure=frames[0].exposure).compared(terms)
+
+
+def _encoding(frames: Sequence[RawFrame]) -> dict[str, Any]:
+    """Tone curves of developed pictures; empty for linear samples of a sensor."""
+    names = dict.fromkeys(frame.development.curve.name for frame in frames if frame.development)
+    return {"encoding": " and ".join(names)} if names else {}
 
 
 def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFrame]) -> RawFrame:
@@ -307,6 +316,8 @@ def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
         masks = MaskField.of(blur.masks[0])
         given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
         fitted = {} if blur.time_shift is None else {"time_shift": asdict(blur.time_shift)}
+        if source.scale_uncertainty:
+            given["inverse_depth_scale_uncertainty"] = source.scale_uncertainty
         return {**given, **fitted, "nodes": list(masks.grid), "half_size": masks.R}
     entries: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
     if isinstance(source, KnownShapes) and any(source.offsets):

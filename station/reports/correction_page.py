@@ -54,15 +54,15 @@ def correction_page(report: Report) -> str:
         "Before: colours of the mosaic spread linearly.",
         "After: `corrected.dng`, `corrected.tiff`. Balanced to grey here, not in the files.",
     )
-    compared: list[Block] = [pair(_small, captions, "the whole frame")]
+    whole, compared = pair(_small, captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:
         part = pair(lambda one, x=x, y=y: _part(one, x, y), ("Before.", "After."), words)  # type: ignore[misc]
         compared += [Heading(f"{words}, twice its size"), part]
     sections = [
-        Section("Before and after", compared),
+        Section("Before and after, in parts", compared),
         Section("Gain and cost", [_maps(value), Note("The same numbers are in `gain.csv`.")]),
     ]
-    return report_page(report, summary=_summary(corrected, value), closing=sections)
+    return report_page(report, summary=[whole, *_summary(corrected, value)], closing=sections)
 
 
 def _summary(corrected: Corrected, value: Correction) -> list[Block]:

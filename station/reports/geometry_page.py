@@ -40,7 +40,7 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
         f"{geometry.camera.model} from {len(geometry.views)} views, "
         f"{geometry.points // len(geometry.views)} points each on average.",
         Heading("Uncertainty of the projection: of a point fixed to the charts, from the points’ own errors"),
-        Figures([figures.coverage_figure(geometry, f"{prefix}coverage"), *maps], wide=True),
+        Figures([figures.coverage_figure(geometry, f"{prefix}coverage"), *maps], wide=True, summary=True),
     ]
     if (proposed := geometry.next_view) is not None:
         blocks.append(

@@ -17,8 +17,8 @@ from station.common.uncertainty_text import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
+from station.results.comparison import measurement_words
 from station.results.record_head import PartBeside
-from station.results.verdict_words import measurement_words
 
 Text = str
 """Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""
@@ -84,10 +84,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures side by side; `wide` ones have at least half of the page each."""
+    """Figures side by side; `wide` ones have half of the page each, those of the `summary` stand with the verdict."""
 
     figures: Sequence[Figure]
     wide: bool = False
+    summary: bool = False
     kind: ClassVar[str] = "figures"
 
 
@@ -124,6 +125,7 @@ class Section:
     verdict : of a section that states one: it is drawn with the colour of the verdict
     kicker : line above the heading of such a section
     new_page : in print
+    closing : of the last sections, which stay on one page, in print
     """
 
     heading: Text
@@ -131,6 +133,7 @@ class Section:
     verdict: str = ""
     kicker: Text = ""
     new_page: bool = False
+    closing: bool = False
     anchor: str = ""
 
 
@@ -191,7 +194,7 @@ def plane_name(name: str, *verdicts: Markup) -> Markup:
     """The name of a plane with its colour, and verdicts on it."""
     colour = PLANE_COLOURS.get(name)
     swatch = html('<span class="swatch" style="background: {}"></span>', colour) if colour else ""
-    return Markup(" ").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
+    return Markup("&nbsp;").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
 
 
 def quantity(number: Quantity) -> str:

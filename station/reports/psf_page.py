@@ -80,19 +80,20 @@ def psf_page(report: Report) -> str:
     return report_page(
         report,
         plane_blocks=lambda plane: _plane_blocks(plane, report, names[plane.name]),
-        closing=[Section("Terms and their limits", [words], anchor="words", new_page=True)],
+        closing=[Section("Terms and their limits", [words], anchor="words")],
     )
 
 
 def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
-    figures = _psf_figures(plane, report.overlays, name)
+    leading, figures = _psf_figures(plane, report.overlays, name)
     estimate = plane.estimate.shots[0] if isinstance(plane.estimate, CombinedPsf) else plane.estimate
     if isinstance(estimate, TwoPhotoPsf) and len(report.frames) > 1:
         near, far = _near_and_far(estimate, report.frames, plane.name)
-        figures.append(psf_figures.pair_figure(near, estimate.warp.forward(_outline(far)), f"{name}-pair"))
-    blocks: list[Block] = [Figures(figures)] if figures else []
+        leading.insert(0, psf_figures.pair_figure(near, estimate.warp.forward(_outline(far)), f"{name}-pair"))
     if isinstance(estimate, PatternPsf) and report.frames:
-        blocks.append(Figures(chart_figures(report.frames[0].planes[plane.name], estimate, name)))
+        chart, *fit = chart_figures(report.frames[0].planes[plane.name], estimate, name)
+        leading, figures = [chart, *leading], [*figures, *fit]
+    blocks: list[Block] = [Figures(leading, summary=True), Figures(figures)] if leading else []
     if plane.quality is not None:
         blocks += _budget(plane.quality)
     if plane.diffraction is not None and plane.diffraction.typed:
@@ -112,26 +113,25 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
 # --- figures -----------------------------------------------------------------------------------------------------
 
 
-def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> list[Figure]:
+def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> tuple[list[Figure], list[Figure]]:
+    """PSF and MTF for the summary, and the figures of the plane's section."""
     if plane.psf is None:
-        return []
+        return [], []
     axis = otf_figures.FrequencyAxis(str(plane.unit), plane.factor)
-    figures = [
-        psf_figures.psf_figure(plane.psf, None, f"{name}-psf"),
-        psf_figures.log_psf_figure(plane.psf, f"{name}-log"),
-    ]
+    leading = [psf_figures.psf_figure(plane.psf, None, f"{name}-psf")]
     if plane.quality is not None:
         others = curves_over(overlays, plane)
         mtf = otf_figures.mtf_figure(plane.quality, None, f"{name}-mtf", plane.diffraction, axis, others)
-        figures.append(mtf)
-    figures += [
+        leading.append(mtf)
+    figures = [
+        psf_figures.log_psf_figure(plane.psf, f"{name}-log"),
         psf_figures.energy_figure(radial_profile(plane.psf), f"{name}-energy"),
         otf_figures.mtf_map_figure(plane.psf, f"{name}-map", plane.diffraction, axis),
         otf_figures.phase_figure(plane.psf, f"{name}-phase", axis),
     ]
     if plane.inter_image is not None:
         figures.append(psf_figures.kernel_figure(plane.inter_image, f"{name}-kernel"))
-    return figures
+    return leading, figures
 
 
 def chart_figures(photograph: Plane, estimate: PatternPsf, name: str) -> list[Figure]:

@@ -13,7 +13,7 @@ from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
-from station.results.comparison import Comparison, Compliance
+from station.results.comparison import MEASUREMENT, SPECIFICATION, Comparison, Compliance
 from station.results.environment import condition_words
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
@@ -21,7 +21,6 @@ from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD
 from station.results.terms import specification_verdict
-from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "refused")

@@ -37,18 +37,26 @@ from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
 Array = npt.NDArray[np.float64]
+SUMMARY_FIGURES = 3
+"""Curves beside the verdict."""
+MAX_WHOLE_ROWS = 12
+"""Inputs that stay on one sheet of paper."""
 DRIFT = (
     "Slopes of straight lines through the photographs that were taken from one position, ± one standard uncertainty. "
     "Time and temperature are compared one at a time: in a session in which the temperature only rises or falls, a "
     "slope per kelvin includes whatever else changed with time."
 )
+MAIN_NUMBERS = 5
+"""Numbers that are stated with the verdict, at least, where there are so many."""
 UNJUDGED = "None was given: what the lens should be is not judged."
 
 
 def measurement_page(report: Report) -> str:
     """The page of a procedure without sections of its own: its curves, numbers and provenance."""
     figures = [_curve_figure(report, name) for name in _curves(report)]
-    return report_page(report, closing=[Section("Curves", [Figures(figures)])] if figures else [])
+    leading, rest = figures[:SUMMARY_FIGURES], figures[SUMMARY_FIGURES:]
+    summary: list[Block] = [Figures(leading)] if leading else []
+    return report_page(report, summary=summary, closing=[Section("Curves", [Figures(rest)])] if rest else [])
 
 
 def report_page(
@@ -63,29 +71,35 @@ def report_page(
     Parameters
     ----------
     summary : blocks below the verdicts
-    plane_blocks : what a plane's section shows before its numbers
+    plane_blocks : what a plane's section shows before its numbers; the first figures for the summary are moved there
     closing : sections between those of the planes and the provenance
     """
-    sections = [_head(report, summary)]
-    for plane in report.planes:
-        blocks = [*plane_blocks(plane), *_numbers(plane), *_limits(plane)]
-        if blocks or plane.unavailable:
-            name = plane_name(plane.name, tag(plane.verdict))
-            words = [sentence(one) for one in plane.unavailable]
-            sections.append(Section(name, [*words, *blocks], new_page=True, anchor=f"plane-{plane.name}"))
+    shown = [(plane, plane_blocks(plane)) for plane in report.planes]
+    figures = ((plane, one) for plane, blocks in shown for one in blocks if isinstance(one, Figures) and one.summary)
+    plane, one = next(figures, (None, None))
+    leading: list[Block] = [Heading(plane_name(plane.name))] if plane and len(shown) > 1 else []
+    leading += [one] if one else []
+    sections = [_head(report, [*leading, *summary])]
     lines = (("Conditions", report.conditions), ("Devices", report.devices))
     sections += [
         Section(title, [Table([[one.name, one.words] for one in facts], columns="ww", style="numbers conditions")])
         for title, facts in lines
         if facts
     ]
+    for plane, blocks in shown:
+        own = [*(block for block in blocks if block is not one), *_numbers(plane), *_limits(plane)]
+        if own or plane.unavailable:
+            name = plane_name(plane.name, tag(plane.verdict))
+            words = [sentence(one) for one in plane.unavailable]
+            sections.append(Section(name, [*words, *own], new_page=bool(blocks), anchor=f"plane-{plane.name}"))
     if report.drift:
         rows = [[one.name, one.per_hour, one.per_kelvin] for one in report.drift]
         sections.append(Section("Drift over the session", [Table(rows, ["", "per hour", "per kelvin"]), Note(DRIFT)]))
     sections += [*closing, *exclusions("Excluded inputs", report.missed, "input"), _provenance(report)]
     if report.files:
         links = [html('<a href="{}"><code>{}</code></a>', one, one) for one in report.files]
-        sections.append(Section("The files beside this page", [html("<p>{}</p>", Markup(", ").join(links))]))
+        files = html("<p>{}</p>", Markup(", ").join(links))
+        sections.append(Section("The files beside this page", [files], closing=True))
     return page(f"{report.subject}: {report.headline}", [*sections, _citation(report)])
 
 
@@ -115,7 +129,10 @@ def _large(verdict: str, words: str) -> Markup:
 
 def _main_numbers(report: Report) -> list[Block]:
     """The numbers that are stated with the verdict: large for a single plane, else a table."""
-    numbers = in_group(Group.LINE, [name for one in report.planes for name in (*one.numbers, *one.values)])
+    names = [name for one in report.planes for name in (*one.numbers, *one.values)]
+    numbers = in_group(Group.LINE, names)
+    more = [one for one in in_group(Group.HEADLINE, names) if one not in numbers]
+    numbers += more[: max(MAIN_NUMBERS - len(numbers), 0)]
     if not numbers:
         return []
     first = report.planes[0]
@@ -162,7 +179,7 @@ def _limits(plane: PlaneResult) -> list[Block]:
 def _provenance(report: Report) -> Section:
     rows = [
         [small(html("<code>{}</code>", one.file), one.note), small(one.exposure, one.taken),
-         html("<code>{}</code>", one.sha256)]
+         html('<code class="hash">{}</code>', one.sha256)]
         for one in report.shots
     ]  # fmt: skip
     given = [f"{name} = {_parameter(value)}" for name, value in report.parameters.items() if value is not None]
@@ -171,7 +188,7 @@ def _provenance(report: Report) -> Section:
     took = [] if report.duration_s is None else [Note(f"time taken {report.duration_s} s")]
     blocks: list[Block] = [Table(rows, ["input", "exposure", "SHA-256"], "rrr")] if rows else []
     blocks += [Note(html("{}. ", ", ".join(given)))] if given else []
-    return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took])
+    return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took], closing=len(rows) <= MAX_WHOLE_ROWS)
 
 
 def _parameter(value: object) -> object:
@@ -184,7 +201,7 @@ def _citation(report: Report) -> Section:
         f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
         "photographs and parameters as under Provenance."
     )
-    return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])])
+    return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
 
 
 # --- curves ------------------------------------------------------------------------------------------------------

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
+from scipy.ndimage import uniform_filter
 
 from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
 from station.drawing.pictures import encoded, levels, picture
 from station.drawing.plots import Figure
-from station.reports.page import Figures, KeyNumbers, Note, Section, image, percent
+from station.reports.page import Figures, KeyNumbers, Note, Section, html, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
 from station.reports.report import Report
 from station.reports.report_page import report_page
@@ -25,6 +26,8 @@ MAX_SIDE_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
 KERNEL_PX = 240
 """Largest side of a kernel on the page."""
+PLACES, PLACE_PX = 3, 64
+"""Number of places that are shown enlarged, and their side in pixels."""
 MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
 MIN_SPAN_PX, MIN_BLUR_PX = 0.5, 0.2
@@ -53,7 +56,6 @@ def restoration_page(report: Report) -> str:
     refocused_ = [shown(one, caption) for caption, one in _refocused(restoration)]
     note = Note("Computed from picture and depth: a blur circle that grows with the distance from the chosen depth.")
     sections = [
-        Section("Before and after", [Figures([*before, after])]),
         *([Section("Estimated motion", [Figures(kernels)])] if kernels else []),
         Section("Depth and its uncertainty", [Figures(_depth(restoration))]),
         *_metres(restored.distances),
@@ -61,7 +63,37 @@ def restoration_page(report: Report) -> str:
         Section("Residual", [Figures(_residual(restoration))]),
         *([Section("Refocused", [Figures(refocused_), note])] if refocused_ else []),
     ]
-    return report_page(report, summary=[_facts(restoration)], closing=sections)
+    slider = _slider(photographs[0], restoration.sharp, white)
+    first = [Figures([slider], wide=True), Figures(_places(photographs[0], restoration.sharp, white))]
+    return report_page(report, summary=[*first, Figures([*before[1:], after]), _facts(restoration)], closing=sections)
+
+
+def _slider(before: Array, after: Array, white: float) -> Figure:
+    """The photograph over the restored picture, up to a border that the reader moves."""
+    photograph, restored = (
+        image(encoded(".png", levels(_small(picture(one)), 0, white)), words)
+        for one, words in ((before, "photograph 1"), (after, "restored picture"))
+    )
+    words = "Photograph 1, left, and the restored picture: pull the corner below the border."
+    return Figure(html('<div class="slider">{}<div>{}</div></div>', restored, photograph), words)
+
+
+def _places(before: Array, after: Array, white: float) -> list[Figure]:
+    """Photograph and restored picture side by side at the places that changed most, each pixel as four."""
+    change = np.asarray(uniform_filter(np.mean((after - before) ** 2, axis=0), PLACE_PX), dtype=np.float64)
+    half, figures = PLACE_PX // 2, []
+    change[:half], change[:, :half], change[-half:], change[:, -half:] = (np.float64(0),) * 4
+    for _ in range(PLACES):
+        y, x = np.unravel_index(np.argmax(change), change.shape)
+        if not change[y, x]:
+            break
+        part = (slice(None), slice(int(y) - half, int(y) + half), slice(int(x) - half, int(x) + half))
+        pair = np.concatenate([picture(before[part]), picture(after[part])], axis=1)
+        data = encoded(".png", levels(np.repeat(np.repeat(pair, 2, axis=0), 2, axis=1), 0, white))
+        caption = f"Before and after, about x = {x}, y = {y}."
+        figures.append(Figure(image(data, caption), caption))
+        change[max(y - 2 * half, 0) : y + 2 * half, max(x - 2 * half, 0) : x + 2 * half] = 0
+    return figures
 
 
 def _facts(restoration: Restoration) -> KeyNumbers:

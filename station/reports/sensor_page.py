@@ -9,7 +9,7 @@ from procedures.sensor.spectrograms import Period
 from station.common.uncertainty_text import stated
 from station.reports.page import Block, Figures, Heading, Items, Note, Table, quantity
 from station.reports.report import Report
-from station.reports.report_page import report_page
+from station.reports.report_page import SUMMARY_FIGURES, report_page
 from station.reports.sensor_figures import sensor_figures
 from station.results.plane_result import PlaneResult
 
@@ -31,7 +31,8 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
     if result is None:
         return []
     patterns = {which: one for which, one in (("dark", result.dark), ("light", result.light)) if one is not None}
-    blocks: list[Block] = [Figures(sensor_figures(result, patterns, plane.name))]
+    figures = sensor_figures(result, patterns, plane.name)
+    blocks: list[Block] = [Figures(figures[:SUMMARY_FIGURES], summary=True), Figures(figures[SUMMARY_FIGURES:])]
     if periods := [_period_words(one) for pattern in patterns.values() for one in pattern.periods]:
         blocks += [Heading("Periodic patterns"), Items(periods)]
     if defects := _defects(patterns):

@@ -27,7 +27,7 @@ def tilt_page(report: Report) -> str:
         return report_page(report)
     moves = Items([sentence(line.replace(" um", " µm")) for line in screw_lines(tilt)])
     note = Note("The direction in which a screw is turned for its move depends on the camera.")
-    figures = [Figures([_surface_figure(tilt), _screws_figure(tilt)])]
+    figures = [Figures([_surface_figure(tilt), _screws_figure(tilt)], summary=True)]
     return report_page(report, summary=[moves, note], plane_blocks=lambda plane: figures)
 
 

@@ -38,10 +38,7 @@ class Judgement:
 class Comparison:
     """A plane against its specification.
 
-    Attributes
-    ----------
-    judged : Judged or None
-        The worst of its limits; undecided where the plane was refused; None where no limit holds for it.
+    judged : the worst of its limits; undecided where the plane was refused; None where no limit holds for it.
     """
 
     judged: Compliance | None = None
@@ -90,3 +87,32 @@ _ENTRIES = {
 def worst(judged: Iterable[Compliance]) -> Compliance:
     """The worst of several."""
     return max(judged, key=list(Compliance).index)
+
+
+# --- verdicts in words -----------------------------------------------------------------------------------------------
+
+MEASUREMENT = {
+    "pass": "trusted",
+    "doubtful": "doubtful",
+    "refused": "refused",
+    "unreadable": "unreadable",
+    "lost": "lost",
+    "fault": "fault",
+}
+"""Verdicts on the measurement; records have the words on the left."""
+SPECIFICATION = {
+    "meets": "meets the specification",
+    "undecided": "undecided against the specification",
+    "does not meet": "does not meet the specification",
+}
+"""Verdicts against the specification."""
+
+
+def measurement_words(verdict: str) -> str:
+    """A verdict on the measurement."""
+    return MEASUREMENT.get(verdict, verdict)
+
+
+def specification_words(verdict: str | None) -> str:
+    """A verdict against the specification; empty without one."""
+    return SPECIFICATION.get(verdict or "", "")

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.radial_profile import radial_profile
@@ -17,8 +18,6 @@ from procedures.reading.exposure import Exposure
 from station.common.sanitise import cell
 from station.drawing.pictures import described_tiff, float_tiff
 from station.results.fits import Cards, image_extension, primary_image
-
-Array = npt.NDArray[np.float64]
 
 
 def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> bytes:

@@ -37,22 +37,13 @@ class Place(StrEnum):
 class Limit:
     """The range in which a number must lie.
 
-    Attributes
-    ----------
     number : one of `limited_numbers`
-    least, most : float
-        Infinite without a bound; frequencies in `unit`.
-    coverage : float
-        Standard uncertainties on either side of the number that must lie inside too.
-    planes : sequence of str
-        Where it holds; empty for every plane.
-    at : float or None
-        The frequency, in `unit`, at which the MTF is meant.
-    directions : sequence of str
-        In which a number of FAMILIES is meant.
-    place : Place
-        Where in the frame it holds.
-    unit : Unit
+    least, most : infinite without a bound; frequencies in `unit`
+    coverage : standard uncertainties on either side of the number that must lie inside too
+    planes : where it holds; empty for every plane
+    at : the frequency, in `unit`, at which the MTF is meant
+    directions : in which a number of FAMILIES is meant
+    place : where in the frame it holds
     """
 
     number: str
@@ -85,12 +76,8 @@ class Limit:
 class Specification:
     """All limits of a lens or a camera.
 
-    Attributes
-    ----------
-    title : str
-        Of what it is the specification.
-    source : str
-        Its file, and sha256 of the content; empty for a part of another file.
+    title : of what it is the specification
+    source : its file, and sha256 of the content; empty for a part of another file
     """
 
     limits: tuple[Limit, ...] = ()
@@ -118,14 +105,9 @@ class Specification:
 class Spot:
     """The numbers of one place of the frame.
 
-    Attributes
-    ----------
-    name : str
-        In words: "upper left corner"; empty if unknown.
-    places : sequence of Place
-        What it counts as.
-    numbers : mapping of str to Quantity
-        Empty where it was not measured.
+    name : in words: "upper left corner"; empty if unknown
+    places : what it counts as
+    numbers : empty where it was not measured
     """
 
     name: str
@@ -143,17 +125,10 @@ def compare(
 ) -> Comparison:
     """The plane against the limits that hold for it.
 
-    Parameters
-    ----------
-    pixels : Pixels, optional
-        What its frequencies are counted in.
-    spots : sequence of Spot
-        The numbers by place, of a result over the frame; of one place, its numbers are the plane's.
+    Raises BadParameter if the unit of the limits needs unknown properties of the pixels.
 
-    Raises
-    ------
-    BadParameter
-        If the unit of the limits needs unknown properties of the pixels.
+    pixels : what its frequencies are counted in
+    spots : the numbers by place, of a result over the frame; of one place, its numbers are the plane's
     """
     limits = [one for one in specification.limits if not one.planes or record.name in one.planes]
     if not limits:

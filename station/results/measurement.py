@@ -30,8 +30,6 @@ BY_PLANE = "planes"
 class Measurement:
     """Result of a procedure.
 
-    Attributes
-    ----------
     schema : of the record, `station/NAME/1`
     head : procedure, inputs with their hashes, settings, duration
     planes : results by plane, with verdicts

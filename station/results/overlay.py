@@ -10,15 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.text import read_rows
 from station.common.sanitise import printable
 from station.results.result_files import RECORD
 from station.results.units import Unit, unit_in
 
-Array = npt.NDArray[np.float64]
 REMEDY = "name the folder of a result of station psf or station mtf, or a session with one"
 
 
@@ -26,8 +25,6 @@ REMEDY = "name the folder of a result of station psf or station mtf, or a sessio
 class Overlay:
     """The curves of another result.
 
-    Attributes
-    ----------
     name : for a legend
     unit : of its frequencies
     planes : columns of (n,) by plane: frequency, and horizontal and vertical, or mtf across an edge; over image height
@@ -93,10 +90,7 @@ def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
 def table_columns(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], dict[str, Array]]:
     """Units and columns (n,) of a table, from its headings `name [unit]`.
 
-    Raises
-    ------
-    ValueError
-        If it does not begin with the columns `first`, or has a cell that is not a finite number.
+    Raises ValueError if it does not begin with the columns `first`, or has a cell that is not a finite number.
     """
     head, *cells = rows or [[]]
     names, units = [one.partition(" [")[0] for one in head], [one.partition("[")[2].rstrip("]") for one in head]

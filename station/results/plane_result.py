@@ -6,10 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
+from procedures.numerics.arrays import Array
 from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
 from procedures.reading.exposure import Exposure
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
     from procedures.sensor.information import Information
     from station.results.comparison import Comparison
 
-Array = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class PlaneResult:
@@ -34,8 +30,6 @@ class PlaneResult:
 
     A refused one has a reason, a remedy and no PSF. One read from files has verdict, numbers, curves and samples.
 
-    Attributes
-    ----------
     reason, remedy : the most likely cause of the verdict; `other_causes` are less likely ones
     numbers : every number with its unit and standard uncertainty, by name
     curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty

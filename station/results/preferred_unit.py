@@ -27,10 +27,7 @@ def unit_named(name: Any, source: TableSource) -> Unit:
 def preferred_unit(file: Path | None = None) -> Unit:
     """The unit that a station.toml asks for; the one in this folder where none is named. Cycles per pixel by default.
 
-    Raises
-    ------
-    BadParameter
-        If the file cannot be read, or there is no such unit.
+    Raises BadParameter if the file cannot be read, or there is no such unit.
     """
     if file is None and not FILE.is_file():
         return Unit.CYCLES

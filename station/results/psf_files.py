@@ -7,10 +7,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from procedures.numbers import SAMPLES_PER_PIXEL, SUPPORT
+from procedures.numerics.arrays import Array
 from station.common.sanitise import cell
 from station.common.versions import software
 from station.drawing.psf_picture import psf_picture
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
 
 BUDGET = "budget.csv"
 
-Array = npt.NDArray[np.float64]
 Write = Callable[[Path], None]
 
 

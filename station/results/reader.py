@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import NUMBERS
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, Miss, Quantity, Verdict
 from procedures.reading.arrays import checked_array, parse_npy
 from procedures.reading.text import parse_json
@@ -24,8 +25,6 @@ from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in
-
-Array = npt.NDArray[np.float64]
 
 _AGAIN = "recompute the session"
 MAX_BYTES = 400_000_000

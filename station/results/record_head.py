@@ -37,18 +37,12 @@ class InputFile:
 class RecordHead:
     """The entries that the records of all procedures begin with.
 
-    Attributes
-    ----------
-    parameters : mapping
-        By name, as JSON has them: each procedure has its own, and a record is read by versions that know other ones.
-    arguments, settings : sequence of str, mapping; or None
-        Paths and settings as given, by which the result can be computed again.
-    specification, batch, field : mapping or None
-        Entries of records that have them.
-    environment : mapping or None
-        Readings of the bench's probes during the photographs, by probe and quantity.
-    duration_s : float or None
-        How long it took; None where the same files have to come of it again.
+    parameters : by name, as JSON has them: each procedure has its own, and a record is read by versions that know other
+        ones
+    arguments, settings : paths and settings as given, by which the result can be computed again
+    specification, batch, field : entries of records that have them
+    environment : readings of the bench's probes during the photographs, by probe and quantity
+    duration_s : how long it took; None where the same files have to come of it again
     """
 
     procedure: str

@@ -39,8 +39,6 @@ SEAL = "sha256"
 CANDIDATES = 5
 """Physical models in a record, the best first."""
 
-Array = npt.NDArray[np.float64]
-
 
 class ResultFolder:
     """A folder that receives one result, whole.
@@ -49,12 +47,8 @@ class ResultFolder:
     finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
     folder can be written, before any work is done, and that nothing in it has the name of a file of results that this
     program has not written as it is. `sealed` adds the hashes of all files and of the record itself; `force` writes
-    foreign files over, and removes those that would pass for a part of this result.
-
-    Raises
-    ------
-    BadParameter
-        On entering, if the folder cannot be made or written, or holds such a file.
+    foreign files over, and removes those that would pass for a part of this result. Raises BadParameter on entering, if
+    the folder cannot be made or written, or holds such a file.
     """
 
     def __init__(self, path: Path, *, sealed: bool = True, force: bool = False) -> None:
@@ -99,10 +93,7 @@ class ResultFolder:
     def publish(self) -> None:
         """Put the staged files in the place of the older result's, and remove what only that one had.
 
-        Raises
-        ------
-        BadParameter
-            If the disk does not take it.
+        Raises BadParameter if the disk does not take it.
         """
         try:
             self._publish(Disk())

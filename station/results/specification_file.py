@@ -99,10 +99,8 @@ class SpecificationTable:
 def read_specification(path: Path) -> Specification:
     """The specification in a file.
 
-    Raises
-    ------
-    BadParameter
-        If it cannot be read, has a key that is not known or a value that is not valid, or sets no limit.
+    Raises BadParameter if it cannot be read, has a key that is not known or a value that is not valid, or sets no
+    limit.
     """
     return parse_specification(specification_text(path), str(path))
 

@@ -19,14 +19,9 @@ from station.results.units import Frequency, Pixels, Unit
 class Terms:
     """Requests in addition to the estimate.
 
-    Attributes
-    ----------
-    unit : Unit
-        Of every frequency in terminal, page, tables and record.
-    at : sequence of Frequency
-        Where the MTF is reported.
-    specification : Specification
-        Limits of the numbers; may be empty.
+    unit : of every frequency in terminal, page, tables and record
+    at : where the MTF is reported
+    specification : limits of the numbers; may be empty
     """
 
     unit: Unit = Unit.CYCLES

@@ -10,14 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import numpy as np
-import numpy.typing as npt
-
 from procedures.numbers import frequency_of, name_at
 from procedures.outcome import BadParameter, Quantity
 from procedures.raw import RawFrame
-
-Array = npt.NDArray[np.float64]
 
 
 class Unit(StrEnum):
@@ -37,14 +32,9 @@ def unit_in(text: str) -> Unit:
 class Pixels:
     """The pixels in which the frequencies of a plane are counted.
 
-    Attributes
-    ----------
-    pitch : int
-        Pixels of the sensor per pixel of the plane.
-    pitch_um : float or None
-        Pitch of the sensor's pixels, if known.
-    height : int or None
-        Pixels of the plane along the frame's shorter side.
+    pitch : pixels of the sensor per pixel of the plane
+    pitch_um : pitch of the sensor's pixels, if known
+    height : pixels of the plane along the frame's shorter side
     """
 
     pitch: int = 1

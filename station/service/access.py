@@ -86,10 +86,8 @@ def answered_beyond_limits(path: str) -> bool:
 class Gate:
     """Passes permitted requests, and adds the security headers to answers.
 
-    Parameters
-    ----------
-    token : required as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None
-        disables the check
+    token : required as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None disables
+        the check
     host : the address of the server
     """
 

@@ -33,8 +33,6 @@ NEVER_BY_DEFAULT = (MOVE, "trouble", "look", "contradiction")
 class RunStatus:
     """The status of a run.
 
-    Attributes
-    ----------
     session, plan : of the run
     step, instruction : the present step
     doing, done, total : the present operation, with its countable parts
@@ -63,10 +61,7 @@ class RunStatus:
 class RemoteOperator:
     """Answers by given answers or by defaults; all other questions wait for `reply`.
 
-    Parameters
-    ----------
-    answers : by key
-    by_default : whether a question with a default is answered by it, unless a person must answer
+    answers : by key; by_default : whether a question with a default is answered by it, unless a person must answer.
     """
 
     def __init__(self, answers: Mapping[str, Fact], by_default: bool, show: Callable[[Plane], None]) -> None:

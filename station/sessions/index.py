@@ -52,8 +52,6 @@ PRAGMA user_version = {VERSION};
 class IndexEntry:
     """A session in a list.
 
-    Attributes
-    ----------
     began : UTC, ISO 8601
     ended : "finished", "stopped", "emergency"; "" if it has not ended
     shots, counting : number of photographs, and of those used by the result

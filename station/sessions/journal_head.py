@@ -54,9 +54,7 @@ class Gap:
 def gap(path: Path, sums: Sequence[str], *, expected: bool) -> Gap:
     """Compare a journal whose lines have these sums with its head.
 
-    Parameters
-    ----------
-    expected : whether a head must exist; journals of earlier versions have none
+    expected : whether a head must exist; journals of earlier versions have none.
     """
     try:
         data = read_own(path)

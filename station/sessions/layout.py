@@ -10,13 +10,13 @@ import stat
 import sys
 import tomllib
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.common.durable_files import holds, read_own, write_errors
+from station.common.durable_files import Disk, holds, read_own, sha256_of, write_errors
 from station.common.sanitise import printable
 from station.sessions.journal import Damaged
 
@@ -76,12 +76,7 @@ def has_parts(folder: Path) -> bool:
 def check_layout(folder: Path) -> None:
     """Check that every part of a session is a file or folder of its own, not a link.
 
-    Raises
-    ------
-    BadInput
-        If it is not a session.
-    Damaged
-        If a part is missing or is a link.
+    Raises BadInput if it is not a session; Damaged if a part is missing or is a link.
     """
     if not is_session(folder):
         raise BadInput(f"{folder} is not a session: it needs {CONFIG} and {JOURNAL}", "name a session's folder")
@@ -129,10 +124,7 @@ def own(path: Path) -> Path:
 class Lock:
     """Excludes other programs from a session; released by the system if the program ends.
 
-    Raises
-    ------
-    Busy
-        If another program has it, named by the content of the lock.
+    Raises Busy if another program has it, named by the content of the lock.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -171,3 +163,43 @@ else:
 
     def _lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+# --- files of answers ------------------------------------------------------------------------------------------------
+
+GIVEN = "given"
+"""The folder of such files within a session; it exists only if there are any."""
+FILE = re.compile(rf"{GIVEN}/[1-9][0-9]{{0,5}}/[A-Za-z0-9_][A-Za-z0-9._-]*")
+"""Path of such a file, relative to the session's folder."""
+
+
+def is_given(name: str) -> bool:
+    """Whether a name is that of a file kept by the session."""
+    return FILE.fullmatch(name) is not None
+
+
+def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
+    """Make read-only copies of related files in a new folder of the session; returns hashes by path.
+
+    Raises NotKept, Changed if the disk refuses, or they cannot be read.
+    """
+    place = _free(own(folder / GIVEN))
+    hashes = {}
+    for source in (file.resolve() for file in files):
+        target = place / (re.sub(r"[^A-Za-z0-9._-]+", "-", source.name).lstrip(".-") or "file")
+        with write_errors(source):
+            digest = sha256_of(source)
+        disk.copy(source, target, digest)
+        hashes[target.relative_to(folder).as_posix()] = digest
+    disk.sync_folder(place.parent)
+    return hashes
+
+
+def _free(root: Path) -> Path:
+    """A new numbered folder in this one."""
+    with write_errors(root):
+        root.mkdir(exist_ok=True)
+        taken = [int(path.name) for path in root.iterdir() if path.name.isdecimal()]
+        place = root / str(max(taken, default=0) + 1)
+        place.mkdir()
+    return place

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import secrets
+import shutil
 import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from station.common.durable_files import holds, sha256_of
+from station.common.durable_files import holds, sha256_of, write_errors
 from station.sessions.journal import Contents, Damaged, read_journal
 from station.sessions.journal_head import HEAD, Gap, gap
 from station.sessions.layout import (
@@ -16,6 +18,7 @@ from station.sessions.layout import (
     DERIVED,
     JOURNAL,
     ORIGINALS,
+    Lock,
     check_layout,
     has_parts,
     is_session,
@@ -63,12 +66,7 @@ class SessionRecord:
 def read_session(folder: Path) -> SessionRecord:
     """A session's configuration and journal, verified; photographs are verified by `verify`.
 
-    Raises
-    ------
-    BadInput
-        If the folder is not a session.
-    Damaged
-        If the configuration or the journal is damaged.
+    Raises BadInput if the folder is not a session; Damaged if the configuration or the journal is damaged.
     """
     check_layout(folder)
     config, first_sum = read_config(folder)
@@ -157,3 +155,19 @@ def sessions_in(root: Path) -> Iterator[Path]:
     if root.is_dir():
         named = [path for path in root.iterdir() if not path.name.startswith(".")]
         yield from sorted(path for path in named if is_session(path) or has_parts(path))
+
+
+# --- deletion --------------------------------------------------------------------------------------------------------
+
+
+def delete_session(folder: Path) -> None:
+    """Delete a session with its photographs and results.
+
+    Raises BadInput if the folder is not a session; Busy if a program has it open; NotKept if the disk refuses.
+    """
+    check_layout(folder)
+    Lock(folder).release()  # raises if another program has it open
+    doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
+    with write_errors(folder):
+        folder.rename(doomed)
+        shutil.rmtree(doomed)

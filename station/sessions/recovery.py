@@ -13,9 +13,8 @@ from typing import Any, Protocol
 from station.common.durable_files import holds, sha256_of
 from station.results.result_files import RECORD
 from station.sessions.compute_environment import machine
-from station.sessions.given_files import GIVEN
 from station.sessions.journal_head import HEAD
-from station.sessions.layout import DERIVED, ORIGINALS
+from station.sessions.layout import DERIVED, GIVEN, ORIGINALS
 from station.sessions.reader import SessionRecord, damaged_results, unknown_files
 from station.sessions.state import SessionShot, SessionState
 
@@ -46,15 +45,7 @@ class OpenSession(Protocol):
 def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
     """Clean up, report incomplete or lost lines, complete announced photographs, and list missing or unknown files.
 
-    Parameters
-    ----------
-    record : the session as read
-    without : shots to give up
-
-    Raises
-    ------
-    NotKept
-        If the disk refuses.
+    record : the session as read; without : shots to give up. Raises NotKept if the disk refuses.
     """
     _sweep(session.folder)
     if record.gap.lines:

@@ -47,7 +47,6 @@ from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
 from station.sessions.creation import furnish, settle
-from station.sessions.given_files import copied
 from station.sessions.journal import Journal, JournalLine
 from station.sessions.layout import (
     DERIVED,
@@ -57,6 +56,7 @@ from station.sessions.layout import (
     WIRE,
     Lock,
     check_layout,
+    copied,
     free_original,
     inside,
     own,
@@ -114,18 +114,11 @@ class Session:
         today: Today = utc_now,
         disk: Disk | None = None,
     ) -> Session:
-        """Create a session in a new folder inside `root`, atomically.
+        """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
-        Parameters
-        ----------
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
         clock : the bench's, for the times of exposures and transcripts
         seed : of all random numbers in it
-
-        Raises
-        ------
-        NotKept
-            If the disk refuses.
         """
         disk = disk or Disk()
         began = today()
@@ -160,20 +153,10 @@ class Session:
 
         `state.notices` lists what was repaired and which exposures must be repeated.
 
-        Parameters
-        ----------
-        without : numbers of shots whose photographs are permanently lost; they no longer count
+        Raises BadInput if the folder is not a session; Busy if another program has it open; Damaged if a photograph,
+        the journal or the configuration is damaged; NotKept if the disk refuses.
 
-        Raises
-        ------
-        BadInput
-            If the folder is not a session.
-        Busy
-            If another program has it open.
-        Damaged
-            If a photograph, the journal or the configuration is damaged.
-        NotKept
-            If the disk refuses.
+        without : numbers of shots whose photographs are permanently lost; they no longer count.
         """
         check_layout(folder)
         lock = Lock(folder)
@@ -263,15 +246,9 @@ class Session:
     def adopt(self, exposure: ExposedFile, *, step: str, purpose: str, snapshot: Mapping[str, Any]) -> SessionShot:
         """Adopt a photograph: a verified read-only copy in originals/, recorded in the journal.
 
-        The file also stays where the camera's software put it. On a full disk it stays only there; once there is
-        room, calling this again for it, or opening the session, continues.
-
-        Raises
-        ------
-        Changed
-            If the file has changed since its exposure.
-        NotKept
-            If the disk refuses.
+        The file also stays where the camera's software put it. On a full disk it stays only there; once there is room,
+        calling this again for it, or opening the session, continues. Raises Changed if the file has changed since its
+        exposure; NotKept if the disk refuses.
         """
         with self._guard:
             pending = self.state.adopting
@@ -335,14 +312,9 @@ class Session:
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> DerivedResult:
         """Confirm the files in `result_folder()` as the result of a step, computed from these shots.
 
-        If the last result still stands and has the same files, it is kept and the new one removed: a step that
-        was interrupted after its result yields no second one. If a result that is not in the journal has
-        the same files, that one is confirmed.
-
-        Raises
-        ------
-        NotKept
-            If the disk refuses.
+        If the last result still stands and has the same files, it is kept and the new one removed: a step that was
+        interrupted after its result yields no second one. If a result that is not in the journal has the same files,
+        that one is confirmed. Raises NotKept if the disk refuses.
         """
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing

@@ -31,10 +31,7 @@ def frozen(path: Path) -> dict[str, str]:
 def terms_of_session(folder: Path) -> Terms:
     """The terms of a session's results; the default ones if it was begun without any.
 
-    Raises
-    ------
-    BadParameter
-        If it names an invalid unit or specification.
+    Raises BadParameter if it names an invalid unit or specification.
     """
     config, _ = read_config(folder)
     frozen_config = config.get("config", {})

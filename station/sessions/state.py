@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procedures.plan import Fact
-from station.sessions.given_files import is_given
 from station.sessions.journal import Damaged, JournalLine
+from station.sessions.layout import is_given
 
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
 DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")
@@ -21,8 +21,6 @@ LOST = "its photograph is lost"
 class SessionShot:
     """One photograph of the session.
 
-    Attributes
-    ----------
     number : counted from 1 in the order of the exposures
     path : relative to the session's folder, inside originals/
     purpose, step : why it was taken
@@ -74,8 +72,6 @@ class Awaited:
 class SessionState:
     """A session according to its journal.
 
-    Attributes
-    ----------
     plan, camera, lens : the plan and its subject
     began : when it was created, UTC, ISO 8601
     seed : of all random numbers in it

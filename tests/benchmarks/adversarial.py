@@ -34,7 +34,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, s
 from scipy.stats import beta  # noqa: E402
 
 from procedures.pattern import CELLS, Chart  # noqa: E402
-from procedures.pattern_print.raster import bitmap  # noqa: E402
+from procedures.pattern_print.formats import bitmap  # noqa: E402
 from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402

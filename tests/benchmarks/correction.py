@@ -119,7 +119,7 @@ def losses(lens: Lens, seed: int) -> Iterator[np.ndarray]:
         measured = nodes(camera, grid(columns, rows, margin), noise**2 * covariance, np.random.default_rng(seed))
         field = {"Y": interpolate("Y", SHAPE, measured).field}
         if best is None:
-            with mock.patch.object(OwnOptics, "camera", camera), mock.patch.object(estimate, "Optics", OwnOptics):
+            with mock.patch.object(OwnOptics, "camera", camera), mock.patch.object(estimate, "PlaneFields", OwnOptics):
                 best = corrected(frame, field, how).picture[0]
         found = corrected(frame, field, how)
         errs = squares(best - truth)

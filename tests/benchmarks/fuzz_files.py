@@ -64,11 +64,11 @@ from station.calibration.restoration.inputs import (
     read_imu,
     read_poses,
 )
-from station.calibration.rig import read_rig_camera
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import Shots, find_shots
 from station.calibration.sensor_models import read_sensor
 from station.calibration.vignetting import measure_flats, read_joint_formula, read_vignetting
+from station.procedure.builtin.rig import read_rig_camera
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.reader import read_result

@@ -54,7 +54,7 @@ PROCEDURE = ("base", "optics", "registry", "schema", "settings")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
-    "field": (("procedures/field",), ("tests/procedures/field",)),
+    "field": (("procedures/field",), ("tests/procedures/field", "tests/station/calibration/test_psf_exports.py")),
     "geometry": (("procedures/geometry",), ("tests/procedures/geometry",)),
     "numerics": (("procedures/numerics",), ("tests/procedures/numerics",)),
     "slanted_edge": (("procedures/slanted_edge",), ("tests/procedures/slanted_edge",)),

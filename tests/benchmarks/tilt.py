@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from procedures.pattern import Chart
-from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.plane import Positions, behind_lens_um
 from procedures.tilt.screws import Screws
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics

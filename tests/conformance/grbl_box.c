@@ -9,6 +9,7 @@
    they stand and the settings in their EEPROM. Pins are those of an Uno with a variable
    spindle: steps on D2 to D4, directions on D5 to D7, switches on B1, B2 and B4, feed hold on C1. */
 #include <fcntl.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_uart.h>
 #include <simavr/parts/uart_pty.h>
@@ -21,6 +22,8 @@
 #include <unistd.h>
 
 #define AXES 3
+#define MEMORY 0x900 /* registers, their images and RAM of an ATmega328P */
+#define LOOP 512     /* instructions, more than GRBL's main loop has */
 static const char letters[] = "XYZ";
 static const int switch_pin[AXES] = {1, 2, 4};
 static long place[AXES], top; /* steps from the start; the switch closes at `top` and above */
@@ -73,7 +76,10 @@ static void set_pin(avr_irq_t *pin, int high) /* also where it had that level be
 static void switch_on(void)
 {
     avr_reset(avr);
-    avr->data[0x88] = 255; /* OCR1A: simavr never runs a timer whose top is 0, which an ATmega's is after a reset */
+    for (int number = 0; number < 2; number++) /* unused, on step pins: simavr would test their level in every cycle */
+        avr_extint_set_strict_lvl_trig(avr, number, 0);
+    /* OCR1A: simavr never runs a timer whose top is 0, which an ATmega's is after a reset */
+    avr->data[0x88] = avr->data[0x89] = 255;
     for (int axis = 0; axis < AXES; axis++)
         set_pin(switch_irq[axis], !(pressed[axis] || place[axis] >= top));
     for (int pin = 0; pin < 6; pin++) /* nobody presses a button, no probe touches */
@@ -113,11 +119,58 @@ static void hear_byte(struct avr_irq_t *irq, uint32_t value, void *param)
         said[said_bytes++] = value;
 }
 
+/* A waiting program repeats a loop that returns to the same state, which only a timer or a received byte ends. Such loops
+   are skipped as a whole, so every event keeps its clock cycle. */
+static struct {
+    avr_flashaddr_t pc;
+    avr_cycle_count_t cycle;
+    uint8_t sreg[8], data[MEMORY];
+} snapshot;
+static unsigned int instructions, patience; /* since the program last waited; until another place is tried */
+
+static void take_snapshot(void)
+{
+    snapshot.pc = avr->pc;
+    snapshot.cycle = avr->cycle;
+    memcpy(snapshot.sreg, avr->sreg, sizeof snapshot.sreg);
+    memcpy(snapshot.data, avr->data, sizeof snapshot.data);
+}
+
+static int is_unchanged(void)
+{
+    return !avr->interrupt_state && !memcmp(snapshot.sreg, avr->sreg, sizeof snapshot.sreg) &&
+           !memcmp(snapshot.data, avr->data, sizeof snapshot.data);
+}
+
+static void skip_loops(avr_cycle_count_t end)
+{
+    avr_cycle_timer_slot_p timer = avr->cycle_timers.timer;
+    avr_cycle_count_t loop = avr->cycle - snapshot.cycle, next = timer && timer->when < end ? timer->when : end;
+    if (next > avr->cycle)
+        avr->cycle += (next - avr->cycle - 1) / loop * loop;
+    snapshot.cycle = avr->cycle;
+}
+
 static void run_for(double ms)
 {
     avr_cycle_count_t end = avr->cycle + (avr_cycle_count_t)(ms * 16000);
-    while (avr->cycle < end)
+    take_snapshot();
+    while (avr->cycle < end) {
         avr_run(avr);
+        int returned = avr->pc == snapshot.pc;
+        instructions++;
+        if (returned && is_unchanged()) {
+            skip_loops(end);
+            instructions = 0;
+            patience = 100 * LOOP;
+        } else if (returned) {
+            take_snapshot();
+        } else if (instructions > patience) {
+            take_snapshot();
+            instructions = 0;
+            patience = LOOP;
+        }
+    }
 }
 
 static int lockstep(void)
@@ -183,6 +236,7 @@ int main(int argc, char **argv)
     switch_on();
     if (argc > 3) {
         avr->sleep = rest;
+        avr->run_cycle_limit = 1; /* one instruction at a time */
         return lockstep();
     }
     uart_pty_init(avr, &pty);

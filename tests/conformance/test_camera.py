@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from itertools import islice
+from types import SimpleNamespace
 
 import pytest
 
 from drivers.errors import FrameMissing, FrameWrong
 from drivers.interfaces import CameraSettings
 from station.bench.opening import inspect_raw
+from station.guide.focus.live import PhotographSource
 
 
 @pytest.fixture
@@ -37,6 +40,15 @@ def test_ten_exposures_are_ten_different_files(camera):
     exposures = [camera.expose() for _ in range(10)]
     assert len({exposure.sha256 for exposure in exposures}) == 10
     assert len({exposure.path for exposure in exposures}) == 10
+
+
+def test_it_is_a_source_of_live_focusing(camera):
+    if camera.sensor() is None:
+        pytest.skip("the folder's files of this rig are no photographs")
+    bench = SimpleNamespace(camera=camera, stops=0, check_stops=lambda since: None)
+    frames = list(islice(PhotographSource(lambda: False).tethered(bench), 3))
+    assert len({frame.path for frame in frames}) == 3
+    assert all(frame.plane.value.samples.size for frame in frames)
 
 
 def test_the_sensor_is_that_of_the_frames(camera):

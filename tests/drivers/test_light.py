@@ -6,12 +6,16 @@ from drivers.light import DmxLight, DmxParser, LampProperties
 from drivers.transport import SerialTransport
 
 
-@pytest.mark.parametrize(
-    ("pwm_hz", "exposure_s", "flickers"), [(0.0, 0.001, False), (1000.0, 0.02, True), (1000.0, 0.2, False)]
-)
-def test_short_exposures_under_chopped_light_differ(pwm_hz, exposure_s, flickers):
-    # at most one cycle more or less: 1 % of a hundred cycles
-    assert LampProperties(pwm_hz=pwm_hz).flickers(exposure_s) is flickers
+@pytest.mark.parametrize(("pwm_hz", "exposure_s"), [(0.0, 0.001), (1000.0, 0.1), (1000.0, 0.2)])
+def test_long_exposures_and_steady_lamps_have_no_flicker(pwm_hz, exposure_s):
+    assert LampProperties(pwm_hz=pwm_hz).flicker(exposure_s) is None
+
+
+def test_short_exposures_under_a_modulated_lamp_can_differ_by_one_period():
+    caveat = LampProperties(pwm_hz=1000.0).flicker(0.02)
+    assert caveat.reason == (
+        "an exposure must last 100 periods of the lamp's modulation, 0.1 s; at 0.02 s its light can change by 5 %"
+    )
 
 
 def test_a_lamp_is_steady_after_its_warm_up(bench):

@@ -65,7 +65,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
 
 
 def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_reported(homed, bench, monkeypatch):
-    monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)  # as if it had said IDLE too early
+    monkeypatch.setattr(homed, "_rest", lambda axes, limit_s: {axis: homed._state(axis) for axis in axes})  # too early
     with pytest.raises(MoveFailed, match="pan_deg stopped"):
         homed.move_to(pan_deg=20.0)
     bench.clock.sleep(0.1)  # it slows down
@@ -81,7 +81,6 @@ def test_homing_whose_end_cannot_be_asked_is_stopped(homed, bench, monkeypatch):
             raise unanswered.pop()
         return status(axis)
 
-    monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)
     monkeypatch.setattr(homed, "_status", ask)
     with pytest.raises(NoAnswer):
         homed.home()
@@ -190,14 +189,14 @@ def test_a_question_is_asked_three_times(homed, bench):
     assert len(sent(homed)) == before + 3
 
 
-def test_a_stop_that_an_axis_refuses_is_sent_once_more_and_every_axis_gets_it(homed, monkeypatch):
-    orders = []
+def test_a_stop_is_repeated_while_an_axis_refuses_to_report(homed, monkeypatch):
+    state, refusals = homed._state, [Rejected("device 1 refused", "look", "BADDATA")] * 2
 
-    def refuse(device, axis, command, **options):
-        orders.append((device, command))
-        raise Rejected(f"device {device} refused", "look", "BADDATA")
+    def refuse(axis):
+        if refusals:
+            raise refusals.pop()
+        return state(axis)
 
-    monkeypatch.setattr(homed, "_send", refuse)
-    with pytest.raises(Rejected, match="device 1 refused"):
-        homed.stop()
-    assert orders == [(1, "stop")] * 2 + [(2, "stop")] * 2
+    monkeypatch.setattr(homed, "_state", refuse)
+    homed.stop()
+    assert sent(homed).count(b"/0 0 stop\n") == 4

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from station.__main__ import main
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
+from tests.printed import PAPERS, print_faults, screen_faults
 
 from .cases import CASES, OUT
 from .frozen import differences, frozen_record, page_text, same_text, without_hashes
@@ -57,6 +58,12 @@ def test_pages_are_as_they_were(made, request):
     before = kept.read_text(encoding="utf-8").splitlines()
     assert len(before) == len(lines)
     assert [(a, b) for a, b in zip(before, lines, strict=True) if not same_text(a, b)] == []
+
+
+def test_pages_fit_on_paper_and_on_screens(made, browser, tmp_path):
+    pages = files_of(made[1], ".html")
+    assert [fault for page in pages for paper in PAPERS for fault in print_faults(browser, page, paper, tmp_path)] == []
+    assert [fault for page in pages for fault in screen_faults(browser, page)] == []
 
 
 def test_records_follow_the_schema_that_is_generated(made):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
+import numpy.typing as npt
 
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
+from procedures.geometry.chart_bins.turned_view import TurnedView, find_turned, joined, quarters
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
@@ -16,6 +18,8 @@ from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
 from procedures.raw import Plane, PlaneLike, as_plane
+
+Array32 = npt.NDArray[np.float32]
 
 MAX_SAMPLES = 4
 """Samples of the PSF per pixel: the geometry does not improve with more."""
@@ -26,7 +30,38 @@ SUPPORT_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
+@dataclass(frozen=True, eq=False)
+class ChartLocation:
+    """The chart in a plane, or in its picture by a turned camera."""
+
+    sighting: ChartSighting
+    turned: TurnedView | None = None
+
+    def moved(self, x: float, y: float) -> ChartLocation:
+        """The chart in a plane whose content is shifted by (x, y) pixels."""
+        if self.turned is None:
+            return replace(self, sighting=self.sighting.moved(x, y))
+        return replace(self, turned=self.turned.moved(x, y))
+
+
+def locate_chart(samples: Array32) -> ChartLocation:
+    """The chart in a plane: with all its marks on straight lines, or as a camera turned towards it shows it.
+
+    Raises
+    ------
+    Refused
+        If there is no chart in it, or more than one.
+    """
+    charts = find_charts(samples)
+    if charts and (len(charts) > 1 or charts[0].visible.all()):
+        return ChartLocation(one_chart(charts))
+    turned = find_turned(samples, REDUCED_PX, charts[0].centre() if charts else None)
+    if turned is not None and not (charts and turned[0].visible.sum() <= charts[0].visible.sum()):
+        return ChartLocation(*turned)
+    return ChartLocation(one_chart(charts))
+
+
+def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
     Parameters
@@ -37,8 +72,8 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting
         The printed cells.
     source : str
         Name of the view.
-    sighting : ChartSighting, optional
-        Position of the chart from another plane (`one_chart`, `ChartSighting.moved`); None: it is searched for.
+    location : SeenChart, optional
+        The chart in another plane, moved to this one; None: it is searched for.
 
     Raises
     ------
@@ -46,21 +81,26 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting
         If there is no chart in it, or one that cannot be used.
     """
     plane = as_plane(plane)
-    sighting = sighting or one_chart(find_charts(plane.samples))
+    location = location or locate_chart(plane.samples)
+    sighting, turned = location.sighting, location.turned
     width = float(sighting.widths().max())
-    factor = 1 if width <= WIDE_PX else ceil(width / REDUCED_PX)
-    small = plane if factor == 1 else replace(plane, samples=reduced(plane.samples, factor))
+    factor = ceil(width / REDUCED_PX) if turned is None and width > WIDE_PX else 1
+    samples = reduced(plane.samples, factor) if turned is None else turned.picture(plane.samples)
     sighting = sighting.reduced(factor)
-    check_usable(sighting, small.samples.shape)
+    check_usable(sighting, samples.shape)
     s = min(MAX_SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
     parameters = PatternParameters(s, SUPPORT_PX * s + 1, chosen=True)
-    psf = estimate_psf(small, chart, parameters, sighting=sighting)
+    psf = estimate_psf(replace(plane, samples=samples), chart, parameters, sighting=sighting)
     if psf.value is None:
         return psf.of_value(None)
-    bins = psf.value.correspondences
-    if factor == 1:
+    bins, registration = psf.value.correspondences, psf.value.registration
+    if turned is not None:
+        parts = [turned.registered(part) for part in quarters(bins)]
+        bins = joined([refine_bins(plane.samples, chart, *part, turned.factor) for part in parts])
+    elif factor == 1:
         return psf.of_value(on_sensor(bins, plane, source))
-    bins = refine_bins(plane.samples, chart, psf.value.registration, bins, factor)
+    else:
+        bins = refine_bins(plane.samples, chart, registration, bins, factor)
     return Outcome(on_sensor(bins, plane, source))  # doubts about the reduced PSF do not concern the geometry
 
 
@@ -71,14 +111,14 @@ def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str
     """
     guide = planes.get("G1", next(iter(planes.values())))
     try:
-        sighting = one_chart(find_charts(guide.samples))
+        location = locate_chart(guide.samples)
     except Refused as refusal:
         return dict.fromkeys(planes, _refused(refusal))
     views = {}
     for name, plane in planes.items():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         try:
-            views[name] = view_of(plane, chart, source, sighting.moved(x, y))
+            views[name] = view_of(plane, chart, source, location.moved(x, y))
         except Refused as refusal:
             views[name] = _refused(refusal)
     return views

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Complex, Indices
 from procedures.numerics.compiled import compiled, vectorised
 from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules
-
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
 
 FAR = 1e9
 """Greatest coordinate, as homographies can map points arbitrarily far."""

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32
 from procedures.numerics.compiled import compiled, vectorised
 
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
 Matrix = npt.NDArray[np.floating[Any]]
 
 

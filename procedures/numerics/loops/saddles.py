@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.compiled import compiled, vectorised
 
 Picture = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
-Array = npt.NDArray[np.float64]
 
 
 @vectorised
@@ -86,12 +85,9 @@ def saddle_points(image: Picture, kernels: Picture, flatter: float, weakest: flo
     Parameters
     ----------
     image : (rows >= 5, columns >= 5) float32
-    kernels : (3, 5) float32
-        Gaussian and its first two derivatives, from the middle on.
-    flatter : float
-        Greatest mean curvature over strength.
-    weakest : float
-        Least strength.
+    kernels : (3, 5) float32 Gaussian and its first two derivatives, from the middle on
+    flatter : greatest mean curvature over strength
+    weakest : least strength
     """
     rows, n = image.shape
     g, d, dd = kernels[0], kernels[1], kernels[2]
@@ -127,12 +123,9 @@ def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float
 
     Parameters
     ----------
-    index : (n,) int64
-        Pixels of the picture, flattened.
-    radius : float
-        Radius of the ring, in pixels.
-    off_centre : float
-        Share of the first harmonic that is subtracted from the variance.
+    index : (n,) int64 pixels of the picture, flattened
+    radius : radius of the ring, in pixels
+    off_centre : share of the first harmonic that is subtracted from the variance
     """
     rows, columns = image.shape
     left, upper = np.empty(8, np.int64), np.empty(8, np.int64)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.compiled import vectorised
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 Complex64 = npt.NDArray[np.complex64]
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import (
     BLACK_BLOCKS,
@@ -35,7 +36,6 @@ SCREENED_AT_ONCE = 128
 """Candidates whose samples fit the processor's cache together."""
 MARK_HALF, SEARCH = 5, 6
 """Half the side of a mark's template, and the greatest offset searched, in rectified pixels."""
-Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
 H_CELLS_RECTIFIED: Array = np.array(

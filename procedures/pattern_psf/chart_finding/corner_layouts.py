@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Complex, Indices
 from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
@@ -48,9 +49,6 @@ MOST_INSIDE = 3
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
 """The x-corners in cells, (12, 2)."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -59,12 +57,8 @@ class Layouts:
 
     The orientation, one of the square's eight symmetries, is not determined here.
 
-    Attributes
-    ----------
-    maps : (n, 3, 3) float64
-        Homographies from cells to pixels.
-    hits : (n, 12) bool
-        Mask of the x-corners that have a saddle, in the order of RIM.
+    maps : (n, 3, 3) homographies from cells to pixels; hits : (n, 12) bool mask of the x-corners that have a saddle, in
+    the order of RIM.
     """
 
     maps: Array
@@ -163,10 +157,7 @@ def _distinct(field: BinnedSaddles, hits: Indices) -> Indices:
 def find_layouts(saddles: Saddles) -> Layouts:
     """Find the sets of saddles in the layout of a chart's x-corners, those with the most hits first.
 
-    Parameters
-    ----------
-    saddles : Saddles
-        Saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
+    saddles : saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
     """
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import apply_homography, homography_jacobian
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
@@ -49,7 +50,6 @@ SMALLEST_LEVEL = 48
 """Least side of a level of the pyramid."""
 MIDDLE = np.full(2, CELLS / 2)
 Image = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,13 @@ class ChartSighting:
 
     Attributes
     ----------
-    corners : (12, 2) float64
-        (x, y) of the x-corners in pixels of the plane, in the order of `pattern.X_CORNERS`, NaN where hidden.
-    H_sensor_pattern : (3, 3) float64
-        Homography from cells to pixels, fitted to the visible corners.
-    visible : (12,) bool
-        Mask of the detected corners.
-    score : float
-        Agreement of the frame's blocks and triangles with the picture, 0 to 1; independent of the noise cells.
-    mirrored : bool
-        Whether the image is mirrored.
-    negative : bool
-        Whether black and white are exchanged: the frame then resembles its mirror image, and H mirrors it, too.
+    corners : (12, 2) (x, y) of the x-corners in pixels of the plane, in the order of `pattern.X_CORNERS`, NaN where
+        hidden
+    H_sensor_pattern : (3, 3) homography from cells to pixels, fitted to the visible corners
+    visible : (12,) bool mask of the detected corners
+    score : agreement of the frame's blocks and triangles with the picture, 0 to 1; independent of the noise cells
+    mirrored : whether the image is mirrored
+    negative : whether black and white are exchanged: the frame then resembles its mirror image, and H mirrors it, too
     """
 
     corners: Array
@@ -197,15 +192,8 @@ def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
 def find_charts(image: npt.NDArray[np.floating]) -> list[ChartSighting]:
     """Detect the charts in a photograph, the best first; also mirrored, partly hidden and cut ones.
 
-    Parameters
-    ----------
-    image : (rows, columns) float
-        One linear grey plane, black 0, white 1; any positive scale is valid.
-
-    Raises
-    ------
-    BadInput
-        If the image is not two-dimensional.
+    image : (rows, columns) one linear grey plane, black 0, white 1; any positive scale is valid. Raises BadInput if the
+    image is not two-dimensional.
     """
     if image.ndim != 2:
         raise BadInput(f"detection requires one grey plane; got an array of shape {image.shape}", "choose one plane")
@@ -245,11 +233,8 @@ def _overlaps(centre: Array, sightings: list[ChartSighting]) -> bool:
 def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
     """Detect the one chart in a photograph.
 
-    Raises
-    ------
-    Refused
-        If there is none or more than one, or it is mirrored, negative, cut by the photograph's border, hidden at more
-        than two marks, or its noise region is too small or too large.
+    Raises Refused if there is none or more than one, or it is mirrored, negative, cut by the photograph's border,
+    hidden at more than two marks, or its noise region is too small or too large.
     """
     sighting = one_chart(find_charts(image))
     check_usable(sighting, image.shape)

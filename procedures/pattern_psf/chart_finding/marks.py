@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Complex
 from procedures.numerics.ordered import quantile
 from procedures.numerics.spatial_bins import field_of
 
@@ -47,8 +48,6 @@ PRESELECTION_FACTOR = 4
 NOISE_BAND_DISTANCE = 128
 """Distance between the bands of rows in which noise is measured."""
 Picture = npt.NDArray[np.float32]
-Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -57,12 +56,9 @@ class Saddles:
 
     Attributes
     ----------
-    points : (n,) complex128
-        x + iy in pixels of the level.
-    axes : (n,) complex128
-        Unit complex numbers with twice the angle of the dark axis (an axis has no sign).
-    strengths : (n,) float64
-        Curvature difference, in grey levels per squared pixel.
+    points : (n,) complex128 x + iy in pixels of the level
+    axes : (n,) complex128 unit complex numbers with twice the angle of the dark axis (an axis has no sign)
+    strengths : (n,) curvature difference, in grey levels per squared pixel
     """
 
     points: Complex
@@ -115,10 +111,7 @@ def find_saddles(image: Picture) -> Saddles:
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
     size and opposite sign, as between two black and two white quadrants.
 
-    Parameters
-    ----------
-    image : (rows, columns) float32
-        Grey levels, at any positive scale.
+    image : (rows, columns) float32 grey levels, at any positive scale.
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)

@@ -22,8 +22,6 @@ from procedures.plan import Advice
 from procedures.raw import Exposure, Plane
 from procedures.reading.exposure import TYPED, disagreements
 
-Array = npt.NDArray[np.float64]
-
 MAX_RATIO = 1.12
 """Ratio of two estimates of F cell above which a number is wrong; focus, marks and mounts contribute 5 % together."""
 TAPE_MM = 50.0

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.facts import facts_as
 from procedures.outcome import Quantity, verdict_of
@@ -23,7 +22,6 @@ from procedures.plan import Advice, Facts, Reading
 from procedures.quality import Diffraction, beyond_diffraction
 from procedures.raw import RawFrame
 
-Array = npt.NDArray[np.float64]
 KEY = "typed_f_number"
 CONTRADICTION_SIGMAS = 3.0
 """Standard uncertainties between the typed f-number and that of the far tail above which one of them is wrong."""

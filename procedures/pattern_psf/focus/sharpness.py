@@ -29,14 +29,10 @@ class Sharpness:
 
     Attributes
     ----------
-    mtf50 : Quantity
-        Mean over all directions, in cycles per pixel of the plane.
-    along_rows, along_columns : Quantity
-        MTF50 of detail that varies along the rows (vertical lines) and along the columns.
-    s_over_t : float
-        Sampling ratio of the chart; 1 is ideal.
-    sighting : ChartSighting
-        Where the chart was, in pixels of the plane.
+    mtf50 : mean over all directions, in cycles per pixel of the plane
+    along_rows, along_columns : MTF50 of detail that varies along the rows (vertical lines) and along the columns
+    s_over_t : sampling ratio of the chart; 1 is ideal
+    sighting : where the chart was, in pixels of the plane
     """
 
     mtf50: Quantity
@@ -59,12 +55,9 @@ def measure_sharpness(
 
     Parameters
     ----------
-    chart : Chart
-        The cells that were printed.
-    parameters : PatternParameters
-        s and k must be given: choosing them takes many estimates.
-    near : ChartSighting, optional
-        Position of the chart in the previous photograph.
+    chart : the cells that were printed
+    parameters : s and k must be given: choosing them takes many estimates
+    near : position of the chart in the previous photograph
     """
     try:
         sighting = _find_near(plane, near) or find_chart(plane.samples)

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 MIN_FIT_SCORE = 0.75
 """Least score, relative to the best, of the points fitted: farther from the focus no lens follows a parabola."""

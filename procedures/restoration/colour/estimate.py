@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.ndimage import shift as moved_by
 
 from procedures.raw import Plane
-from procedures.restoration.colour.colour_error import error_of, spread_out
-from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
 from procedures.restoration.first_depth.segments import JUMP_PX
-from procedures.restoration.joint.occlusion import PICTURE
+from procedures.restoration.joint.moved_objects import PICTURE
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
@@ -38,10 +37,7 @@ def in_colour(
     restoration : of the same photographs' planes, stacked in the order R, G1, G2, B; photographs : the planes of each;
     masks : of each photograph, as functions of w in pixels of the sensor.
 
-    Raises
-    ------
-    BadInput
-        If the photographs are no mosaics of one layout.
+    Raises BadInput if the photographs are no mosaics of one layout.
     """
     mosaic = mosaics(photographs, restoration.light)
     names = list(photographs[0])
@@ -121,3 +117,78 @@ def _moved(stack: MaskStack, x: float, y: float, more: int) -> MaskStack:
     wide = np.pad(stack.masks, ((0, 0), (more, more), (more, more)))
     masks = np.maximum(moved_by(wide, (0.0, y, x), order=3), 0) if x or y else wide
     return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), stack.step)
+
+
+# --- error of the picture --------------------------------------------------------------------------------------------
+# Demosaicking interpolates what was not sampled, an error unknown to the restoration of the planes. The restored
+# picture is blurred, sampled with noise and restored again, which shows the loss due to the prior. That loss is added
+# to the picture first, as the scene contained it.
+
+LOST = 2.0
+"""Factor of the loss added to the picture, which has lost it once and loses less than the scene did. For five pictures,
+91 to 99 % of the values were within two estimated errors with 2, and 86 to 96 % with 1."""
+START = 1.5
+"""Radius of the initial blur of the picture before it is restored again, pixels."""
+
+
+def error_of(data: MosaicTerm, u: Array, w: Array, sigma: float, residual: float) -> Array:
+    """An example of the error of u (3, H', W'), lightness and differences of colour, (3, H', W').
+
+    w : (H', W'); sigma : noise from which the prior's strength derives; left : standard deviation of the residual.
+    """
+    lost = u - _once_more(data, u, w, sigma, 0.0)
+    scene = u + LOST * lost
+    return _once_more(data, scene, w, sigma, residual) - scene
+
+
+def _once_more(data: MosaicTerm, scene: Array, w: Array, sigma: float, noise: float) -> Array:
+    data.focus(w)
+    samples = data.blur(scene)
+    samples = samples + noise * np.random.default_rng(0).standard_normal(samples.shape).astype(samples.dtype)
+    z = np.divide(samples, data.trust, out=np.zeros_like(samples), where=data.trust > 0)
+    again = MosaicTerm(z, data.blurs, data.trust)
+    return alone(again, gaussian_filter(scene, (0, START, START)), w, sigma, 3, 20)
+
+
+def spread_out(error: Array, window: int) -> Array:
+    """Local standard deviation (H, W) of an example of errors (C, H, W), from windows about every pixel."""
+    return np.asarray(np.sqrt(uniform_filter((error.astype(np.float64) ** 2).mean(axis=0), window)))
+
+
+# --- search for the depth --------------------------------------------------------------------------------------------
+# Each plane has only every other pixel. Where the blur is as small as its pixels it is aliased, which no blur explains,
+# and its w is too small by up to a half, without a visible residual. The complete mosaic is not affected: pictures
+# restored at several depths near the first one have the smallest residual at the right w.
+
+STEP = 0.3
+"""Step of the depths tried, pixels of the sensor."""
+OFFSETS = (-1, 0, 1, 2, 3)
+"""Depths tried, in steps from the first one, which aliasing makes too small."""
+SURE = 0.1
+"""Changes of w up to this are left to the joint steps, pixels, as the windows do not follow slopes and edges."""
+WINDOW = 31
+"""Side of the windows in which w is changed as one, pixels of the sensor."""
+
+
+def searched(data: MosaicTerm, u: Array, w: Array, sigma: float) -> tuple[Array, Array]:
+    """w (H, W) of the smallest residual of the mosaics, and the uncertainty of the first w.
+
+    u : (3, H', W'), initial picture.
+    """
+    limit, R = min(blur.stack.max_w for blur in data.blurs), data.R
+    residuals = []
+    for offset in OFFSETS:
+        wide = np.clip(np.pad(w + offset * STEP, R, mode="edge"), 0, limit).astype(u.dtype)
+        picture = alone(data, u, wide, sigma, 2, 20)
+        residuals.append(uniform_filter((data.residual(picture) ** 2).sum(axis=(0, 1)), WINDOW))
+    move = STEP * gaussian_filter(OFFSETS[0] + _lowest(np.stack(residuals)), WINDOW / 3)
+    better = np.clip(w + move - np.clip(move, -SURE, SURE), 0, limit)
+    return np.asarray(better), np.asarray(np.sqrt(gaussian_filter(move**2, WINDOW / 3)))
+
+
+def _lowest(costs: Array) -> Array:
+    """Position of the minimum of costs (N, H, W) along the first axis, refined by a parabola through three samples."""
+    middle = np.clip(costs.argmin(axis=0), 1, len(costs) - 2)
+    before, at, after = (np.take_along_axis(costs, (middle + n)[None], axis=0)[0] for n in (-1, 0, 1))
+    bend = np.maximum(before - 2 * at + after, 1e-30)
+    return np.asarray(middle + np.clip((before - after) / (2 * bend), -1, 1))

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter
 
-from procedures.restoration.first_depth.segments import JUMP_PX, Labels, Mask, surfaces
+from procedures.numerics.arrays import Mask
+from procedures.restoration.first_depth.segments import JUMP_PX, Labels, surfaces
 from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
 from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array

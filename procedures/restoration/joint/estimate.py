@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_erosion, uniform_filter
 
+from procedures.numerics.arrays import Mask
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
 from procedures.raw import PlaneLike
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
-from procedures.restoration.joint.moved_objects import Mask, largest, moved_objects
+from procedures.restoration.joint.moved_objects import PICTURE, Occlusion, largest, moved_objects, occlusion_of
 from procedures.restoration.joint.noise_and_contrast import depth_freedom, noise_gain
-from procedures.restoration.joint.occlusion import PICTURE, Occlusion, occlusion_of
 from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme

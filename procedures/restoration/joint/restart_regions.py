@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, label, uniform_filter
 
-from procedures.restoration.first_depth.segments import Labels, Mask, surfaces
+from procedures.numerics.arrays import Mask
+from procedures.restoration.first_depth.segments import Labels, surfaces
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.masks.blur_operator import Array

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.display import summary
+from procedures.numerics.arrays import Mask
 from procedures.outcome import Outcome
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint import joint_descent
-from procedures.restoration.joint.moved_objects import Mask
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LARGEST, SMALLEST, checked_array
 from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_operator import MaskStack
-
-Array = NDArray[np.float64]
 
 SHAPE_SIZE = 257
 """Samples of a model shape along each axis: ten for each pixel at a half-width of 12."""

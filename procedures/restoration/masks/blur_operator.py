@@ -71,7 +71,6 @@ class BlurOperator:
 
     Parameters
     ----------
-    stack : MaskStack
     shape : (H, W) of the photograph; w is (H + 2R, W + 2R), u is (..., H + 2R, W + 2R).
     dtype : float32 or float64, of all arrays.
     """
@@ -157,9 +156,7 @@ class FieldBlur:
 
     Same methods as `BlurOperator`. Each node acts on its neighbourhood only.
 
-    Parameters
-    ----------
-    stacks : rows of columns of MaskStack of equal R and step, at equal distances over the frame, corners included.
+    stacks : rows of columns of MaskStack of equal R and step, at equal distances over the frame, corners included;
     shape : (H, W) of the photograph.
     """
 

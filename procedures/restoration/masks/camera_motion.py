@@ -11,20 +11,18 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import ImuRecord, ShakerPath, ShakerResponse
 from procedures.reading.arrays import SMALLEST, checked_array, checked_number
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
+from procedures.restoration.masks.line_rasterisation import path_mask
 from procedures.restoration.masks.mask_fields import MaskField, positions
-from procedures.restoration.masks.motion import path_mask
-
-Array = NDArray[np.float64]
 
 FLIPPED = np.array([1.0, -1.0, -1.0])
 """From an inertial unit's axes, x right and y up, to the picture's, y down and z ahead."""

@@ -12,8 +12,10 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from procedures.numerics.compiled import jitted
+from procedures.outcome import BadInput
 from procedures.restoration.masks.blur_models import SAMPLES
 
 Array = NDArray[np.floating[Any]]
@@ -135,3 +137,28 @@ def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int
         if k <= 2 * R:
             out[k] += density
     return begin, end
+
+
+# --- a curve as a mask -----------------------------------------------------------------------------------------------
+
+
+def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
+    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2) in pixels relative to its point: equation (5.2).
+
+    Each instant is distributed linearly over four pixels, then blurred by the pixel's aperture `softness_px`.
+
+    Raises BadInput if the curve leaves the mask.
+    """
+    if not np.abs(path_px).max() <= R - 1:  # nor where it is NaN
+        raise BadInput(
+            f"the motion of {np.abs(path_px).max():.1f} pixels leaves masks of half-size {R}", "raise --max-w"
+        )
+    out = np.zeros((2 * R + 1, 2 * R + 1))
+    x, y = path_px[:, 0] + R, path_px[:, 1] + R
+    i, j = np.floor(y).astype(int), np.floor(x).astype(int)
+    fy, fx = y - i, x - j
+    for di, wy in ((0, 1 - fy), (1, fy)):
+        for dj, wx in ((0, 1 - fx), (1, fx)):
+            np.add.at(out, (i + di, j + dj), wy * wx)
+    out = gaussian_filter(out, softness_px, mode="constant")
+    return np.asarray(out / out.sum())

@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.psf_field import PsfField
 from procedures.reading.arrays import SMALLEST, checked_number
 from procedures.restoration.masks.blur_models import as_shape, odd_square
 from procedures.restoration.masks.mask_fields import positions
 from procedures.restoration.masks.shape_fields import GRID, ShapeField, symmetric
-
-Array = NDArray[np.float64]
 
 SHARE = 0.99
 """Fraction of the light inside the samples that lies in a shape's support."""

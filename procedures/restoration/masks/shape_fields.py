@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.restoration.masks.blur_models import mask_stack
 from procedures.restoration.masks.mask_fields import MaskField, positions
-
-Array = NDArray[np.float64]
 
 GRID = (5, 7)
 """Nodes over the frame: with a lens that vignettes, three by four were half as effective."""

@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from scipy.ndimage import shift
 from procedures.outcome import BadInput
 from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.motion import path_mask
+from procedures.restoration.masks.line_rasterisation import path_mask
 from procedures.restoration.unknown_motion.blind import cross_relation
 
 SIZE_STEP_PX, MOST_SHIFT = 0.25, 3

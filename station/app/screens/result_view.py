@@ -12,11 +12,11 @@ from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
 from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
+from station.results.comparison import specification_words
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
 from station.results.terms import specification_verdict
-from station.results.verdict_words import specification_words
 
 Plotted = Callable[[int, int, bool], list[str]]
 

@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.conversion import as_radial
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers
 from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import PLACES, pitch_of
 from station.calibration.vignetting import StoredVignetting
-
-Array = npt.NDArray[np.float64]
 
 VIGNETTE_TERMS = 5
 
@@ -35,19 +33,9 @@ def export_dng(
 ) -> DngExport:  # fmt: skip
     """A copy of a DNG with the opcodes of a camera and of its vignetting.
 
-    Parameters
-    ----------
-    size : (columns, rows)
-        Of the photograph in the file.
-    shading : mapping of plane to its vignetting and its first pixel (x, y), optional
-        Instead of `vignetting`: a gain map for each plane of the mosaic.
-
-    Raises
-    ------
-    BadParameter
-        If there is nothing to write, or the photograph differs in size from the camera.
-    BadInput
-        If the file is no DNG.
+    size : (columns, rows) of the photograph in the file; shading : instead of `vignetting`: a gain map for each plane
+    of the mosaic. Raises BadParameter if there is nothing to write, or the photograph differs in size from the camera;
+    BadInput if the file is no DNG.
     """
     corrections = [vignette_opcode(vignetting, *size)] if vignetting is not None else []
     corrections += [warp_opcode(stored, size)] if stored is not None else []

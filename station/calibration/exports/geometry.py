@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, CameraModel, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
 from procedures.reading.guard import decoding
-from station.calibration.stored_results import stored_record
-from station.results.geometry_planes import plane_entry
+from station.calibration.stored_results import plane_entry, stored_record
 
-Array = npt.NDArray[np.float64]
 Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
 
 _GIVE = "name the folder that `station geometry` wrote"
@@ -47,12 +45,7 @@ class CameraExport:
 def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
 
-    Raises
-    ------
-    BadInput
-        If there is no such result, or it has no camera.
-    BadParameter
-        If it does not have the plane.
+    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane.
     """
     with stored_record(result, "geometry", _GIVE) as stored:
         name, entry = plane_entry(stored.data["planes"], plane, stored.path)

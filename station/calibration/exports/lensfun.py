@@ -13,16 +13,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.chromatic import LateralColour
 from procedures.geometry.conversion import RadialCamera, as_radial
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
 from station.calibration.exports.geometry import EXACT, StoredCamera, best_fit
-
-Array = npt.NDArray[np.float64]
 
 MODELS = ("poly3", "poly5", "ptlens")
 """Distortion models, by number of coefficients."""
@@ -38,15 +36,7 @@ PLACES = 41
 
 @dataclass(frozen=True)
 class LensNames:
-    """Names of the entry, and the photographs to which it applies.
-
-    Attributes
-    ----------
-    maker, lens, camera : str
-    focal_mm, f_number : float
-    pitch_um : float
-        Of the sensor's pixels.
-    """
+    """Names of the entry, and the photographs to which it applies. pitch_um : of the sensor's pixels."""
 
     maker: str
     lens: str
@@ -70,10 +60,7 @@ class GivenNames:
     def completed(self, exposure: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
         """Completed by the exposure of the field's photographs; focal length and pitch follow from each other.
 
-        Raises
-        ------
-        BadParameter
-            If neither of these two is known, or vignetting has no f-number.
+        Raises BadParameter if neither of these two is known, or vignetting has no f-number.
         """
         known = exposure or Exposure()
         focal = self.focal_mm or known.focal_length_mm
@@ -108,19 +95,9 @@ def export_lensfun(
     colours: Mapping[str, LateralColour] | None = None,
     vignetting: LightSurface | None = None,
 ) -> LensfunExport:
-    """The entry of a calibrated camera.
+    """The entry of a calibrated camera. Raises BadParameter if a field or vignetting is of another frame.
 
-    Parameters
-    ----------
-    colours : mapping of plane to LateralColour, optional
-        Of R and B.
-    vignetting : LightSurface, optional
-        Of one plane, best green.
-
-    Raises
-    ------
-    BadParameter
-        If a field or vignetting is of another frame.
+    colours : of R and B; vignetting : of one plane, best green.
     """
     camera = stored.camera
     radial = best_radial(stored)
@@ -169,10 +146,7 @@ def lateral_terms(
 ) -> tuple[dict[str, str], list[str]]:
     """tca's poly3 of red and blue: r (v + c r + b r^2), and its residual in sensor pixels.
 
-    Raises
-    ------
-    BadParameter
-        If the field is of another frame.
+    Raises BadParameter if the field is of another frame.
     """
     terms: dict[str, str] = {}
     lost, unit = [], unit_px(columns, rows)

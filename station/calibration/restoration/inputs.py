@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import ImuRecord
 from procedures.reading.arrays import checked_array, read_npy
@@ -20,7 +20,6 @@ from procedures.restoration.masks.psf_shapes import measured_field, measured_hei
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 from procedures.restoration.photograph_blur import Shape
 
-Array = npt.NDArray[np.float64]
 Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
@@ -43,10 +42,7 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 def read_imu(path: Path) -> ImuRecord:
     """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
 
-    Raises
-    ------
-    BadInput
-        If it cannot be read, a column is missing, or a row does not hold numbers.
+    Raises BadInput if it cannot be read, a column is missing, or a row does not hold numbers.
     """
     values = _table(path, COLUMNS)
     return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
@@ -56,11 +52,8 @@ def read_poses(path: Path) -> Poses:
     """Read the camera's poses during an exposure from a CSV file with the columns `POSE_COLUMNS`, named in its first
     row.
 
-    Raises
-    ------
-    BadInput
-        If it cannot be read, a column is missing, a row does not hold numbers, there are fewer than two rows, or times
-        do not increase.
+    Raises BadInput if it cannot be read, a column is missing, a row does not hold numbers, there are fewer than two
+    rows, or times do not increase.
     """
     values = _table(path, POSE_COLUMNS)
     return poses_at(values[:, 0], values[:, 1:4], values[:, 4:])

@@ -16,6 +16,7 @@ from procedures.outcome import BadInput
 from station.cli.bench.devices import FAILED, interrupt
 from station.cli.terminal.bench_options import CONFIG, config_option
 from station.cli.terminal.columns import columns
+from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
 
 
-@click.command()
+@click.command(cls=StationCommand)
 @click.argument("driver", required=False)
 @click.option("--port", help="Try it at this port; the stage moves along its whole travel.  [default: its twin]")
 @click.option("--device", help="Try the device of this name in station.toml instead of a DRIVER.")
@@ -45,7 +46,7 @@ AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Check record, page, signature and driver of this folder instead.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write the findings as JSON to stdout.")
+@json_option
 def conform(
     driver: str | None, port: str | None, device: str | None, config: Path | None, operations: int, seed: int,
     out: Path | None, key: Path | None, verify: Path | None, as_json: bool,
@@ -54,8 +55,6 @@ def conform(
 
     At its twin, time is simulated and the line fails on purpose. With --port or --device a real stage is moved, without
     faults; with --port, its other options are those of the table with this driver in station.toml.
-
-    Example: station conform zaber --out conformance --key laboratory.pem
     """
     if verify is not None:
         _verify(verify, key, as_json)

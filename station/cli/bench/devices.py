@@ -18,6 +18,7 @@ from station.cli.terminal.bench_options import (
     simulate_option,
 )
 from station.cli.terminal.columns import columns
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -28,14 +29,14 @@ FAILED = 3
 """The exit code of device errors."""
 
 
-@click.command()
+@click.command(cls=StationCommand)
 @config_option
 @simulate_option
 @shaker_option
 @seed_option
 @click.option("--faults", is_flag=True, help="Inject faults into the simulated bench.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
-@click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
+@json_option
 @click.option(
     "--commission", is_flag=True,
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",

@@ -19,6 +19,7 @@ from station.cli.terminal.bench_options import (
     shaker_option,
     simulate_option,
 )
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import UNITS, FiniteNumber
 from station.common.log import log, log_json_option
@@ -35,7 +36,7 @@ PATIENCE_S = 3.0
 """Timeout for a run to write its last line."""
 
 
-@click.command()
+@click.command(cls=StationCommand)
 @config_option
 @inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @simulate_option

@@ -9,18 +9,19 @@ import click
 
 from station.cli.psf.terms import certificate_options, details_of, overlay_option
 from station.cli.session.group import find_session, session_argument, sessions_option
+from station.cli.terminal.command import StationCommand
 from station.common.log import log, log_json_option
 
 
-@click.command("delete")
+@click.command("delete", cls=StationCommand)
 @session_argument
 @click.option("--yes", is_flag=True, help="Skip the confirmation.")
 @log_json_option
 def session_delete(name: str, root: Path, yes: bool) -> None:
     """Delete SESSION with its photographs and results permanently, after confirmation."""
     from procedures.outcome import BadParameter
-    from station.sessions.deletion import delete_session
     from station.sessions.layout import check_layout
+    from station.sessions.reader import delete_session
 
     folder = find_session(name, root)
     check_layout(folder)
@@ -31,7 +32,7 @@ def session_delete(name: str, root: Path, yes: bool) -> None:
     log("deleted", f"deleted {folder}", folder=str(folder))
 
 
-@click.command("report")
+@click.command("report", cls=StationCommand)
 @session_argument
 @click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
 @certificate_options
@@ -54,7 +55,7 @@ def session_report(name: str, root: Path, out: Path | None, overlays: tuple[Path
         log("written", f"wrote {path.parent / name}", path=str(path.parent / name))
 
 
-@click.command("index")
+@click.command("index", cls=StationCommand)
 @sessions_option
 @click.option("--rebuild", is_flag=True, help="Discard it and read every session.")
 @log_json_option

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.session.group import Command, sessions_option
+from station.cli.session.group import sessions_option
 from station.cli.terminal.columns import columns
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 VERDICTS = ("pass", "doubtful", "refused")
 
 
-def filter_options(command: Command) -> Command:
+def filter_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options that choose sessions."""
     options = (
         click.option("--lens", help="Only sessions with this lens."),
@@ -47,12 +49,12 @@ def chosen(since: str | None, **others: str | None) -> Filter:
     return Filter(since=since, **wanted)
 
 
-@click.command("list")
+@click.command("list", cls=StationCommand)
 @sessions_option
 @click.option("--camera", help="Only sessions of this camera.")
 @filter_options
 @click.option("--verdict", type=click.Choice(VERDICTS), help="Only sessions whose last result has this verdict.")
-@click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
+@json_option
 @log_json_option
 def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
     """List the sessions, newest first."""

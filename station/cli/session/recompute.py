@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.session.group import find_session, session_argument
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -20,10 +21,10 @@ DIFFERENT = 1
 """Exit code for a difference."""
 
 
-@click.command("recompute")
+@click.command("recompute", cls=StationCommand)
 @session_argument
 @click.option("--result", "numbers", type=click.IntRange(min=1), multiple=True, help="Its number; all by default.")
-@click.option("--json", "as_json", is_flag=True, help="Write the comparison as JSON to stdout.")
+@json_option
 @log_json_option
 def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: bool) -> None:
     """Recompute the results of SESSION from its photographs and journal, and compare every byte."""

@@ -9,11 +9,12 @@ import click
 
 from station.cli.session.group import find_session, newest_unfinished, sessions_option
 from station.cli.terminal.bench_options import config_option, usual_config
+from station.cli.terminal.command import StationCommand
 from station.cli.terminal.inherited import inherited
 from station.common.log import log_json_option
 
 
-@click.command("resume")
+@click.command("resume", cls=StationCommand)
 @click.argument("name", metavar="[SESSION]", required=False)
 @sessions_option
 @config_option

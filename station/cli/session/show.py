@@ -11,6 +11,7 @@ import click
 
 from station.cli.session.group import find_session, session_argument
 from station.cli.terminal.columns import columns
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
     from station.sessions.state import SessionShot
 
 
-@click.command("show")
+@click.command("show", cls=StationCommand)
 @session_argument
 @click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
-@click.option("--json", "as_json", is_flag=True, help="Write the content of the journal as JSON to stdout.")
+@json_option
 @log_json_option
 def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     """Show the content of SESSION, a folder or a name in --sessions."""

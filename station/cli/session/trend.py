@@ -12,6 +12,7 @@ import click
 from station.cli.session.group import sessions_option
 from station.cli.session.list import chosen, filter_options
 from station.cli.terminal.columns import columns
+from station.cli.terminal.command import StationCommand, json_option
 from station.common.log import log, log_json_option
 from station.common.sanitise import printable
 from station.common.uncertainty_text import stated
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     from station.reports.trend import Trend
 
 
-@click.command("trend")
+@click.command("trend", cls=StationCommand)
 @click.argument("camera")
 @sessions_option
 @filter_options
 @click.option("--quantity", "quantities", multiple=True, help="[default: mtf50_horizontal and mtf50_vertical]")
 @click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
-@click.option("--json", "as_json", is_flag=True, help="Write points and lines as JSON to stdout.")
+@json_option
 @log_json_option
 def session_trend(
     camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, as_json: bool, **wanted: Any

@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.command import StationCommand
+from station.cli.terminal.examples import EXAMPLES
 from station.cli.terminal.inherited import check_inherited
 from station.common.errors import reporting_errors
 
@@ -20,7 +22,7 @@ ADDED = "station.procedures"
 """The entry-point group of other packages' procedures, each of which is a command."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(StationCommand, click.Group):
     """A group that imports a command's module when the command is called, and explains its errors."""
 
     def __init__(self, *args: Any, table: Table, extensible: bool = False, **kwargs: Any) -> None:
@@ -42,7 +44,11 @@ class LazyGroup(click.Group):
         if cmd_name not in self.table:
             return _attribute(PROCEDURES, cmd_name) if cmd_name in self._procedures() else None
         module, function, _ = self.table[cmd_name]
-        return _attribute(module, function)
+        command = _attribute(module, function)
+        path = f"{self.name} {cmd_name}" if ctx.parent else cmd_name
+        if path in EXAMPLES:
+            command.epilog = f"Example: station {path} {EXAMPLES[path]}".rstrip()
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -52,6 +58,11 @@ class LazyGroup(click.Group):
         if name and command and not isinstance(command, click.Group) and not ctx.resilient_parsing:
             check_inherited(ctx, name, command)
         return name, command, rest
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options, group by group, and the commands."""
+        super().format_options(ctx, formatter)
+        self.format_commands(ctx, formatter)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Help lines from the table, without imports."""

@@ -3,23 +3,43 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from station.common.log import log, logs_json
+from station.common.log import is_quiet, log, logs_json
 
 if TYPE_CHECKING:
     from station.common.progress import Progress
 
 
+PATIENCE_S = 5.0
+"""Interval of lines about work within a step, where there is no terminal."""
+
+
 @contextmanager
 def progress(total: int) -> Iterator[Progress]:
-    """A bar on a terminal, lines otherwise."""
-    from station.common.progress import bar
+    """A bar on a terminal, lines otherwise; nothing where the command is quiet."""
+    from station.common.progress import bar, silent
 
-    if sys.stderr.isatty() and not logs_json():
+    if is_quiet():
+        yield silent
+    elif sys.stderr.isatty() and not logs_json():
         with bar(total) as shown:
             yield shown
     else:
-        yield lambda done, steps=1: log("step", done)
+        yield step_lines()
+
+
+def step_lines(clock: Callable[[], float] = time.monotonic) -> Progress:
+    """A line for every finished step, and at intervals for what is finished within one."""
+    last = clock()
+
+    def line(done: str, steps: int = 1) -> None:
+        nonlocal last
+        if steps or clock() - last > PATIENCE_S:
+            last = clock()
+            log("step", done)
+
+    return line

@@ -56,8 +56,6 @@ class FocusReading:
 
     Attributes
     ----------
-    frame : LiveFrame
-    sharpness : Outcome[Sharpness]
     took_s : from the file's arrival to its sharpness
     scores, uncertainties : MTF50 of all photographs so far, NaN where there is none
     peak : maximum of the sweep, where the settings are known

@@ -51,10 +51,7 @@ NOT_ASKED = ("raw",)
 def plan(name: str, folder: Path | None = None) -> Plan:
     """The plan of a procedure, for the session in a folder if given.
 
-    Raises
-    ------
-    BadParameter
-        If there is no such procedure, or its inputs are not one or several photographs.
+    Raises BadParameter if there is no such procedure, or its inputs are not one or several photographs.
     """
     procedure = procedure_named(name)
     if procedure.inputs not in COUNTS:

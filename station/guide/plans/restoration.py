@@ -19,7 +19,7 @@ from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.terms import Terms
-from station.sessions.given_files import is_given
+from station.sessions.layout import is_given
 
 
 def plan(folder: Path | None = None) -> Plan:

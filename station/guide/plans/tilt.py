@@ -15,7 +15,7 @@ from procedures.tilt import plan as guide
 from procedures.tilt.estimate import TiltParameters
 from procedures.tilt.facts import DEPTH, TiltFacts
 from procedures.tilt.plan import MARK
-from procedures.tilt.positions import Positions
+from procedures.tilt.plane import Positions
 from station.calibration.tilt import measure_tilt, tilt_measurement
 from station.guide.plans.geometry import results as results
 from station.results.measurement import Measurement

@@ -29,7 +29,7 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     strength: Annotated[
         float, setting("Of the prior; 1 is what the photograph's noise asks for.", least=0.01, most=100)
     ] = 1.0
-    iterations: Annotated[int, setting("Iterations of the solver.", least=1, most=500)] = 12
+    iterations: Annotated[int, setting("Iterations of the solver.", least=1, most=500)] = 8
     field: Annotated[Path, setting("What `station psf field` wrote: its folder, or field.h5 in it.")]
     scale: Annotated[
         int,

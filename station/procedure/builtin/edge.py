@@ -14,11 +14,11 @@ from station.common.uncertainty_text import stated
 from station.procedure.base import Inputs, Procedure
 from station.procedure.optics import OpticsReading
 from station.procedure.settings import setting
+from station.results.comparison import measurement_words
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 from station.results.units import convert_quantity
-from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeOutcome

@@ -58,7 +58,8 @@ class Pattern(PsfProcedure[PatternSettings]):
         )
         known = read_sensor(settings.sensor, frame) if settings.sensor else NO_SENSOR
         limit = settings.limit(frame.exposure, needed=bool(settings.physics))
-        results = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
+        results = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known,
+                            progress=progress)  # fmt: skip
         asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin,
                  "origin": settings.origin, GRADE: SINGLE}  # fmt: skip
         return self.measurement([frame], results, asked, settings, terms)

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.field_file import read_field
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter, Outcome
 from procedures.reading.arrays import parse_npy
 from procedures.restoration.masks.blur_models import named, read_shape
@@ -28,8 +28,6 @@ from station.results.measurement import Measurement
 from station.results.reader import read_record
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
-
-Array = npt.NDArray[np.float64]
 
 DESCRIPTION = "refocused picture, linear, 1 = white, first row uppermost; calibration-station"
 FILES = ("result.json", "sharp.tiff", "w.npy")

@@ -12,7 +12,7 @@ from station.calibration.exports.psf import field_path
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, PlaneSettings, Procedure
+from station.procedure.base import Inputs, PictureSettings, Procedure
 from station.procedure.registry import procedure_named
 from station.procedure.settings import setting, to_record
 from station.results.measurement import Measurement
@@ -22,7 +22,7 @@ SCENES = {"flat": "whole", "deep": "auto"}
 """Scenes, and the part of each in which unknown motions are estimated; the first costs a quarter of the second."""
 
 
-class SharpenSettings(PlaneSettings, frozen=True, kw_only=True):
+class SharpenSettings(PictureSettings, frozen=True, kw_only=True):
     """Knowledge besides the photographs, and decisions that are not left to the program."""
 
     field: (
@@ -84,7 +84,7 @@ class Sharpen(Procedure[SharpenSettings]):
                 "scale": 2 if way == FINER else 1,
             }
             return _taken("correct", options, reasons, paths, terms, progress)
-        options = {name: getattr(settings, name) for name in ("plane", "raw", "max_w", "scheme")}
+        options = {name: getattr(settings, name) for name in ("plane", "raw", "encoding", "max_w", "scheme")}
         if way == DEFOCUS:
             options |= {"blur": "defocus", "shape": ["pillbox"], **more}
             return _taken("restore", options, reasons, paths, terms, progress)

@@ -52,7 +52,7 @@ class TiltSettings(ChartSettings, frozen=True, kw_only=True):
     def parameters(self, first: Path) -> TiltParameters:
         """The settings, completed from the first photograph's metadata. Raises BadParameter."""
         from procedures.tilt.estimate import TiltParameters
-        from procedures.tilt.positions import Positions
+        from procedures.tilt.plane import Positions
         from procedures.tilt.screws import Screws
         from station.calibration.tilt import known_optics
 

@@ -25,6 +25,7 @@ class Vignetting(Procedure[Settings]):
     light from the lens. Expose to half of the scale."""
     inputs = Inputs.PHOTOGRAPHS
     argument = "FLAT..."
+    drawn_by = "vignetting_page:vignetting_page"
     method = "polynomial falloff of the lens fitted with the light's slope, by plane"
 
     def measure(

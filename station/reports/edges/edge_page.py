@@ -28,7 +28,7 @@ def edge_page(report: Report) -> str:
         report,
         summary=[Note(best)],
         plane_blocks=lambda plane: _plane_blocks(report, photograph, *records[plane.name]),
-        closing=[Section("Terms and their limits", [Markup(render("edge_words.html"))], anchor="words", new_page=True)],
+        closing=[Section("Terms and their limits", [Markup(render("edge_words.html"))], anchor="words")],
     )
 
 
@@ -46,7 +46,7 @@ def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecor
         figures.append(spread_figure(drawn, f"{name}-spread"))
     head = ["edge", "measurement", "direction", "x, y, width, height", "numbers", "why"]
     rows = [[str(number), *_cells(record, one)] for number, one in enumerate(placed, 1)]
-    return [Figures(figures), Table(rows, head, "nwwnrr")]
+    return [Figures(figures, summary=True), Table(rows, head, "nwwnrr")]
 
 
 def _cells(record: EdgeRecord, one: EdgeOutcome) -> list[str]:

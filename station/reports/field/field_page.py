@@ -104,8 +104,9 @@ def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list
     mm = mm_per_pixel(whole.result, name, report.parameters)
     field = one.interpolation.field
     frame = field.positions, field.shape
-    figures = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
+    leading = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
                field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
+    figures = []
     axis = FrequencyAxis(str(plane.unit), plane.factor)
     if heights := curves.get(HEIGHTS):
         columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in report.overlays}
@@ -123,7 +124,11 @@ def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list
     figures.append(
         field_figures.errors_figure([m for m in one.maps if m.uncertainty is None], *frame, f"{name}-errors", mm)
     )
-    return [Figures(figures, wide=True), Figures(_tables(plane, one), wide=True)]
+    return [
+        Figures(leading, wide=True, summary=True),
+        Figures(figures, wide=True),
+        Figures(_tables(plane, one), wide=True),
+    ]
 
 
 def _map_caption(one: FieldMap, photosite: Photosite | None) -> str:

@@ -15,10 +15,7 @@ QUESTION = b"alpacadiscovery1"
 class Discovery:
     """Answers until closed; other servers on this machine may listen, too.
 
-    Raises
-    ------
-    BadParameter
-        If it cannot listen on the port.
+    Raises BadParameter if it cannot listen on the port.
     """
 
     def __init__(self, served_port: int, host: str = "0.0.0.0", port: int = PORT) -> None:

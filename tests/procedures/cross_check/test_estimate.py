@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.cross_check.estimate import EdgeCheck, check_edges
-from procedures.cross_check.surroundings import without_surroundings
+from procedures.cross_check.estimate import EdgeCheck, check_edges, without_surroundings
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
 from procedures.raw import Plane

@@ -13,6 +13,7 @@ from procedures.field.chromatic import lateral_colour
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive
 from procedures.outcome import BadInput, Outcome
+from procedures.vignetting.formula import LightSurface
 
 from ..correction.small_lens import SmallLens
 from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
@@ -174,3 +175,13 @@ def test_what_was_read_is_written_again_the_same(lens, tmp_path):
 def test_an_outcome_is_no_field(tmp_path):
     with pytest.raises(TypeError, match=r"outcome.result\(\)"):
         field_file.write_field(tmp_path / "a.h5", {"Y": Outcome(SmallLens((60, 80)).field("Y").field)})
+
+
+def test_vignetting_belongs_to_a_plane_of_its_size(tmp_path):
+    path, slope = tmp_path / "a.h5", np.array([0.1, 0.0])
+    field_file.write_field(path, {"Y": SmallLens((60, 80)).field("Y").field})
+    with pytest.raises(BadInput, match="size of the field, 80 x 60 pixels; got 80 x 61"):
+        field_file.add_lights(path, {"Y": LightSurface((61, 80), 1, slope)})
+    # a plane without a field has any size
+    field_file.add_lights(path, {"Y": LightSurface((60, 80), 1, slope), "R": LightSurface((30, 40), 1, slope)})
+    assert {name: light.shape for name, light in field_file.read_lights(path).items()} == {"Y": (60, 80), "R": (30, 40)}

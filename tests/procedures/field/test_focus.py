@@ -6,11 +6,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from procedures.field.focus import FREQUENCY, focus_surface, sharpest
+from procedures.field.focus import FREQUENCY, FocusSurface, best_focus, focus_surface, sharpest
 from procedures.field.maps import radius_direction
+from procedures.field.surfaces import fit_surface
 from procedures.outcome import Refused
+from procedures.psf import Psf
+from procedures.psf_field import Node, in_half_diagonals
 
-from .lens import LENS, NEAR, SHAPE, FieldCamera, grid, nodes
+from .lens import LENS, NEAR, SHAPE, FieldCamera, K, S, grid, nodes
 
 POSITIONS = np.linspace(-0.24, 0.24, 5)  # micrometres of defocus
 TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)), period_px=NEAR)
@@ -88,3 +91,46 @@ def test_a_bracket_on_one_side_of_the_focus_is_refused(covariance):
     beyond = {z: nodes(TILTED, grid(3, 3), covariance, rng, defocus_um=z) for z in (0.3, 0.36, 0.42)}
     with pytest.raises(Refused, match="extend the bracket"):
         focus_surface(beyond, SHAPE)
+
+
+def test_uncertainties_are_those_that_the_errors_of_single_places_add_up_to(rng):
+    # the quadratic surface is exact, so the only errors are the independent ones of the measured focus; each number is
+    # linear in it, so a finite difference is a derivative
+    places, variance = grid(4, 3), rng.uniform(1e-6, 4e-6, (12, 2))
+    x, y = in_half_diagonals(places, SHAPE).T
+    best = np.column_stack([0.1 * x + x * y - 0.2 * y**2, 0.3 - 0.2 * y + 0.1 * x**2])
+    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
+
+    def numbers(values):
+        surface = fit_surface(in_half_diagonals(places, SHAPE), values, covariances, (2,))
+        return FocusSurface(SHAPE, places, values, variance, surface, "mm").numbers()
+
+    base, spread = numbers(best), dict.fromkeys(numbers(best), 0.0)
+    for index in np.ndindex(best.shape):
+        moved = best.copy()
+        moved[index] += 1e-4
+        for name, quantity in numbers(moved).items():
+            spread[name] += ((quantity.value - base[name].value) / 1e-4) ** 2 * variance[index]
+    for name, quantity in base.items():
+        assert quantity.uncertainty == pytest.approx(spread[name] ** 0.5, rel=1e-6), name
+
+
+def test_the_focus_of_a_place_scatters_as_its_variance_says(rng):
+    # Gaussians whose width grows with the defocus. 9 places, 2 directions, 20 draws: the mean of their squared
+    # errors has a standard deviation of sqrt(2 / 360) = 7.5 %
+    x, noise = (np.arange(K) - K // 2) / S, 2e-4
+    squares = []
+    for _ in range(20):
+        bracket: dict = {}
+        for z in np.linspace(-1.0, 1.0, 5):
+            wide = np.exp(-(x**2) / 2 / (0.45**2 + 0.1 * (z - 0.1) ** 2))
+            support = np.outer(wide, wide) / wide.sum() ** 2
+            bracket[float(z)] = [
+                Node(at, np.zeros((2, 2)), at, Psf(support + noise * rng.standard_normal((K, K)), S,
+                     noise**2 * np.eye(K * K)), f"{z}", number)
+                for number, at in enumerate(grid(3, 3))
+            ]  # fmt: skip
+        optima = [optimum for place in best_focus(bracket, SHAPE) for optimum in place.optima]
+        squares += [(optimum.at - 0.1) ** 2 / optimum.variance for optimum in optima]
+        assert sum(optima[0].sensitivities.values()) == pytest.approx(1)
+    assert np.mean(squares) == pytest.approx(1, abs=0.3)

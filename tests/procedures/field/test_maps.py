@@ -8,6 +8,7 @@ from procedures.field.interpolate import interpolate
 from procedures.field.maps import MAPS, derive, grid, numbers_of, radius_direction
 from procedures.outcome import Refused
 from procedures.psf import Psf
+from procedures.psf_field import Node
 
 from .conftest import SEED
 from .lens import NEAR, SHAPE, FieldCamera, K, S, nodes
@@ -98,3 +99,21 @@ def test_charts_that_only_one_plane_shows_do_not_count(camera, covariance, measu
     red = nodes(camera, node_grid(), covariance, np.random.default_rng(1), "R")
     with pytest.raises(Refused, match="measured in both planes; R and G1 have 5"):
         lateral_colour("R", red[:5], "G1", measured, SHAPE, 2)
+
+
+def test_a_turned_image_is_tangential_from_x_towards_y(rng):
+    # 0.004 radians of rotation about the frame's centre; errors of 0.01 px at 25 charts cannot be mistaken for it
+    centre, turn, psf = np.array([374.5, 249.5]), 0.004, Psf(np.ones((3, 3)) / 9, S, np.zeros((9, 9)))
+    green, red = [], []
+    for number, at in enumerate(node_grid()):
+        off = turn * np.array([centre[1] - at[1], at[0] - centre[0]]) + 0.01 * rng.standard_normal(2)
+        green.append(Node(at, np.zeros((2, 2)), 2 * at, psf, "made", number))
+        red.append(Node(at, 0.005**2 * np.eye(2), 2 * at + off, psf, "made", number))
+    colour = lateral_colour("R", red, "G1", green, SHAPE, 2)
+    assert colour.surface.degree == 1
+    radial, tangential = colour.maps(7)
+    radius = np.hypot(*np.meshgrid(tangential.x - centre[0], tangential.y - centre[1]))
+    inside = np.isfinite(radial.value)
+    assert np.all(np.abs(tangential.value - turn * radius)[inside] < 4 * tangential.uncertainty[inside])
+    assert np.all(np.abs(radial.value)[inside] < 4 * radial.uncertainty[inside])
+    assert radial.uncertainty[inside].max() < 0.02

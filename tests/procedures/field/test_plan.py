@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from procedures.facts import facts_as
 from procedures.field.facts import BASE, FieldFacts
 from procedures.field.locations import Location
-from procedures.field.plan import NEAR, bring, check_places, locations, say_place, to_place
+from procedures.field.plan import NEAR, bring, check_place, check_places, locations, say_place, to_place
 from procedures.geometry.plan import check_start
 from procedures.pattern import Chart
-from procedures.raw import read_frame
+from procedures.raw import Plane, RawFrame, read_frame
+from procedures.reading.exposure import Exposure
 from simulators.camera.camera import pixels_at
 from simulators.camera.sensor import Sensor
 from simulators.camera.subjects import frame_camera
@@ -127,3 +129,11 @@ def test_a_frame_too_small_for_the_chart_is_refused_before_the_tour(check, side,
     advice = check(read_frame(tmp_path / "frame.dng"), facts)
     assert advice.good is good
     assert ("set the camera to its whole sensor" in advice.say) is not good
+
+
+def test_an_empty_frame_of_the_tour_gets_advice_and_no_moves():
+    plane = Plane("Y", np.full((ROWS, COLUMNS), 0.5, np.float32), 1e-4)
+    frame = RawFrame(Path("empty.dng"), "", {"Y": plane}, Exposure())
+    advice = check_place(Location(0.2, 0.7), frame, FACTS)
+    assert (advice.good, advice.moves, advice.by_hand) == (False, {}, {})
+    assert advice.say.startswith("No chart is found")

@@ -68,6 +68,13 @@ def test_the_sum_of_squares_is_that_of_noise(flat):
     assert abs(found.scale - 1) < 3 / np.sqrt(2 * found.freedom)
 
 
+def test_node_errors_without_freedom_leave_the_ideal_chart_s(flat):
+    # errors of 1e-5 mm are a hundredth of the noise; their seven movements of the whole chart are excluded already
+    problem, _, found = flat
+    tight = replace(problem, shape=replace(problem.shape, node_mm=np.full(3, 1e-5)))
+    assert adjust(found.state, tight).freedom == pytest.approx(found.freedom, abs=0.5)
+
+
 def test_shape_terms_exclude_poses_and_scale(taken):
     shape = shape_model(taken.nodes)
     np.testing.assert_allclose(np.einsum("nas,naq->sq", shape.similarity, shape.terms), 0, atol=1e-10)

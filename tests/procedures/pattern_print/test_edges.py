@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from procedures.pattern import BLOCK, BLOCKS, CELLS, EDGES
-from procedures.pattern_print.formats import encode
+from procedures.pattern_print.formats import bitmap, encode
 from procedures.pattern_print.outline import outline
-from procedures.pattern_print.raster import bitmap
 from procedures.pattern_print.sheet import EDGE_MM, Size, lay_out
 from procedures.pattern_print.source import Source
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 import pytest
 
 from procedures.pattern import CELLS, X_CORNERS, Chart
+from procedures.pattern_print.formats import pdf
 from procedures.pattern_print.sheet import Sheet, Size, lay_out
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.vector import pdf
 
 Image = npt.NDArray[np.uint8]
 Render = Callable[[Sheet, int], Image]

@@ -8,7 +8,7 @@ import pytest
 
 from procedures.outcome import BadParameter
 from procedures.pattern import CELLS
-from procedures.pattern_print.raster import Bitmap, bitmap, pgm, png
+from procedures.pattern_print.formats import Bitmap, bitmap, pgm, png
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 

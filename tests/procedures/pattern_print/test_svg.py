@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from procedures.pattern import CELLS
+from procedures.pattern_print.formats import svg
 from procedures.pattern_print.sheet import Size, lay_out
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.vector import svg
 
 from .filling import svg_loops, winding
 

@@ -18,7 +18,7 @@ from procedures.pattern_psf.checks import (
     square_advice,
 )
 from procedures.pattern_psf.distance.consistency import MIN_CELL_CORRELATION
-from procedures.pattern_psf.distance.ranging import fit_offset_mm
+from procedures.pattern_psf.distance.ranging import fit_offset_mm, range_readings
 from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.plan import Facts
@@ -157,6 +157,12 @@ def test_the_laser_s_offset_needs_no_focal_length():
     pairs = [(123.0 / one, one + 87.0) for one in z]
     assert fit_offset_mm(pairs) == pytest.approx(87.0, abs=1e-6)
     assert fit_offset_mm(pairs[:1]) is None
+
+
+def test_a_laser_is_within_reach_of_the_lens():
+    (near,), (far,) = (range_readings({"laser_offset_mm": offset}) for offset in (-87.0, 1087.0))
+    assert (near.value, near.good, far.good) == (-87.0, True, False)
+    assert range_readings({}) == ()
 
 
 # --- light -------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from procedures.facts import facts_as
@@ -11,7 +12,7 @@ from procedures.outcome import BadParameter
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import check_light
 from procedures.pattern_psf.facts import RATIO, PatternFacts
-from procedures.pattern_psf.plan import DISTANCE, PRINT, chart_page, plan, say_distance, towards_distance
+from procedures.pattern_psf.plan import DISTANCE, PRINT, chart_page, plan, rail_places, say_distance, towards_distance
 from procedures.plan import Ask
 from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
@@ -94,3 +95,16 @@ def test_a_chart_of_too_many_sheets_is_asked_again():
     printing("chart_width_mm").check(1000.0, {"paper": "a4"})
     with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4"):
         printing("chart_width_mm").check(3600.0, {"paper": "a4"})
+
+
+def test_steps_of_the_rail_blur_by_three_quarters_of_a_pixel():
+    # thin lens: 1/f = 1/z + 1/v, and a pupil f/N; the mean of both sides is of first order in f/z, 1.3 %
+    f, n, at = FACTS["focal_length_mm"], 1.0, 500.0
+    facts = {**FACTS, "sensor_kind": "mosaic", "focus_by": "rail", "f_number": n, "at_z_mm": at}
+    z, places = right_mm(COLOUR), np.array(rail_places(facts))
+    image, images = (1 / (1 / f - 1 / distance) for distance in (z, z + places - at))
+    blur_px = f / n * np.abs(images - image) / images / (2 * FACTS["pixel_pitch_um"] / 1000)
+    np.testing.assert_allclose((blur_px + blur_px[::-1]) / 2, [1.5, 0.75, 0, 0.75, 1.5], rtol=0.02)
+    short = rail_places({**facts, "low_z_mm": at, "high_z_mm": at + 1e3})
+    assert short == [place for place in places if place >= at]
+    assert rail_places({**facts, "focus_by": "ring"}) == ()

@@ -11,10 +11,9 @@ from scipy.optimize import minimize
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.physics.estimate import Physics, estimate_physics
+from procedures.physics.estimate import Physics, _fill_factor, estimate_physics
 from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
 from procedures.physics.model import Grid, names_of
-from procedures.physics.one_sided import _fill_factor
 from procedures.physics.pupil import TERMS, Pupil
 from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_otf
 from procedures.psf import Psf

@@ -2,17 +2,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput
 from procedures.raw import Plane
-from procedures.restoration.colour.colour_error import error_of, spread_out
-from procedures.restoration.colour.depth_search import searched
-from procedures.restoration.colour.estimate import descended, problem_of, shifted, unknowns_of
+from procedures.restoration.colour.estimate import (
+    descended,
+    error_of,
+    problem_of,
+    searched,
+    shifted,
+    spread_out,
+    unknowns_of,
+)
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
@@ -158,18 +162,3 @@ def test_mosaics_of_another_layout_are_refused(scene, stacks):
     planes[1] = {name: replace(one, origin=PHASES["BGGR"][name]) for name, one in planes[1].items()}
     with pytest.raises(BadInput, match="mosaics of one layout"):
         mosaics(planes, np.ones(2))
-
-
-@pytest.mark.parametrize("suffix", [".tiff", ".png"])
-def test_colour_files_are_read_by_their_encoding(tmp_path, suffix):
-    light = np.linspace(0, 1, 60).reshape(4, 5, 3)
-    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    for name, values in (("linear", light), ("srgb", curve)):
-        path = tmp_path / f"{name}{suffix}"
-        cv2.imwrite(str(path), np.rint(65535 * values).astype(np.uint16)[..., ::-1])
-        planes = read_colour_frame(path, name).planes
-        frames = np.stack([planes[c].samples for c in "RGB"], axis=-1)
-        np.testing.assert_allclose(frames, light, atol=3e-5)  # numbers of 16 bits, at the curve's steepest
-    cv2.imwrite(str(tmp_path / "byte.png"), np.zeros((4, 5, 3), np.uint8))
-    with pytest.raises(BadInput, match="16 bits"):
-        read_colour_frame(tmp_path / "byte.png", "linear")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -165,3 +166,27 @@ def test_the_path_that_a_shaker_really_played_is_measured_by_a_unit_on_its_box()
     assert np.abs(poses_on(commanded, 0.1).position_m - found.position_m).max() > 1e-4
     with pytest.raises(BadInput, match="two rounds or more"):
         measured_path(commanded, ImuRecord(times[:30], acceleration[:30], acceleration[:30]))
+
+
+def test_the_amplitude_of_a_measured_path_has_the_uncertainty_of_the_units_noise():
+    rng, angle = np.random.default_rng(9), 2 * np.pi * np.arange(32) / 32
+    path = ShakerPath(1e-3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), 0.1 / 32, 0.0)
+    times = np.arange(0, 0.4, 0.005)
+    phase = 2 * np.pi * times / 0.1
+    still = -1e-3 * (2 * np.pi / 0.1) ** 2 * np.stack([np.cos(phase), np.sin(phase), 0 * phase], axis=1)
+    draws = [
+        measured_path(path, ImuRecord(times, still + rng.normal(0, 0.3, still.shape), 0 * still)) for _ in range(200)
+    ]
+    errors = [np.linalg.norm(one.position_m - path.position_m) / np.linalg.norm(path.position_m) for one in draws]
+    # the mean square of 200 draws, each of some ten normal numbers: within 10 %
+    stated = np.mean([one.amplitude_uncertainty**2 for one in draws])
+    assert stated == pytest.approx(np.mean(np.square(errors)), rel=0.1)
+
+
+def test_the_scale_of_depth_is_as_uncertain_as_the_amplitude_of_the_shaker(pictures):
+    angle = 2 * np.pi * np.arange(32) / 32
+    circle = 1e-2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    paths = [ShakerPath(circle, OPEN_S / 32, 0.0, amplitude_uncertainty=one) for one in (0.02, 0.01)]
+    frames = frames_of(pictures[1], 0.0, 0.0)
+    frames = [replace(frame, imu=None, shaker_path=path) for frame, path in zip(frames, paths, strict=True)]
+    assert recorded_motion(frames, FOCAL_PX).scale_uncertainty == 0.02

@@ -9,8 +9,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused, Verdict
 from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um, shim_words
-from procedures.tilt.plane import fit_plane
-from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.plane import Positions, behind_lens_um, fit_plane
 from procedures.tilt.screws import Screws, turns_for
 from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import BadConfiguration, MoveFailed
-from procedures.pattern_psf.gamma.words import gamma_diagram
+from procedures.pattern_psf.gamma import gamma_diagram
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Ask
 from station.app.app import StationApp

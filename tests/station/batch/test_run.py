@@ -24,10 +24,9 @@ from click.testing import CliRunner
 from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from station.__main__ import main
-from station.batch.batch_folder import owned
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
-from station.batch.run import run_batch
+from station.batch.run import owned, run_batch
 from station.batch.summary_table import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from drivers.errors import MoveFailed
+from simulators.devices.alpaca import AlpacaFocusers
 from station.bench import device_models
 from station.bench.conform import FAULTS, Broken, at_twin, conform, soak
 from station.bench.twins import BUILT_IN, TWINS
@@ -41,6 +44,29 @@ def test_the_soak_refuses_a_hasty_driver(hasty):
 def test_a_stage_keeps_its_promises(driver, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert [one for one in conform(rig, operations=25) if not one.kept] == []
+
+
+@pytest.mark.parametrize("faults", [FAULTS, ("delay",), ("loss", "garbage")])
+def test_alpacas_stage_stands_a_failing_server(faults, tmp_path):
+    with at_twin("alpaca_stage", tmp_path) as rig:
+        assert soak(rig, np.random.default_rng(2), 12, faults) == "12 operations"
+
+
+def test_a_move_that_reaches_its_server_after_the_stop_is_halted(tmp_path, monkeypatch):
+    answer = AlpacaFocusers.answer
+
+    def answer_moves_late(focusers, number, member, values):
+        focusers.clock.sleep(1.0 if member == "move" else 0.0)
+        return answer(focusers, number, member, values)
+
+    with at_twin("alpaca_stage", tmp_path) as rig:
+        rig.ready()
+        monkeypatch.setattr(AlpacaFocusers, "answer", answer_moves_late)
+        moved, stopped = rig.together(partial(rig.stage.move_to, z_mm=100.0), rig.later(0.5, rig.stage.stop))
+        assert isinstance(moved, MoveFailed)
+        assert stopped is None
+        assert not rig.moves()
+        assert rig.truth()["z_mm"] < 5.0  # at 20 mm/s it is halted within a poll
 
 
 @pytest.mark.slow

@@ -26,8 +26,8 @@ from station.calibration.exports.geometry import StoredCamera, export_camera, re
 from station.calibration.folder_photographs import by_folder, find_frames
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
-from station.calibration.rig import read_rig_camera
 from station.procedure.builtin.geometry import PROCEDURE
+from station.procedure.builtin.rig import read_rig_camera
 from station.procedure.schema import schema_of
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read

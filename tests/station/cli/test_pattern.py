@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import DEFAULT_SEED, Chart
-from procedures.pattern_print.raster import bitmap
+from procedures.pattern_print.formats import bitmap
 from station.cli.pattern import pattern
 
 

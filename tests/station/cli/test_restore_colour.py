@@ -1,17 +1,24 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image, ImageCms
 from scipy.ndimage import gaussian_filter
 
 from drivers.frame_files.dng import Shot, write_dng
+from procedures.developed import read_developed
+from procedures.raw import Exposure, Plane, RawFrame
+from procedures.reading.development import Development
+from procedures.reading.tone_curve import named_curve
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator
 from station.__main__ import main
+from station.calibration.restoration.developed import picture_file
 
 SHAPE, R = (96, 112), 8
 LIGHT = np.array([0.6, 1.0, 0.7])
@@ -69,26 +76,73 @@ def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     np.testing.assert_allclose(np.array(comparison["matrix"]) @ [*middle, 1], middle, atol=0.05)
 
 
+def encode(z):
+    return np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.clip(z, 0, 1) ** (1 / 2.4) - 0.055).transpose(1, 2, 0)
+
+
+COARSE = ("--max-w", "6", "--scheme", "1x(4+4)+1x4")
+
+
 @pytest.mark.slow
-def test_colour_files_are_restored_by_their_encoding(light, tmp_path):
+@pytest.mark.parametrize("linear", [False, True])
+def test_colour_files_are_restored_by_their_encoding(light, tmp_path, linear):
     files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
+    rng = np.random.default_rng(4)
     for path, z in zip(files, light[:2], strict=True):
-        curve = np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.maximum(z, 0) ** (1 / 2.4) - 0.055)
-        cv2.imwrite(str(path), np.rint(65535 * curve).astype(np.uint16).transpose(1, 2, 0)[..., ::-1])
-    done = restore(files, tmp_path / "out", "--encoding", "srgb", "--max-w", "6", "--scheme", "1x(4+4)+1x4")
+        z = z + 0.01 * rng.standard_normal(z.shape) * np.sqrt(z)  # of photons
+        levels = z.transpose(1, 2, 0) if linear else encode(z)
+        cv2.imwrite(str(path), np.rint(65535 * np.clip(levels, 0, 1)).astype(np.uint16)[..., ::-1])
+    done = restore(files, tmp_path / "out", "--encoding", "srgb", *COARSE)
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["encoding"] == "srgb"
     assert record["parameters"]["planes"] == ["R", "G", "B"]
+    assert ("seem to be linear" in json.dumps(record)) == linear
+    if not linear:
+        sharp, picture = (
+            cv2.imread(str(tmp_path / "out" / name), cv2.IMREAD_UNCHANGED)[..., ::-1]
+            for name in ("sharp.tiff", "picture.tiff")
+        )
+        assert sharp.mean(axis=(0, 1)) == pytest.approx(light[0].mean(axis=(1, 2)), rel=0.02)
+        np.testing.assert_allclose(picture / 65535, encode(np.moveaxis(sharp, -1, 0)), atol=2e-4)
+
+
+@pytest.mark.slow
+def test_jpeg_files_are_restored_with_doubt_and_written_as_jpeg(light, tmp_path):
+    files = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    profile, exif = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), Image.Exif()
+    exif[274] = 6  # to be turned by a quarter
+    for path, z in zip(files, light[:2], strict=True):
+        image = Image.fromarray(np.rint(255 * encode(z)).astype(np.uint8))
+        image.save(path, quality=92, icc_profile=profile, exif=exif)
+    done = restore(files, tmp_path / "out", *COARSE)
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert "sharpening and noise reduction" in json.dumps(record["result"])
+    assert record["result"]["verdict"] == "doubtful"
+    with Image.open(tmp_path / "out" / "picture.jpg") as picture:
+        assert picture.info["icc_profile"] == profile
+        assert picture.getexif()[274] == 6
+        assert picture.size == (SHAPE[1], SHAPE[0])
+        levels = np.asarray(picture) / 255
     sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
-    assert sharp.mean(axis=(0, 1)) == pytest.approx(light[0].mean(axis=(1, 2)), rel=0.02)
+    np.testing.assert_allclose(levels, encode(np.moveaxis(sharp, -1, 0)), atol=0.06)
+    assert (levels - encode(np.moveaxis(sharp, -1, 0))).std() < 0.01
 
 
-@pytest.mark.parametrize("suffix", ["png", "tiff"])
-def test_colour_pictures_need_an_encoding(tmp_path, suffix):
-    files = [tmp_path / f"{name}.{suffix}" for name in "ab"]
-    for path in files:
-        cv2.imwrite(str(path), np.full((*SHAPE, 3), 9000, np.uint16))
-    done = restore(files, tmp_path / "out")
-    assert done.exit_code == 4
-    assert "--encoding linear or srgb" in done.stderr
+@pytest.mark.parametrize(("kind", "bits"), [("PNG", 8), ("PNG", 16), ("TIFF", 16), ("WEBP", 8), ("HEIF", 8)])
+def test_pictures_are_written_in_the_format_that_was_read(light, tmp_path, kind, bits):
+    if kind == "HEIF":
+        pytest.importorskip("pillow_heif", reason="pillow-heif is not installed")
+    profile, exif = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), Image.Exif()
+    exif[271] = "Maker"
+    development = Development(kind, named_curve("srgb"), True, bits, 0.0, profile, exif.tobytes())
+    planes = {c: Plane(c, light[2][i].astype(np.float32), 1 / 255) for i, c in enumerate("RGB")}
+    frame = RawFrame(tmp_path / "a", "", planes, Exposure(), development=development)
+    restoration = SimpleNamespace(sharp=light[2])
+    ((name, write),) = picture_file(frame, restoration).items()
+    write(tmp_path / name)
+    again = read_developed(tmp_path / name)
+    assert (again.development.format, again.development.bits, again.development.icc) == (kind, bits, profile)
+    samples = np.stack([one.samples for one in again.planes.values()])
+    assert np.abs(samples - light[2]).mean() < (0.01 if kind in ("WEBP", "HEIF") else 1.2 / ((1 << bits) - 1))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from station.drawing.palette_png import smaller
+from station.drawing.style import smaller
 
 
 def decoded(png):

@@ -19,8 +19,7 @@ from simulators.bench.view import View, bench_camera
 from simulators.camera.sensor import Sensor
 from simulators.world.world import World, WorldParameters
 from station.guide.active_devices import ActiveDevices
-from station.guide.drift import drift_lines
-from station.guide.session_report import _environment
+from station.guide.session_report import _environment, drift_lines
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 from station.reports.report import environment_lines
@@ -151,7 +150,7 @@ def shots_of(places, **more):
 
 @pytest.fixture
 def of_chart(monkeypatch):
-    monkeypatch.setattr("station.guide.drift.CombinedPsf", SimpleNamespace)
+    monkeypatch.setattr("station.guide.session_report.CombinedPsf", SimpleNamespace)
     return lambda estimate: {"Y": SimpleNamespace(estimate=estimate, pitch=1)}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import FrameMissing
+from drivers.light import LampProperties
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
 from simulators.bench.device_faults import FaultEvent
@@ -52,6 +53,14 @@ def test_a_plan_is_carried_out_step_by_step_and_all_photographs_are_kept(bench, 
     ]  # fmt: skip
     assert len(events(operator, FrameEvent)) == 6
     assert len(list(Path(bench.simulated.folder).iterdir())) == 6
+
+
+def test_exposures_too_short_for_the_lamps_modulation_are_reported_once(bench, session):
+    bench.light.panel = LampProperties(pwm_hz=1000.0)
+    operator = ScriptedOperator({"width": 5.0})
+    Run(benches.short_plan(), bench, session, operator).go()
+    reported = [event for event in events(operator, ProblemEvent) if "periods of the lamp's modulation" in event.reason]
+    assert [event.remedy for event in reported] == ["expose longer, or use a lamp without modulation"]
 
 
 def test_a_plan_without_movements_accepts_stages_that_have_not_homed(bench, session):

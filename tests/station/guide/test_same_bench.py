@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from procedures.outcome import BadParameter
 from station.__main__ import main
-from station.bench.same_bench import bench_differences
+from station.bench.device_models import bench_differences
 from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import StationLab
 from station.sessions.layout import Busy

@@ -12,9 +12,9 @@ import pytest
 
 from procedures.outcome import BadInput, BadParameter, Quantity, Verdict
 from procedures.psf import Psf
+from station.calibration.stored_results import plane_entry, table_prefix
 from station.results.comparison import Comparison, Compliance
 from station.results.environment import condition_words, environment_of, temperature_during
-from station.results.geometry_planes import plane_entry, table_prefix
 from station.results.limits import Place, Specification
 from station.results.line_numbers import line_numbers
 from station.results.plane_result import PlaneResult

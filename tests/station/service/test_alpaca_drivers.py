@@ -167,20 +167,25 @@ def test_homing_that_is_not_answered_is_halted(homed, held_up, monkeypatch):
     assert held_up.halted.is_set()
 
 
-def no_answer(*_):
+def no_answer(*_, **__):
     raise NoAnswer("focuser 0 did not answer in time", "look at its server")
 
 
-def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up):
-    """The client's lock is everybody's: somebody hangs in it, as at a server that does not answer."""
-    from alpaca.device import Device
+def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up, monkeypatch):
+    ask, asked = AlpacaLink._ask, threading.Event()
 
-    beside(lambda: homed.move_to(z_mm=400.0))
-    held_up.moving.wait()
-    with Device._ctid_lock:
-        homed.emergency_stop()
-        held_up.halted.wait()
-    assert not homed.condition().usable
+    def hang(link, method, member, *rest):
+        if member == "ismoving":
+            asked.set()
+            held_up.halted.wait()
+        return ask(link, method, member, *rest)
+
+    monkeypatch.setattr(AlpacaLink, "_ask", hang)
+    thread, outcome = beside(lambda: homed.move_to(z_mm=400.0))
+    asked.wait()
+    homed.emergency_stop()
+    thread.join()
+    assert isinstance(outcome[0], EmergencyStopped)
 
 
 def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
@@ -190,7 +195,7 @@ def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
         sent.append((method, member))
         if len(sent) < 3:
             raise ConnectionResetError
-        return "", b""
+        return 200, "", b""
 
     monkeypatch.setattr(AlpacaLink, "_ask", ask)
     AlpacaLink(AlpacaAddress("127.0.0.1:1"), "focuser", 0).preempt("halt")

@@ -11,8 +11,8 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from station.service import connection_limits
-from station.service.connection_limits import FOR_STOPS, most_connections
+from station.service import hosting
+from station.service.hosting import FOR_STOPS, most_connections
 
 from ..guide import benches
 from .alpaca_clients import once
@@ -94,7 +94,7 @@ def test_a_thousand_half_sent_requests_keep_nobody_from_stopping_or_writing(few_
 
 
 def test_a_request_must_come_whole_within_its_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(connection_limits, "REQUEST_S", 0.05)
+    monkeypatch.setattr(hosting, "REQUEST_S", 0.05)
     with serving(tmp_path, token=None) as (client, _):
         for half in ("", HEAD, BODY, "GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET"):
             opened = half_sent(client, half)
@@ -107,14 +107,14 @@ def test_a_request_must_come_whole_within_its_time(tmp_path, monkeypatch):
 
 def test_an_answer_may_take_longer_than_a_request(tmp_path, monkeypatch):
     with serving(tmp_path, token=None) as (client, served):
-        monkeypatch.setattr(connection_limits, "REQUEST_S", 0.02)
+        monkeypatch.setattr(hosting, "REQUEST_S", 0.02)
         look = served._watch.look
         monkeypatch.setattr(served._watch, "look", lambda: time.sleep(0.1) or look())
         assert client.get("/status")[0] == 200
 
 
 def test_who_owes_a_request_longest_gives_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(connection_limits, "most_connections", lambda: 8)  # six of one address
+    monkeypatch.setattr(hosting, "most_connections", lambda: 8)  # six of one address
     with serving(tmp_path, token=None) as (client, _):
         first = [half_sent(client) for _ in range(6)]
         client.request("GET", "/")
@@ -125,7 +125,7 @@ def test_who_owes_a_request_longest_gives_way(tmp_path, monkeypatch):
 
 
 def test_beyond_the_limit_only_stops_are_answered(tmp_path, monkeypatch):
-    monkeypatch.setattr(connection_limits, "most_connections", lambda: 8)
+    monkeypatch.setattr(hosting, "most_connections", lambda: 8)
     with serving(tmp_path, token=None) as (client, served):
         name = benches.new_session(tmp_path, served.bench).folder.name
         streams = [iter(client.lines(f"/sessions/{name}/journal")) for _ in range(6)]

@@ -64,3 +64,11 @@ def test_marks_outside_the_photograph_are_unlike() -> None:
     rectified = chart_frame.expected().copy()
     rectified[: 2 * chart_frame.PIXELS] = np.nan
     assert np.flatnonzero(chart_frame.locate_marks(rectified)[1] == 0).tolist() == [0, 1, 2, 3]
+
+
+def test_a_third_of_the_frame_must_be_seen() -> None:
+    rows, columns = np.nonzero(chart_frame.ring())
+    for missing, score in ((0, pytest.approx(1, abs=1e-5)), (1, 0.0)):
+        third = np.zeros_like(chart_frame.ring())
+        third[rows[missing : len(rows) // 3], columns[missing : len(rows) // 3]] = True
+        assert chart_frame.agreements(chart_frame.expected(), chart_frame.oriented_frames()[:1], third)[0] == score

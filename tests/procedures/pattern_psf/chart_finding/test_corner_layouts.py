@@ -84,3 +84,13 @@ def test_finer_lattice_is_no_chart() -> None:
     x, y = np.meshgrid(np.arange(0, 200, 10.0), np.arange(0, 200, 10.0))
     lattice = np.column_stack([x.ravel(), y.ravel()])
     assert len(find_layouts(saddles_at(lattice, 1, np.random.default_rng(0))).maps) == 0
+
+
+def test_two_sides_of_the_frame_are_enough() -> None:
+    H = tilted(0.3, 24, 0.2, 1.0, 0.1)
+    first = min(X_CORNERS[:, 0]), min(X_CORNERS[:, 1])
+    sides = X_CORNERS[(first == X_CORNERS).any(axis=1)]
+    assert len(sides) == 7
+    for corners, count in ((sides, 7), (sides[1:], 0)):
+        layouts = find_layouts(saddles_at(seen(H, corners), axis_of(H), np.random.default_rng(0)))
+        assert layouts.hits.sum(axis=1).max(initial=0) == count

@@ -48,3 +48,11 @@ def test_edges_and_ramps_have_no_saddles() -> None:
         z = find_saddles(image).points
         # beyond the picture's edge it is reflected, which bends the ramp there
         assert not ((np.abs(z.real - 99.5) < 97) & (np.abs(z.imag - 99.5) < 97)).any()
+
+
+@pytest.mark.parametrize("turn", np.radians([0, 11, 22.5, 40, 100]))
+def test_the_axis_of_a_centred_x_corner_has_no_error_of_direction(turn: float) -> None:
+    # second derivatives along axes and diagonals have one scale; the pixels' squares leave a degree at most
+    found = find_saddles(bow_tie(16, 16, turn))
+    nearest = int(np.argmin(np.abs(found.points - (16 + 16j))))
+    assert abs(np.angle(found.axes[nearest] * np.exp(-2j * turn))) / 2 < np.deg2rad(1)

@@ -5,12 +5,22 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from procedures.facts import AxisTravel
-from procedures.pattern_psf.distance.consistency import cautious_mm, measured_scale, probe_mm, size_contradiction
+from procedures.numerics.warps import apply_homography
+from procedures.pattern import CELLS, X_CORNERS, Chart
+from procedures.pattern_psf.chart_finding.detection import ChartSighting
+from procedures.pattern_psf.distance.consistency import (
+    cautious_mm,
+    cell_correlation,
+    measured_scale,
+    probe_mm,
+    size_contradiction,
+)
 from procedures.pattern_psf.facts import SIZES, PatternFacts, RangeLook
-from procedures.raw import Exposure
+from procedures.raw import Exposure, Plane
 
 TRUE = PatternFacts(focal_length_mm=24.0, pixel_pitch_um=5.94, chart_width_mm=96.0, ruler_mm=99.5)
 OFFSET_MM = 120.0
@@ -94,3 +104,21 @@ def test_the_move_that_tells_the_scale_stays_on_the_rail():
     assert probe_mm(now, 1380.0, False, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)
     assert probe_mm(now, 1380.0, True, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)
     assert probe_mm(look(1380.0), 1380.0, True, TRUE) == 0.0
+
+
+def test_cells_of_the_chart_correlate_with_its_number_alone():
+    # pixels of 2.7 cells, each the mean of 8 x 8 points: the expected ones are means of 4 x 4, which differ by a tenth
+    # of the variance. Half a pixel off they would correlate by half. Another chart's are independent: 1 / sqrt(5000)
+    # over the central pixels, the largest of 49 shifts
+    H = np.array([[0.37, 0.0, 20.2], [0.0, 0.37, 15.7], [0.0, 0.0, 1.0]])
+    fine, shape = 8, (130, 140)
+    v, u = ((np.arange(n * fine) + 0.5) / fine - 0.5 for n in shape)
+    at = apply_homography(np.linalg.inv(H), np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+    cells = Chart.from_seed(7).cells[tuple(np.clip(at[:, ::-1], 0, CELLS - 1).astype(int).T)]
+    samples = cells.reshape(shape[0], fine, shape[1], fine).mean(axis=(1, 3)).astype(np.float32)
+    sighting = ChartSighting(apply_homography(H, X_CORNERS), H, np.ones(12, bool), 1.0, False, False)
+    plane = Plane("Y", samples, 1e-4)
+    assert cell_correlation(plane, sighting, 7) > 0.8
+    assert abs(cell_correlation(plane, sighting, 8)) < 5 / 5000**0.5
+    grey = np.where(np.arange(shape[0])[:, None] < 10, 0.0, np.full(shape, 0.5)).astype(np.float32)
+    assert cell_correlation(replace(plane, samples=grey), sighting, 7) is None

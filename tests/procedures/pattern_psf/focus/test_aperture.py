@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from procedures.pattern import Chart
 from procedures.pattern_psf.facts import PatternFacts
-from procedures.pattern_psf.focus.aperture import KEY, check_aperture
-from procedures.quality import CAMERA, OPERATOR
+from procedures.pattern_psf.focus.aperture import KEY, check_aperture, f_number_of_tails
+from procedures.psf import Psf, PsfTail
+from procedures.quality import CAMERA, OPERATOR, Diffraction
 from procedures.raw import Plane, read_frame
 from simulators.bench.view import bench_camera
 from simulators.world.projection import ObjectPose
@@ -80,3 +82,18 @@ def test_whose_word_the_f_number_is_is_told(plane):
 @pytest.fixture
 def plane():
     return Plane("G1", np.zeros((4, 4), np.float32), 1e-4, pitch=2)
+
+
+def test_the_uncertainty_of_the_tail_is_that_of_its_first_amplitude():
+    # its energy is proportional to the f-number; two photographs of equal noise have 1 / sqrt(2) of its uncertainty
+    covariance = np.diag([0.003, 0.02]) ** 2
+    covariance[0, 1] = covariance[1, 0] = 2e-5
+    tail = PsfTail(np.array([0.04, 0.0]), covariance, np.zeros((289, 2)))
+    psf = Psf(np.ones((17, 17)) / 289, 4, np.zeros((289, 289)), tail)
+    one, noisy = (SimpleNamespace(psf=psf, residual_std=std, n=1) for std in (0.8, 2.0))
+    limit = Diffraction(5.6, 5.94, 530.0)
+    single, two, worse = (f_number_of_tails([(p, limit) for p in psfs]) for psfs in ([one], [one, one], [noisy]))
+    assert f_number_of_tails([(one, replace(limit, f_number=8.0))]) == single
+    assert single.uncertainty == pytest.approx(0.003 / 0.04 * single.value)
+    assert two.uncertainty == pytest.approx(single.uncertainty / 2**0.5)
+    assert worse.uncertainty == pytest.approx(2 * single.uncertainty)

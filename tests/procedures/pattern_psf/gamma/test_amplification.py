@@ -6,8 +6,7 @@ import pytest
 
 from procedures.numerics.normal_equations import eliminate, gram, products
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, GOOD_S_OVER_T, Chart
-from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
-from procedures.pattern_psf.gamma.curve import expected_gamma, gamma_curve
+from procedures.pattern_psf.gamma import expected_gamma, gamma_bound, gamma_curve, gamma_of_fit
 from procedures.pattern_psf.rasterise import whole_chart
 from station.demo.reproduce import patterns
 

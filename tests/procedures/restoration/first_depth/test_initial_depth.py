@@ -9,7 +9,7 @@ from scipy.special import j1
 
 from procedures.raw import read_frame
 from procedures.restoration.first_depth import initial_depth
-from procedures.restoration.first_depth.semi_global_matching import semi_global
+from procedures.restoration.first_depth.initial_depth import semi_global
 from procedures.restoration.masks.blur_models import mask_stack, pillbox, read_shape
 
 SIZE, FINE = 200, 4  # photographs, and samples of the scene per pixel

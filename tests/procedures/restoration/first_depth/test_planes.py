@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from procedures.restoration.first_depth.planes import fit_planes
+from procedures.restoration.first_depth.segments import fit_planes
 
 
 def plane(shape=(60, 70), first=2.0, down=0.01, across=0.02):

@@ -7,7 +7,7 @@ import pytest
 
 from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
-from procedures.restoration.joint.occlusion import occlusion_of
+from procedures.restoration.joint.moved_objects import occlusion_of
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from tests.benchmarks.restoration_scenes import picture

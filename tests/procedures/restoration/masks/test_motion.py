@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadInput
-from procedures.restoration.masks.motion import path_mask
+from procedures.restoration.masks.line_rasterisation import path_mask
 
 
 def test_masks_of_a_path_preserve_light_and_mean():

@@ -6,8 +6,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from procedures.outcome import Refused
-from procedures.restoration.unknown_motion.outlier_frames import outlier_frames
-from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
+from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene, outlier_frames
 
 SIZE = 140
 

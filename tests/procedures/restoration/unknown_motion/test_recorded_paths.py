@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, shift
 from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput
-from procedures.restoration.masks.motion import path_mask
+from procedures.restoration.masks.line_rasterisation import path_mask
 from procedures.restoration.unknown_motion import recorded_paths
 from procedures.restoration.unknown_motion.blind import prototype_shapes
 

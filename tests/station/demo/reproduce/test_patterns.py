@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from procedures.pattern_psf.gamma.amplification import gamma_bound
+from procedures.pattern_psf.gamma import gamma_bound
 from station.demo.reproduce import patterns
 
 

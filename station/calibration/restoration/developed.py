@@ -1,0 +1,142 @@
+"""Restorations of developed pictures: their error, what is not known of them, and the result in their format."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.correction.noise import noise_of
+from procedures.developed import LOSSY, RAW, pillow
+from procedures.outcome import Outcome, with_doubt
+from procedures.raw import RawFrame
+from procedures.reading.development import Development
+from procedures.reading.tiff_tags import ICC_PROFILE
+from procedures.reading.tone_curve import LINEAR
+from procedures.restoration.joint.result import Restoration
+from station.calibration.camera_metadata import read_metadata
+from station.calibration.picture_files import write_tiff
+
+QUALITY = 97
+"""Quality of JPEG, WebP and HEIC files that are written: their loss is below that of the files that are read."""
+SUFFIXES = {"JPEG": ".jpg", "WEBP": ".webp", "HEIF": ".heic", "PNG": ".png", "TIFF": ".tiff", RAW: ".tiff"}
+MOST_GROWTH, LEAST_GROWTH = 1.2, -0.3
+"""Exponents of the noise variance's growth with light between which a tone curve is plausible: 0 to 1 of a sensor, with
+0.3 by the scatter of 84 simulated planes; linear samples decoded as sRGB have 0.6 to 1.9, the reverse -2.5 to -0.1."""
+
+
+def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome[Restoration]:
+    """The outcome with the error of rounding and coding, doubtful where the development is not known."""
+    developments = [frame.development for frame in frames if frame.development]
+    if not developments or outcome.value is None:
+        return outcome
+    light = np.clip(outcome.value.sharp.mean(axis=0), 0, 1)
+    error = np.max([one.light_error(light) for one in developments], axis=0)
+    gain = max(1.0, outcome.value.diagnostics.noise_gain)
+    outcome = replace(outcome, value=outcome.value.with_added_error(gain * error))
+    if curve := _wrong_curve(frames):
+        outcome = with_doubt(outcome, *curve)
+    unknown = _unknown(developments)
+    return with_doubt(outcome, *unknown) if unknown else outcome
+
+
+def _unknown(developments: Sequence[Development]) -> tuple[str, str] | None:
+    if any(one.format == RAW for one in developments):
+        return "the photographs have no 2 x 2 mosaic: they were demosaicked, which is part of their blur", _BAYER
+    lossy = any(one.format in LOSSY for one in developments)
+    if not lossy and not any(one.assumed for one in developments):
+        return None
+    curves = " and ".join(dict.fromkeys(_words(one) for one in developments))
+    kinds = " and ".join(dict.fromkeys(one.format for one in developments))
+    reason = f"{kinds} pictures were developed by a camera or a program: {curves}; sharpening and noise reduction stay"
+    remedy = "give RAW files" if lossy else "give RAW files, or state --encoding"
+    return reason, remedy
+
+
+_BAYER = "use a camera with a Bayer mosaic, and its RAW files as it wrote them"
+
+
+def _words(development: Development) -> str:
+    if development.assumed:
+        return "their tone curve is assumed to be sRGB's"
+    return f"their tone curve is that of {development.curve.name}"
+
+
+def _wrong_curve(frames: Sequence[RawFrame]) -> tuple[str, str] | None:
+    """Doubt where the noise contradicts the tone curve; block coding replaces the noise by its own."""
+    lossless = [one for one in frames if one.development and not one.development.coding]
+    growths = [noise_of(plane).growth for frame in lossless for plane in frame.planes.values()]
+    if not growths:
+        return None
+    growth, name = float(np.median(growths)), lossless[0].development and lossless[0].development.curve.name
+    if growth > MOST_GROWTH and name != LINEAR:
+        reason = f"the samples seem to be linear, not {name}: their noise grows as light to the {growth:.1f}"
+        return reason, "give --encoding linear"
+    if growth < LEAST_GROWTH and name == LINEAR:
+        reason = f"the samples seem to have a tone curve: noise falls with light, to the power {growth:.1f}"
+        return reason, "give --encoding srgb"
+    return None
+
+
+def picture_file(frame: RawFrame, restoration: Restoration | None) -> dict[str, Callable[[Path], None]]:
+    """The picture in the format of a developed photograph by its name, generated when it is written; else nothing."""
+    development = frame.development
+    if development is None or restoration is None:
+        return {}
+    levels, name = development.curve.encoded(restoration.sharp), f"picture{SUFFIXES[development.format]}"
+    if development.format in ("TIFF", RAW):
+        return {name: lambda path: _write_tiff(path, development, frame, levels)}
+    encode = _png_16 if development.bits == 16 else _picture_8
+    return {name: lambda path: _write(path, encode(development, levels))}
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _write_tiff(path: Path, development: Development, frame: RawFrame, levels: npt.NDArray[np.float32]) -> None:
+    metadata = read_metadata(b"", frame.exposure)
+    profile = {ICC_PROFILE: (7, len(development.icc), development.icc)} if development.icc else {}
+    words = f"restored picture; tone curve: {development.curve.name}"
+    write_tiff(path, levels, replace(metadata, picture={**metadata.picture, **profile}), words)
+
+
+def _png_16(development: Development, levels: npt.NDArray[np.float32]) -> bytes:
+    """A PNG of 16 bits with profile and metadata, which OpenCV does not write."""
+    import cv2
+
+    samples = np.rint(np.moveaxis(levels, 0, -1)[..., ::-1] * 65535).astype(np.uint16)
+    done, data = cv2.imencode(".png", samples)
+    if not done:
+        raise RuntimeError("OpenCV could not encode PNG")
+    chunks = {b"iCCP": b"ICC\0\0" + zlib.compress(development.icc)} if development.icc else {}
+    chunks |= {b"eXIf": development.exif.removeprefix(b"Exif\0\0")} if development.exif else {}
+    png = bytes(data.tobytes())
+    return png[:HEAD] + b"".join(_chunk(kind, body) for kind, body in chunks.items()) + png[HEAD:]
+
+
+HEAD = 33
+"""Bytes of a PNG's signature and IHDR."""
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def _picture_8(development: Development, levels: npt.NDArray[np.float32]) -> bytes:
+    Image = pillow(heif=development.format == "HEIF")
+    samples = np.rint(np.moveaxis(levels, 0, -1) * 255).astype(np.uint8)
+    options: dict[str, Any] = {"quality": QUALITY} if development.format in LOSSY else {}
+    options |= {"subsampling": 0} if development.format == "JPEG" else {}
+    options |= {"icc_profile": development.icc} if development.icc else {}
+    options |= {"exif": development.exif} if development.exif else {}
+    image, file = Image.fromarray(samples[..., 0] if samples.shape[2] == 1 else samples), BytesIO()
+    image.save(file, development.format, **options)
+    return file.getvalue()

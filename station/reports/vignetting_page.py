@@ -1,0 +1,14 @@
+"""The page of a vignetting: the light of every plane over the frame, and its colour."""
+
+from __future__ import annotations
+
+from station.reports.field.camera_section import light_figures
+from station.reports.page import Figures
+from station.reports.report import Report
+from station.reports.report_page import report_page
+
+
+def vignetting_page(report: Report) -> str:
+    """The page of all planes."""
+    lights = {one.name: one.estimate.surface.light for one in report.planes if one.estimate is not None}
+    return report_page(report, summary=[Figures(light_figures(lights), wide=True)] if lights else [])

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.geometry.bundle import first_bundle
+from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel
+from procedures.geometry.stereographic import EQUIDISTANT
+from procedures.geometry.views import ChartView, chart_nodes
+from tests.benchmarks.fisheye_views import CELL_MM, polynomial, poses
+
+CAMERA = CameraModel(STEREOGRAPHIC, np.array([1000.0, 1003.0, 1500.0, 990.0, -0.08, 0.01, -0.002, 2e-4]), 3000, 2000)
+RAYS = np.array([(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in (0.1, 0.9, 1.7) for b in (0, 1, 4)])
+"""Up to 97 degrees from the axis."""
+
+
+def test_rays_and_projection_are_inverse_beyond_90_degrees():
+    np.testing.assert_allclose(CAMERA.rays(CAMERA.project(3.0 * RAYS)), RAYS, atol=1e-12)
+
+
+def test_derivatives_are_those_of_differences():
+    J, E, h = CAMERA.by_params(RAYS), CAMERA.by_points(RAYS), 1e-6
+    for i, axis in enumerate(np.eye(8)):
+        ahead, behind = (CAMERA.with_params(CAMERA.params + sign * h * axis).project(RAYS) for sign in (1, -1))
+        np.testing.assert_allclose(J[..., i], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-5)
+    for i, axis in enumerate(np.eye(3)):
+        np.testing.assert_allclose(
+            E[..., i],
+            (CAMERA.project(RAYS + h * axis) - CAMERA.project(RAYS - h * axis)) / (2 * h),
+            rtol=1e-5,
+            atol=1e-4,
+        )
+
+
+@pytest.mark.parametrize("degrees", [10, 40, 70])
+def test_the_series_of_the_equidistant_lens(degrees):
+    lens = CameraModel(STEREOGRAPHIC, np.array([1000.0, 1000.0, 0, 0, *EQUIDISTANT]), 3000, 2000)
+    angle = np.radians(degrees)
+    x = lens.project(np.array([[np.sin(angle), 0.0, np.cos(angle)]]))[0, 0]
+    # the next term of the series, with q = 4 tan^2(angle / 2)
+    assert x == pytest.approx(1000 * angle, rel=(4 * np.tan(angle / 2) ** 2) ** 5 / 11264 + 1e-9)
+
+
+def test_views_at_90_degrees_from_the_axis_give_a_first_camera():
+    lens = polynomial((3000, 2000), 790.0, (1503.0, 1004.0), (0.02, -0.006, 0.001, 0.0))
+    nodes, index = chart_nodes(CELL_MM), np.arange(0, 576, 11)
+    covariance = np.tile(1e-4 * np.eye(2), (len(index), 1, 1))
+    views = [
+        ChartView(f"{i}", index, lens.project(nodes[index] @ pose.R.T + pose.t), covariance)
+        for i, pose in enumerate(poses(lens, 12, 500.0, 30.0))
+    ]
+    angles = [np.degrees(np.arccos(lens.rays(view.points)[:, 2].min())) for view in views]
+    assert max(angles) > 90
+    bundle = first_bundle(nodes, views, lens.size)
+    assert bundle.camera.model == STEREOGRAPHIC
+    # four terms of a series leave a small part of the lens's polynomial
+    assert bundle.cost_px < 0.5

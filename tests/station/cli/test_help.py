@@ -1,0 +1,107 @@
+"""Help of every command: options in groups and an example whose options exist; completion; options of all commands."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+
+from station.__main__ import main
+from station.cli.terminal.examples import EXAMPLES
+from station.cli.terminal.progress import step_lines
+
+
+def commands(group: click.Group = main, context: click.Context | None = None) -> Iterator[click.Context]:
+    context = context or click.Context(main, info_name="station")
+    for name in group.list_commands(context):
+        one = group.get_command(context, name)
+        assert one is not None
+        below = click.Context(one, info_name=name, parent=context)
+        yield from commands(one, below) if isinstance(one, click.Group) else [below]
+
+
+CONTEXTS = {one.command_path.removeprefix("station "): one for one in commands()}
+
+
+@pytest.mark.parametrize("path", CONTEXTS)
+def test_example_is_in_the_help_and_names_options_that_exist(path):
+    context = CONTEXTS[path]
+    words = EXAMPLES[path].split()
+    assert " ".join(context.get_help().partition("Example: ")[2].split()) == " ".join(["station", path, *words])
+    context.command.make_parser(context).parse_args(list(words))  # raises where there is no such option
+
+
+@pytest.mark.parametrize("path", CONTEXTS)
+def test_every_command_is_quiet_and_json_means_one_thing(path):
+    options = {one.opts[-1]: one for one in CONTEXTS[path].command.params}
+    assert "--quiet" in options
+    streams = {"focus", "serve", "simulate"}  # they write one object per photograph, or before they begin
+    if "--json" in options and path not in streams:
+        assert "as JSON to stdout, and nothing else there" in options["--json"].help
+
+
+def test_options_are_in_groups():
+    text = CONTEXTS["psf pattern"].get_help()
+    headings = ["Options:", "Input:", "Numbers and limits:", "Results:", "Output and help:"]
+    assert [line for line in text.splitlines() if line in headings] == headings
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "quiet"), [(["-q"], [], True), ([], ["--quiet"], True), (["-q"], ["-q"], True), ([], [], False)]
+)
+def test_quiet_is_understood_before_and_after_a_command(before, after, quiet, tmp_path):
+    words = ["vignetting", *made_flats(tmp_path), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(main, [*before, *words, *after])
+    assert done.exit_code == 0, done.stderr
+    assert (done.stderr == "") == quiet
+
+
+@pytest.mark.parametrize(("strict", "code"), [([], 0), (["--strict"], 1)])
+def test_strict_counts_what_is_doubtful_as_failed(strict, code, tmp_path):
+    flat = made_flats(tmp_path)[0]  # one flat does not separate lens and light
+    done = CliRunner().invoke(main, ["vignetting", flat, "--out", str(tmp_path / "out"), *strict])
+    assert "doubtful" in done.stderr
+    assert done.exit_code == code
+
+
+def made_flats(folder: Path) -> list[str]:
+    y, x = np.mgrid[-1:1:96j, -1:1:128j]
+    rng = np.random.default_rng(7)
+    for name in "abc":
+        flat = 0.5 - 0.1 * (x**2 + y**2) + 0.001 * rng.standard_normal(x.shape)
+        cv2.imwrite(str(folder / f"{name}.png"), np.rint(65535 * flat).astype(np.uint16))
+    return [str(folder / f"{name}.png") for name in "abc"]
+
+
+@pytest.mark.parametrize(
+    ("args", "incomplete", "offered"),
+    [(["psf"], "pa", ["pattern"]), (["mtf"], "", ["edge"]), (["psf", "pattern"], "--spec", ["--specification"])],
+)
+def test_shells_complete_commands_and_options(args, incomplete, offered):
+    shown = ShellComplete(main, {}, "station", "_STATION_COMPLETE")
+    assert [one.value for one in shown.get_completions(args, incomplete)] == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_script_asks_the_program(shell):
+    script = CliRunner().invoke(main, ["completion", shell]).stdout
+    assert f"_STATION_COMPLETE={shell}_complete" in script
+    if shell == "bash":
+        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+
+
+def test_work_within_a_step_is_reported_at_intervals(capsys):
+    now = [0.0]
+    report = step_lines(lambda: now[0])
+    for second in range(12):
+        now[0] = second
+        report(f"{second} models fitted", 0)
+    report("done")
+    assert capsys.readouterr().err.split("\n") == ["6 models fitted", "done", ""]
