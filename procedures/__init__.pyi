@@ -31,6 +31,7 @@ from .sensor.stacks import measure_stack
 from .slanted_edge.estimate import estimate_edge, estimate_edges
 from .slanted_edge.strip import Roi
 from .two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+from .two_photo.several import estimate_psf_of_wall
 from .vignetting.estimate import estimate_vignetting
 from .whole_camera.camera_file import read_camera_numbers
 
@@ -40,7 +41,8 @@ __all__ = [
     "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi",
     "Scheme", "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of",
     "calibrate_geometry", "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges",
-    "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting", "filter_film",
+    "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall",
+    "estimate_vignetting", "filter_film",
     "gaussian", "measure_level", "measure_stack", "otf", "pillbox", "poses_at", "read_camera_numbers", "read_field",
     "read_film", "read_frame", "restore", "stacks_of", "view_of", "write_field",
 ]  # fmt: skip

@@ -7,7 +7,7 @@ Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chapter 3 an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
-from procedures.outcome import Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -134,9 +134,19 @@ def estimate_psf_of_pair(
     Outcome[TwoPhotoPsf]
         A refused outcome has a reason and a remedy and no value; poor photographs raise nothing.
     """
-    a, b, parameters = as_plane(a), as_plane(b), parameters or TwoPhotoParameters()
+    near_or_far, other, given = as_plane(a), as_plane(b), parameters or TwoPhotoParameters()
+
+    def estimate() -> Outcome[TwoPhotoPsf]:
+        solved = solve_pair(near_or_far, other, given, diffraction)
+        return verdict_of(solved.checks, solved.result)
+
+    return or_refused(estimate, given)
+
+
+def or_refused(estimate: Callable[[], Outcome[TwoPhotoPsf]], parameters: TwoPhotoParameters) -> Outcome[TwoPhotoPsf]:
+    """The outcome of an estimate, refused where the photographs determine no PSF."""
     try:
-        return _estimate(a, b, parameters, diffraction)
+        return estimate()
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -161,11 +171,36 @@ class _PairAttempt:
     psf: Psf
 
 
-def _estimate(
-    a: Plane, b: Plane, parameters: TwoPhotoParameters, diffraction: Diffraction | None
-) -> Outcome[TwoPhotoPsf]:
+@dataclass(frozen=True)
+class SolvedPair:
+    """A pair's result with the parts of its uncertainty, and the checks of its verdict.
+
+    Attributes
+    ----------
+    free : unconstrained PSF, with the covariance of the photographs' noise, that of the sum included
+    errors : mapping of str to (k^2 + q,), errors of the parameters, one standard uncertainty each
+    scatter : variance of the numbers by the scatter of the tiles, over that by white noise
+    modes : relative changes of the transfer function that are not excluded
+    """
+
+    result: TwoPhotoPsf
+    checks: list[Check]
+    free: Psf
+    errors: Mapping[str, Array]
+    scatter: Mapping[str, float]
+    modes: Mapping[str, Array]
+
+
+def solve_pair(
+    a: Plane,
+    b: Plane,
+    parameters: TwoPhotoParameters,
+    diffraction: Diffraction | None,
+    sighting: PairSighting | None = None,
+) -> SolvedPair:
+    """The PSF of a pair. Raises Refused."""
     saturated = check_light(a.samples, b.samples)
-    sighting = register(a.samples, b.samples)
+    sighting = sighting or register(a.samples, b.samples)
     near, far = (b.samples, a.samples) if sighting.swapped else (a.samples, b.samples)
     check_distance(sighting.H_near_far, far.shape, parameters.s or 2)
     most_s = most_samples_per_pixel(sighting.H_near_far, far.shape)
@@ -181,7 +216,8 @@ def _estimate(
     quality = with_parts(quality, parts.parts)
     evidence = examine(fit, far, (quality.frequencies, quality.mtf_radial))
     raw = a.raw and b.raw
-    quality = with_modes(quality, psf, evidence.modes(quality.frequencies, raw=raw))
+    modes = evidence.modes(quality.frequencies, raw=raw)
+    quality = with_modes(quality, psf, modes)
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(best.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, consistency, parts)
@@ -200,8 +236,11 @@ def _estimate(
         warp=fit.warp,
         diagnostics=asdict(diagnostics),
     )
-    checks = checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw)
-    return verdict_of([*checks, *evidence.checks(raw=raw)], result)
+    checks = [*checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), *evidence.checks(raw=raw)]
+    total = float(best.recovered.h.sum())
+    covariance = best.recovered.covariance(kernel.covariance) / total**2
+    free = Psf.of(best.recovered.parameters / total, covariance, psf.k, psf.s)
+    return SolvedPair(result, checks, free, errors, parts.mismatch, modes)
 
 
 def _chosen(
@@ -216,7 +255,8 @@ def _chosen(
         start = fit.warp
         kernel = without_near_noise(fit, limit)
         recovered = psf_by_recursion(kernel.total, s, fit.scale())
-        free, psf = (_psf(recovered, kernel, s, solver) for solver in ("ls", parameters.solver))
+        covariance = recovered.covariance(kernel.covariance)
+        free, psf = (solved_psf(recovered.parameters, covariance, k, s, one) for one in ("ls", parameters.solver))
         return _PairAttempt(fit, kernel, recovered, free, psf)
 
     samples = min(int(np.prod(far.shape)), int(np.prod(near.shape) / most_s**2))
@@ -232,16 +272,15 @@ def _chosen(
         return chosen_from(2)  # a wall with little fine detail
 
 
-def _psf(recovered: Recovered, kernel: InterImageKernel, s: int, solver: str) -> Psf:
-    """The PSF of sum 1 by a solver.
+def solved_psf(p: Array, covariance: Array, k: int, s: int, solver: str) -> Psf:
+    """The PSF of sum 1 by a solver, from the unconstrained parameters (k^2 + q,).
 
     The covariance is that of the unconstrained solution; for "clip" and "nnls" it is an upper limit.
     """
-    covariance, p = recovered.covariance(kernel.covariance), recovered.parameters
-    n = recovered.h.size
+    n = k * k
     if solver != "ls":
         information = cholesky_solve(covariance[:n, :n], np.eye(n))
         change = solve_constrained(information, information @ p[:n], solver) - p[:n]
         # the tail follows the samples by their covariance
         p = p + np.concatenate([change, covariance[n:, :n] @ (information @ change)])
-    return Psf.of_unit_sum(p, covariance, len(recovered.h), s)
+    return Psf.of_unit_sum(p, covariance, k, s)

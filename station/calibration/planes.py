@@ -74,43 +74,44 @@ def calibrate(
     yield from _side_by_side(estimate, list(frame.planes.values()))
 
 
-def calibrate_pair(
-    a: RawFrame,
-    b: RawFrame,
-    parameters: TwoPhotoParameters,
-    limit: Limit = lambda plane: None,
+def calibrate_wall(
+    frames: Sequence[RawFrame], parameters: TwoPhotoParameters, limit: Limit = lambda plane: None
 ) -> Iterator[PlaneResult]:
-    """Every plane of two photographs of one wall, in any order, as `calibrate` does.
+    """Every plane of two or more photographs of one wall, in any order, as `calibrate` does.
 
-    Raises BadInput if the two have different planes.
+    Raises BadInput if they have different planes.
     """
-    if list(a.planes) != list(b.planes):
-        raise BadInput(
-            f"both photographs need the same planes; they have {', '.join(a.planes)} and {', '.join(b.planes)}",
-            "give two photographs of one camera, in one format",
-        )
+    first, *others = frames
+    for other in others:
+        if list(first.planes) != list(other.planes):
+            raise BadInput(
+                f"all photographs need the same planes; they have {', '.join(first.planes)} and "
+                f"{', '.join(other.planes)}",
+                "give photographs of one camera, in one format",
+            )
 
     def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
-        outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
+        outcome = _of_wall(frames, plane.name, parameters, limit(plane))
         taken = time.perf_counter() - start
-        return replace(plane_result(plane, outcome, a.exposure), diffraction=limit(plane), duration_s=taken)
+        return replace(plane_result(plane, outcome, first.exposure), diffraction=limit(plane), duration_s=taken)
 
-    yield from _side_by_side(estimate, list(a.planes.values()))
+    yield from _side_by_side(estimate, list(first.planes.values()))
 
 
-def _of_pair(
-    a: RawFrame, b: RawFrame, name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
+def _of_wall(
+    frames: Sequence[RawFrame], name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The outcome of one plane; refused where other settings than distance and focus differ."""
-    from procedures.two_photo.estimate import estimate_psf_of_pair  # a slow import
+    from procedures.two_photo.several import estimate_psf_of_wall  # a slow import
     from procedures.two_photo.trust import check_settings
 
     try:
-        check_settings(a.exposure, b.exposure)
+        for other in frames[1:]:
+            check_settings(frames[0].exposure, other.exposure)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    return estimate_psf_of_pair(a.planes[name], b.planes[name], parameters, diffraction)
+    return estimate_psf_of_wall([frame.planes[name] for frame in frames], parameters, diffraction)
 
 
 def _of_plane(progress: Progress, name: str, words: str) -> None:

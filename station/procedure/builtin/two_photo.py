@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from procedures.two_photo.estimate import TwoPhotoParameters
-from station.calibration.planes import calibrate_pair
+from station.calibration.planes import calibrate_wall
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs
 from station.procedure.psf import PsfProcedure, PsfSettings
@@ -24,12 +24,15 @@ class TwoPhotoSettings(PsfSettings, frozen=True, kw_only=True):
 
 
 class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
-    """Two photographs of one textured wall."""
+    """Two or more photographs of one textured wall."""
 
     name = "two-photo"
     title = "PSF from two photographs of a wall"
-    help = "Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."
-    inputs = Inputs.PAIR
+    help = """Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart.
+
+    More photographs, each more than s times as far as the nearest, lower the uncertainty."""
+    inputs = Inputs.SCENE
+    argument = "A B..."
     Settings = TwoPhotoSettings
     endings = {"near": "_near", "far": "_far"}  # noqa: RUF012  (a constant of the class)
 
@@ -41,9 +44,9 @@ class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
         for path in paths:
             frames.append(settings.read(path))
             progress(f"read {path}")
-        first, second = frames
+        first = frames[0]
         parameters = TwoPhotoParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(first)))
-        results = calibrate_pair(first, second, parameters, settings.limit(first.exposure))
+        results = calibrate_wall(frames, parameters, settings.limit(first.exposure))
         return self.measurement(frames, results, parameters.to_record(), settings, terms)
 
 
