@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.raw import GREY_PLANE, Plane, RawFrame, linear_colours, read_photograph
-from procedures.reading.block_coding import coding_error
 from procedures.reading.development import Development
 from procedures.reading.exposure import read_exposure
 from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, read_levels
@@ -108,6 +107,8 @@ def _format(data: bytes, path: Path) -> str:
 
 def _read_8(data: bytes, name: str) -> tuple[npt.NDArray[np.uint8], float, bytes, bytes]:
     """Levels (H, W, C) of a file with block coding, its coding error, profile and metadata."""
+    from procedures.reading.block_coding import coding_error  # here: scipy.fft, slow to load
+
     with pillow(heif=data[4:8] == b"ftyp", name=name).open(BytesIO(data)) as image:
         Room(name).take(BYTES * image.width * image.height, f"{image.width} x {image.height} pixels")
         icc, exif = image.info.get("icc_profile") or b"", image.info.get("exif") or b""
