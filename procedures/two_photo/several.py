@@ -3,7 +3,7 @@
 The nearest photograph and each of the others make a pair, with its own focus, light and map. Every pair's kernel
 determines the same PSF up to noise, and to first order the PSF that fits all kernels in the metric of their covariances
 is the mean of the pairs' PSFs weighted by the inverses of these. The noise of the far photographs is independent; that
-of the near one, which all pairs share, is a tenth of the variance.
+of the near one, which all pairs share, is neglected.
 """
 
 from __future__ import annotations
