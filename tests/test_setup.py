@@ -11,8 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
-import runpy, subprocess, sys
-runpy.run_path("tests/conftest.py")
+import subprocess, sys
+import tests.conftest
 subprocess.run([sys.executable, "-c", "import signal; print(signal.getsignal(signal.SIGHUP) == signal.SIG_DFL)"])
 """
 

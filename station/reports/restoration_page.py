@@ -80,15 +80,18 @@ def _slider(before: Array, after: Array, white: float) -> Figure:
 
 def _places(before: Array, after: Array, white: float) -> list[Figure]:
     """Photograph and restored picture side by side at the places that changed most, each pixel as four."""
-    change = np.asarray(uniform_filter(np.mean((after - before) ** 2, axis=0), PLACE_PX), dtype=np.float64)
-    half, figures = PLACE_PX // 2, []
+    before, after = picture(before), picture(after)
+    enlarged = after.shape[0] // before.shape[0]  # a plane of a mosaic has every second pixel of the sensor
+    before = np.repeat(np.repeat(before, enlarged, axis=0), enlarged, axis=1)
+    change = np.asarray((after - before) ** 2, dtype=np.float64).reshape(*after.shape[:2], -1).mean(axis=2)
+    change, half, figures = uniform_filter(change, PLACE_PX), PLACE_PX // 2, []
     change[:half], change[:, :half], change[-half:], change[:, -half:] = (np.float64(0),) * 4
     for _ in range(PLACES):
         y, x = np.unravel_index(np.argmax(change), change.shape)
         if not change[y, x]:
             break
-        part = (slice(None), slice(int(y) - half, int(y) + half), slice(int(x) - half, int(x) + half))
-        pair = np.concatenate([picture(before[part]), picture(after[part])], axis=1)
+        part = slice(int(y) - half, int(y) + half), slice(int(x) - half, int(x) + half)
+        pair = np.concatenate([before[part], after[part]], axis=1)
         data = encoded(".png", levels(np.repeat(np.repeat(pair, 2, axis=0), 2, axis=1), 0, white))
         caption = f"Before and after, about x = {x}, y = {y}."
         figures.append(Figure(image(data, caption), caption))

@@ -163,8 +163,9 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatc
 
 def test_the_report_shows_every_picture_and_needs_no_network(done):
     page = (done[1] / "report.html").read_text(encoding="utf-8")
-    # two photographs, the restored one, and three refocused ones; depth, its spread, the picture's, residual, course
-    assert page.count('<img src="data:image/png;base64,') == 6
+    # photograph and restored picture under the slider, one place, the other photograph, the restored one, and three
+    # refocused ones; depth, its spread, the picture's, residual, course
+    assert page.count('<img src="data:image/png;base64,') == 8
     assert page.count("<svg ") == 5
     assert "http" not in page.replace("http://www.w3.org", "")
     assert "<script" not in page
