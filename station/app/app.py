@@ -94,7 +94,8 @@ class StationApp(WorkingApp):
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
     BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
     DEFAULT_MODE = GUIDE
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
+    HORIZONTAL_BREAKPOINTS = [(0, "-tiny"), (60, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
+    VERTICAL_BREAKPOINTS = [(0, "-low"), (15, "-high")]  # noqa: RUF012
     CSS_PATH = Path(__file__).with_name("app.tcss")
 
     def __init__(self, lab: StationLab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:

@@ -32,6 +32,11 @@ TYPE_AHEAD_S = 1.0
 NUMBER_CHARACTERS = "0123456789.,-"
 
 
+TOO_SMALL = (
+    "This window is too small: make it 60 columns wide and 15 lines high. F12 stops all, Ctrl+Q leaves."
+)
+
+
 class StationScreen(Screen[None]):
     """A screen that always shows the devices, the emergency stop and the keys."""
 
@@ -50,6 +55,7 @@ class StationScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         """Title, body, devices, keys."""
+        yield Part(TOO_SMALL, id="too-small")
         yield Part(id="title")
         yield from self.body()
         yield DeviceBar(id="devices")

@@ -45,6 +45,20 @@ def bench_app(folder: Path) -> tuple[FakeLab, StationApp]:
     return lab, StationApp(lab)
 
 
+@pytest.mark.parametrize("size", [(59, 24), (80, 14)])
+def test_a_small_window_says_so_and_returns_to_the_screen_when_it_is_larger(tmp_path, size):
+    _, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("too small")
+        assert "press Enter to begin" not in driver.text
+        await driver.pilot.resize_terminal(80, 24)
+        await driver.until("press Enter to begin")
+        assert "too small" not in driver.text
+
+    drive(app, use, size)
+
+
 # --- bench -------------------------------------------------------------------------------------------------------
 
 
