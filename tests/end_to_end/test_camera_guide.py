@@ -302,6 +302,7 @@ def facts(done) -> dict:
     return {key: one for key, one in done.state.facts.items() if not key.startswith(SHOT_FACTS)}
 
 
+@pytest.mark.nightly
 def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeypatch):
     def known_already(plane, *words, **more):
         return done.answers[field_estimate, plane.samples.tobytes()]

@@ -32,9 +32,7 @@ TYPE_AHEAD_S = 1.0
 NUMBER_CHARACTERS = "0123456789.,-"
 
 
-TOO_SMALL = (
-    "This window is too small: make it 60 columns wide and 15 lines high. F12 stops all, Ctrl+Q leaves."
-)
+TOO_SMALL = "This window is too small: make it 60 columns wide and 15 lines high. F12 stops all, Ctrl+Q leaves."
 
 
 class StationScreen(Screen[None]):

@@ -51,7 +51,7 @@ def warped_board(published):
     return nodes, terms
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_mrcals_optimum_is_recovered(published, views):
     nodes, terms = warped_board(published)
     shape = shape_of_terms(nodes, terms, np.full(2, 20.0), 0.0)

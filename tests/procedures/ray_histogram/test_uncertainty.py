@@ -67,7 +67,7 @@ def test_nineteen_of_twenty_values_are_within_two_sigma(cornell, reference, samp
     assert 0.90 <= coverage(filtered.picture, sigma, reference) <= 0.98
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_uncertainty_covers_the_error_of_a_rendered_room():
     scene, camera = room(24, 32)
     film, reference = Film.blank(24, 32), Film.blank(24, 32)

@@ -80,7 +80,9 @@ def blur_with(photographs, late_s, within_s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("late_ms", [-8.0, 0.0, 4.0, 16.0, 20.0])
+@pytest.mark.parametrize(
+    "late_ms", [20.0, *(pytest.param(ms, marks=pytest.mark.nightly) for ms in (-8.0, 0.0, 4.0, 16.0))]
+)
 def test_the_photographs_put_late_times_right(pictures, late_ms):
     fitted = blur_with(pictures[1], late_ms / 1000, 0.02).time_shift
     assert fitted.within_s == 0.02

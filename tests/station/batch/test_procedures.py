@@ -138,6 +138,7 @@ def test_tilt_of_each_bracket(tmp_path, monkeypatch):
     assert not again.reused
 
 
+@pytest.mark.nightly
 def test_photographs_are_corrected_each_by_itself(batch, tmp_path):
     (tmp_path / "in").mkdir()
     cases.correct(tmp_path)

@@ -21,6 +21,7 @@ def corner():
     return photograph(LENS, pose, Chart.from_seed(), 0.004, 1), pose
 
 
+@pytest.mark.nightly
 def test_a_chart_near_the_corner_of_a_fisheye_is_measured(corner):
     picture, pose = corner
     view = view_of(Plane("Y", picture, 1 / 65535), Chart.from_seed(), "corner").value
