@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import os
 import struct
 from collections.abc import Mapping
@@ -118,9 +119,12 @@ class AlpacaLink:
         """The value of a member that is a number. Raises DeviceError."""
         value = self.get(member, **values)
         try:
-            return float(value)
-        except (TypeError, ValueError) as error:
-            raise self._no_alpaca(f"{member} is {value!r:.100}") from error
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise self._no_alpaca(f"{member} is {value!r:.100}")
+        return number
 
     def _call(self, method: str, member: str, values: Mapping[str, object]) -> Any:
         if not self.is_open:
@@ -167,11 +171,12 @@ class AlpacaLink:
         return kind, data
 
     def preempt(self, member: str, **values: object) -> None:
-        """Call a member, and retry until it is answered; never raises."""
+        """Call a member, and retry until it is acknowledged; never raises."""
         for _ in range(PREEMPT_TRIES):
-            with suppress(OSError, HTTPException, ValueError):
-                self._ask("PUT", member, urlencode(values), PREEMPT_S)
-                return
+            with suppress(OSError, HTTPException, ValueError, AttributeError):
+                _, _, data = self._ask("PUT", member, urlencode(values), PREEMPT_S)
+                if not json.loads(data).get("ErrorNumber"):  # a reply without success is no JSON
+                    return
 
     def image(self, timeout_s: float) -> Levels:
         """The image (rows, columns) of a camera. Raises DeviceError."""
