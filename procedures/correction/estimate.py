@@ -46,13 +46,13 @@ half would be the maximum a posteriori value for exponentially distributed diffe
 class CorrectionParameters:
     """Parameters of a correction.
 
-    prior : of the picture; splitting : parameters of the solver; side : of the tiles in pixels of the picture, None to
-    follow the field's variation; threads : None for the number of cores; scale : pixels of the picture per pixel of the
-    sensor, along each side.
+    prior : of the picture; splitting : parameters of the solver, None for `Splitting.usual`; side : of the tiles in
+    pixels of the picture, None to follow the field's variation; threads : None for the number of cores; scale : pixels
+    of the picture per pixel of the sensor, along each side.
     """
 
     prior: Prior = field(default_factory=Prior)
-    splitting: Splitting = field(default_factory=Splitting)
+    splitting: Splitting | None = None
     side: int | None = None
     threads: int | None = None
     scale: int = 1
@@ -149,7 +149,8 @@ def correct(
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = PlaneFields.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p)
+    splitting = p.splitting or Splitting.usual(1 + len(further))
+    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p, splitting)
     difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
@@ -194,6 +195,7 @@ class _Work:
     optics: PlaneFields
     grid: TileGrid
     how: CorrectionParameters
+    splitting: Splitting
 
     def tau(self, difference: float) -> float:
         """Strength of the prior for a mean difference of the picture.
@@ -213,9 +215,7 @@ class _Work:
         estimate = float(np.mean([mean_difference(first, self.how.prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
-            pictures = [
-                deconvolve(tile, first, self.how.prior, tau, estimate, self.how.splitting) for tile, first in tiles
-            ]
+            pictures = [deconvolve(tile, first, self.how.prior, tau, estimate, self.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
             estimate = max(float(np.mean([mean_difference(u, self.how.prior) for u in inner])), 1e-6)
         return estimate
@@ -228,7 +228,7 @@ class _Work:
 
         def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
-            return start, deconvolve(tile, first, self.how.prior, tau, difference, self.how.splitting)
+            return start, deconvolve(tile, first, self.how.prior, tau, difference, self.splitting)
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
             self._lay(out, start, u)

@@ -52,14 +52,16 @@ def main() -> None:
             shots, truth = burst(lenses, fine, moves, SENSOR), fine[:, RIM:-RIM, RIM:-RIM]
             one = correct(shots[0], fields).value
             assert one is not None
-            told = [f"{words}, scene {seed}: one enlarged {psnr(enlarged(one.picture), truth):.1f} dB"]
+            figures = [f"{words}, scene {seed}: one enlarged {psnr(enlarged(one.picture), truth):.1f} dB"]
             for count in COUNTS:
                 found = correct(shots[0], fields, parameters=CorrectionParameters(scale=2), others=shots[1:count])
                 assert found.value is not None
                 value = found.value
-                told.append(f"{count}: {psnr(value.picture, truth):.1f} ({value.told:.0%} told, {found.verdict})")
+                figures.append(
+                    f"{count}: {psnr(value.picture, truth):.1f} ({value.resolved:.0%} resolved, {found.verdict})"
+                )
             off = [np.abs(p.moved_px(SHAPE) - move).max() for p, move in zip(value.places, moves[1:], strict=True)]
-            print(", ".join(told), f"; places within {max(off):.3f} pixel", flush=True)
+            print(", ".join(figures), f"; places within {max(off):.3f} pixel", flush=True)
 
 
 if __name__ == "__main__":

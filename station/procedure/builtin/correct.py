@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -29,7 +28,10 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     strength: Annotated[
         float, setting("Of the prior; 1 is what the photograph's noise asks for.", least=0.01, most=100)
     ] = 1.0
-    iterations: Annotated[int, setting("Iterations of the solver.", least=1, most=500)] = 8
+    iterations: (
+        Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
+        | None
+    ) = None
     field: Annotated[Path, setting("What `station psf field` wrote: its folder, or field.h5 in it.")]
     scale: Annotated[
         int,
@@ -42,13 +44,13 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     @property
     def parameters(self) -> CorrectionParameters:
         """Those of the estimate."""
+        from procedures.correction.deconvolve import Splitting
         from procedures.correction.estimate import CorrectionParameters
         from procedures.correction.priors import Prior
 
-        usual = CorrectionParameters()
-        return replace(
-            usual, prior=Prior(self.prior, strength=self.strength), side=self.tile_px, scale=self.scale,
-            splitting=replace(usual.splitting, iterations=self.iterations),
+        return CorrectionParameters(
+            prior=Prior(self.prior, strength=self.strength), side=self.tile_px, scale=self.scale,
+            splitting=Splitting(self.iterations) if self.iterations else None,
         )  # fmt: skip
 
 
@@ -82,6 +84,7 @@ class Correct(Procedure[CorrectSettings]):
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The corrected picture."""
+        from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
             correct_photographs,
             correction_entries,
@@ -94,7 +97,8 @@ class Correct(Procedure[CorrectSettings]):
             paths, field_path(settings.field), settings.parameters, settings.layout, _by_hundredths(progress),
             insisted=settings.insist,
         )  # fmt: skip
-        given = {**to_record(settings), "tile_px": str(settings.tile_px or "auto")}
+        used = settings.parameters.splitting or Splitting.usual(len(paths))
+        given = {**to_record(settings), "iterations": used.iterations, "tile_px": str(settings.tile_px or "auto")}
         given = {name: one for name, one in given.items() if (name, one) not in (("scale", 1), ("insist", False))}
         value = results.outcome.value
         head = RecordHead(self.name, files_read((results.frame, *results.others)), given)
