@@ -193,11 +193,24 @@ DIRECTION_ONLY = {
     "restoration-40db", "restoration-defocus", "restoration-start",
 }  # fmt: skip
 """Rows whose order holds and whose values differ from the papers'; all others are within the papers' claims."""
+OF_SECONDS = {
+    "restoration-known",
+    "restoration-40db",
+    "restoration-start",
+    "stability",
+    "simulated-rivals",
+    "rays-kappa",
+}
+"""Rows of the quick set that take four seconds of processor and more: nightly."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "one", [pytest.param(one, id=one.name, marks=pytest.mark.nightly if one.long else ()) for one in ROWS]
+    "one",
+    [
+        pytest.param(one, id=one.name, marks=pytest.mark.nightly if one.long or one.name in OF_SECONDS else ())
+        for one in ROWS
+    ],
 )
 def test_rows_keep_their_states(one, shared_data):
     result = compute(one, Setting(shared_data, threads=2), by_name=True)
