@@ -16,20 +16,20 @@ from typing import Any, cast
 
 import numpy as np
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     BadConfiguration,
+    Clock,
     DeviceError,
     EmergencyStopped,
     MoveFailed,
     NotHomed,
     OutsideTravel,
     Rejected,
+    SystemClock,
 )
 from drivers.interfaces import Stage
 from simulators.devices.alpaca import AlpacaFocusers
-from simulators.devices.cable_faults import Faults
-from simulators.devices.serial_device import Cable
+from simulators.devices.serial_device import Cable, Faults
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
 from station.bench.opening import make_bench

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.clock import Clock
+from drivers.errors import Clock
 from drivers.interfaces import Device
 
 

@@ -15,7 +15,7 @@ from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from procedures.outcome import ProcedureError, Refused
 from procedures.plan import (
     Advice,

@@ -118,7 +118,7 @@ class StationLab:
 
     def begin(self, plan: str, camera: str, lens: str, operator: Frontend) -> Run:
         """A run of a new session. Raises ProcedureError."""
-        from drivers.clock import SystemClock
+        from drivers.errors import SystemClock
         from station.sessions.session import Session
 
         bench = self.open().bench
@@ -136,7 +136,7 @@ class StationLab:
     ) -> Run:
         """Run a session from `back_to` or where it stopped, `without` shots whose photographs are lost. Raises
         ProcedureError."""
-        from drivers.clock import SystemClock
+        from drivers.errors import SystemClock
         from station.sessions.session import Session
 
         self._check_bench(folder)  # before any device is connected

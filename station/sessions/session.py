@@ -30,7 +30,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.clock import Clock
+from drivers.errors import Clock
 from drivers.interfaces import ExposedFile
 from procedures.plan import Facts
 from station.common.durable_files import (

@@ -21,7 +21,7 @@ from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure
 from simulators.camera.camera import pixels_at
 from simulators.camera.sensor import Sensor
-from simulators.camera.subjects import frame_camera
+from simulators.camera.sheets import frame_camera
 from simulators.world.scene import Scene
 
 ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0

@@ -19,7 +19,7 @@ from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_ot
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_psf
 from simulators.camera.optics import (
     WAVELENGTHS_UM,
     CircularPupil,
@@ -31,7 +31,6 @@ from simulators.camera.optics import (
 )  # fmt: skip
 from simulators.camera.pupil import Wavefront, aberrated_otf, circular_otf
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_psf
 from simulators.world.scene import Scene
 
 S, K = 4, 17

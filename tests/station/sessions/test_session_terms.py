@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from procedures.budget import knot_budgets, with_parts
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
