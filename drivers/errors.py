@@ -98,7 +98,7 @@ class NoReading(DeviceError):
         self.code = code
 
 
-# --- time as an argument: drivers use a clock object, so that tests and simulated benches need not wait --------------
+# --- Time as an argument: drivers use a clock object, so that tests and simulated benches need not wait ---
 
 
 class Clock(Protocol):

@@ -91,7 +91,7 @@ def check_settings(path: Path, facts: ExposureMetadata, wanted: CameraSettings) 
             )
 
 
-# --- rule of all cameras that wait for their frames: one exposure at a time, and a stop ends it ----------------------
+# --- Rule of all cameras that wait for their frames: one exposure at a time, and a stop ends it ---
 
 
 class OneFrame:

@@ -90,7 +90,7 @@ def check_arrival(name: str, goal: float, there: float, tolerance: float, stoppe
         raise MoveFailed(f"{name} {how} at {there:.4f} on its way to {goal:.4f}", "move again")
 
 
-# --- whether a stage's position is trusted: homing establishes trust; reset, alarm and emergency stop rev
+# --- Whether a stage's position is trusted: homing establishes trust; reset, alarm and emergency stop revoke it ---
 
 HOME = "home the stage"
 UNHOMED = NotHomed("the stage is not homed", HOME)

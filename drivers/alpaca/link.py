@@ -250,7 +250,7 @@ class NumberedOptions(ServerOptions):
     device: Count = 0
 
 
-# --- weather sensors of an Alpaca server (ObservingConditions) as a Probe of the room --------------------------------
+# --- Weather sensors of an Alpaca server (ObservingConditions) as a Probe of the room ---
 
 QUANTITIES = ("temperature", "humidity", "pressure")
 """Members of the standard, which has them in the units of `PROBE_UNITS`."""

@@ -219,7 +219,7 @@ def _rational(*values: float, kind: int = RATIONAL) -> Tag:
     return kind, len(values), b"".join(struct.pack(code, f.numerator, f.denominator) for f in fractions)
 
 
-# --- frames of a camera that delivers pixels and no file: written atomically as numbered DNGs, read back,
+# --- Frames of a camera that delivers pixels and no file: written atomically as numbered DNGs, read back, hashed ---
 # Later stages thus see RAW files, whichever camera took them.
 
 

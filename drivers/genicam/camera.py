@@ -292,7 +292,7 @@ class GenicamOptions(GenicamSettings, FrameOptions):
         return GenicamCamera(self.frames(parts), self.camera, self, clock=parts.clock)
 
 
-# --- aravis, loaded on first use, with its errors converted to device errors -----------------------------------------
+# --- Aravis, loaded on first use, with its errors converted to device errors ---
 
 INSTALL = (
     "install it: Aravis with its introspection data (Debian: gir1.2-aravis-0.8), and PyGObject "

@@ -170,7 +170,7 @@ class MicroManagerCameraOptions(FrameOptions, CoreOptions):
         )
 
 
-# --- a Micro-Manager shutter: in the light path, or on the trigger line of a camera ----------------------------------
+# --- A Micro-Manager shutter: in the light path, or on the trigger line of a camera ---
 
 
 class MicroManagerShutter:

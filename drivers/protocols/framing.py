@@ -66,7 +66,7 @@ class FrameSplitter:
         return frames
 
 
-# --- codes that devices send, with reason and remedy: the tables of `codes.csv` --------------------------------------
+# --- Codes that devices send, with reason and remedy: the tables of `codes.csv` ---
 
 
 @cache

@@ -352,7 +352,7 @@ class GrblLink:
             self.trust.lose(self._restarted())
 
 
-# --- configuration of FluidNC that has no numbered settings, read item by item ---------------------------------------
+# --- Configuration of FluidNC that has no numbered settings, read item by item ---
 # `$/axes/x/max_travel_mm` is answered by `$/axes/x/max_travel_mm=300.000`; an item that does not exist by an error.
 # Source: FluidNC, Machine/Axis.cpp, Homing.cpp, Motor.cpp, Configuration/RuntimeSetting.cpp.
 

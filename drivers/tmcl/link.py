@@ -220,7 +220,7 @@ def library() -> _Library:
     return _Library()
 
 
-# --- datagrams of TMCL modules: nine bytes in each direction, the last one the sum of the others ---------------------
+# --- Datagrams of TMCL modules: nine bytes in each direction, the last one the sum of the others ---
 # `host module status command value(4) checksum` is an answer, `module command type motor value(4) checksum` an order.
 # Nothing marks the beginning of a datagram, and datagrams have no number.
 # Source: TMCL firmware manuals, "binary command format" and "reply format".

@@ -342,7 +342,7 @@ class TmclOptions(LineOptions):
     variable: Annotated[int, option("55", least=0, most=255)] = 55
 
 
-# --- settings of a module: the speed of an axis, and caveats about its position --------------------------------------
+# --- Settings of a module: the speed of an axis, and caveats about its position ---
 
 POSITION, SPEED = 1, 3
 MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR = 4, 5, 7, 12, 13, 153, 154

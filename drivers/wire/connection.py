@@ -58,7 +58,7 @@ def line_condition(is_open: bool, word: str = "ready") -> Condition:
     return Condition(word) if is_open else Condition("not connected", False, "connect it")
 
 
-# --- the outgoing bytes of one port: orders in turn, and stops before all of them ------------------------------------
+# --- The outgoing bytes of one port: orders in turn, and stops before all of them ---
 # pyserial's own `write` cannot be cancelled when a port accepts nothing: it retries until its timeout, and
 # what it then writes would follow the stop. Here no lock is held while waiting for a port with a descriptor.
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
-from procedures.facts import facts_as
 from procedures.numbers import MTF50_RADIAL, MTF_NYQUIST, RADIAL, S_OVER_T
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
@@ -28,7 +27,7 @@ from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, 
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.pattern_psf.radiometry import LightLevels, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.plan import Advice, Facts, Reading
+from procedures.plan import Advice, Facts, Reading, facts_as
 from procedures.raw import Plane, RawFrame
 
 Marks = tuple[tuple[float, float], ...]

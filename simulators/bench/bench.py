@@ -183,7 +183,7 @@ def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[FaultEvent, ...]
     return random_faults(cables, CABLES), tuple(random_fault_events(devices))
 
 
-# --- random faults of a bench's cables and devices, from a seed ------------------------------------------------------
+# --- Random faults of a bench's cables and devices, from a seed ---
 
 CABLE_FAULTS = ("lost", "garbage", "duplicate", "delay", "silent", "unplugged", "replugged", "wrong_baud")
 FAULT_KINDS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")

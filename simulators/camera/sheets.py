@@ -238,7 +238,7 @@ def _transfer(optics: Optics, colour: str, wide: tuple[int, ...]) -> Spectrum:
     return np.asarray(optics.otf(fx, fy, colour), dtype=np.complex64)
 
 
-# --- subjects of a simulated bench other than the chart --------------------------------------------------------------
+# --- Subjects of a simulated bench other than the chart ---
 
 WALL_MM = (252.0, 190.0)
 WALL_TEXEL_MM = 0.05

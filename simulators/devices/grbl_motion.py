@@ -173,7 +173,7 @@ def _crossing_s(axis: Axis, begin_s: float, end_s: float) -> float:
     return end_s
 
 
-# --- state of a simulated GRBL controller besides its settings: current activity and coordinate offsets --------------
+# --- State of a simulated GRBL controller besides its settings: current activity and coordinate offsets ---
 
 
 @dataclass(frozen=True)

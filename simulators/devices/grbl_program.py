@@ -366,7 +366,7 @@ class Program:
         return output
 
 
-# --- realtime bytes, and line assembly as in GRBL's main loop: capitals, without spaces and comments -----------------
+# --- Realtime bytes, and line assembly as in GRBL's main loop: capitals, without spaces and comments ---
 
 RESET, CANCEL, DOOR = 0x18, 0x85, 0x84
 OVERRIDES = {

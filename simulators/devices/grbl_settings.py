@@ -142,7 +142,7 @@ def identity(variant: str, asked: str, letters: str, rx_bytes: int, note: str, o
     return [f"[VER:1.1h.20190830:{note}]", f"[OPT:V{options},15,{rx_bytes}]"]
 
 
-# --- gRBL's reports: the status report with its occasional fields, offsets, modes ------------------------------------
+# --- GRBL's reports: the status report with its occasional fields, offsets, modes ---
 
 BUSY = ("Run", "Jog", "Hold", "Door", "Home")
 OFFSETS_EVERY = {True: 30, False: 10}

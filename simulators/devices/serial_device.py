@@ -211,7 +211,7 @@ def cable_at(address: str) -> Cable:
     return _cables[address]
 
 
-# --- faults of a cable, on request or at random from a seed ----------------------------------------------------------
+# --- Faults of a cable, on request or at random from a seed ---
 
 
 @dataclass

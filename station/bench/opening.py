@@ -49,7 +49,7 @@ from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_lines import key_lines
+from station.common.toml_text import key_lines
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def init(folder: Path) -> None:
     from importlib.resources import files
 
     from procedures.outcome import BadParameter
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     existing = [name for name in EXAMPLES if (folder / name).exists()]
     if existing:

@@ -17,7 +17,7 @@ from station.procedure.registry import procedure_named
 from station.reports.certificate import record_digest
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
-from station.results.result_seal import damage
+from station.results.result_files import damage
 from station.results.terms import Terms
 from station.results.units import Unit
 

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput
-from station.common.atomic_files import write_whole
-from station.common.durable_files import read_own
+from station.common.durable_files import read_own, write_whole
 from station.common.versions import software
 from station.reports.page import KeyNumbers, Note, Section, Table, page
 from station.results.result_files import json_text
@@ -123,7 +122,7 @@ def conformance_page(record: Mapping[str, Any]) -> str:
     )  # fmt: skip
 
 
-# --- signature -------------------------------------------------------------------------------------------------------
+# --- signature ---
 
 
 def _cryptography() -> Any:
@@ -164,7 +163,7 @@ def _sign(digest: str, path: Path) -> dict[str, str]:
     return {"algorithm": "Ed25519", "public_key": public, "value": value}
 
 
-# --- checks ----------------------------------------------------------------------------------------------------------
+# --- checks ---
 
 
 def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCheck]:

@@ -14,7 +14,7 @@ from procedures.numbers import label
 from station.drawing.colours import FAINT, INK, PLANE_COLOURS
 from station.drawing.plots import DASHED, Figure, finished, plot_axes
 from station.reports.page import Block, Figures, Note, Section, Table, html, page, plane_name, tag
-from station.results.comparison import measurement_words
+from station.results.plane_result import measurement_words
 
 MAX_LINES = 500
 """Photographs in the page's table; summary.csv has all."""

@@ -11,12 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from procedures.facts import facts_as
-from procedures.field.facts import BASE, FieldFacts
-from procedures.field.locations import Location
-from procedures.field.plan import NEAR, bring, check_place, check_places, locations, say_place, to_place
+from procedures.field.measuring import Location
+from procedures.field.plan import (
+    BASE,
+    NEAR,
+    FieldFacts,
+    bring,
+    check_place,
+    check_places,
+    locations,
+    say_place,
+    to_place,
+)
 from procedures.geometry.plan import check_start
 from procedures.pattern import Chart
+from procedures.plan import facts_as
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure
 from simulators.camera.camera import pixels_at

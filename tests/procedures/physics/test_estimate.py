@@ -11,11 +11,15 @@ from scipy.optimize import minimize
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.physics.estimate import Physics, _fill_factor, estimate_physics
-from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
-from procedures.physics.model import Grid, names_of
-from procedures.physics.pupil import TERMS, Pupil
-from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_otf
+from procedures.physics.estimate import (
+    Physics,
+    WhitenedPsf,
+    _fill_factor,
+    distance_of_rise,
+    estimate_physics,
+    fit_parts,
+)
+from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, Pupil, aperture_otf, names_of
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
