@@ -40,7 +40,7 @@ from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
 from station.sessions.session import Session
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 ROOMS = (field_estimate, geometry_photographs)
 LEVELS, PICTURES, VIEWS = 20, 3, 4

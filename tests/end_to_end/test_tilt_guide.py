@@ -83,6 +83,7 @@ def test_each_round_has_its_result_with_a_page(done):
     assert all((one.folder / "report.html").is_file() and (one.folder / "tilt.csv").is_file() for one in done.results)
 
 
+@pytest.mark.nightly
 def test_the_chart_that_is_proposed_has_its_bracket_in_the_rail_s_reach(tmp_path):
     (tmp_path / "incoming").mkdir()
     bench = simulated_bench(tmp_path / "incoming", seed=0, virtual_time=True)

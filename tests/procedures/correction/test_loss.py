@@ -44,7 +44,7 @@ def test_error_appears_at_detail_and_grows_with_contrast(picture):
     assert one.rms == pytest.approx(np.sqrt(np.mean(one.noise + one.interpolation)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_propagated_error_agrees_with_corrections_through_erroneous_fields():
     lens = SmallLens(SHAPE, 0.8, growth=0.0, coma=0.0)
     photograph = grey(lens, scene(tuple(n + 2 * RIM for n in SHAPE)), Sensor(white_e=60000.0))

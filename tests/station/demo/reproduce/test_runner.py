@@ -200,6 +200,9 @@ OF_SECONDS = {
     "stability",
     "simulated-rivals",
     "rays-kappa",
+    "accuracy",
+    "gamma-table",
+    "bound-realised",
 }
 """Rows of the quick set that take four seconds of processor and more: nightly."""
 
