@@ -11,18 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 
-from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, NoAnswer, Rejected, SystemClock
-from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, NoAnswer, Rejected
+from drivers.interfaces import ClockOffset, Identity, ImuBlock, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext
 from drivers.options import STRIG_BOX, device, option, positive
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
-from drivers.shutter import DRIFT, Sample, StrigShutter
-from drivers.wire.connection import line_condition, opened
+from drivers.shutter import DRIFT, BoxDevice, Sample, StrigShutter
+from drivers.wire.connection import LineDevice, opened
 
+E = TypeVar("E")
 G_M_S2 = 9.80665
 RATES_HZ = {0.2: 1, 0.5: 2, 1.0: 3, 2.0: 4, 5.0: 5, 10.0: 6, 20.0: 7, 50.0: 8, 100.0: 9, 200.0: 0x0B}
 NO_OUTPUT = 0x0D
@@ -129,29 +130,44 @@ def scale_of(full_scale_g: float, full_scale_deg_s: float) -> list[float]:
     return [full_scale_g * G_M_S2 / 32768] * 3 + [math.radians(full_scale_deg_s) / 32768] * 3
 
 
-class WitImu:
-    """A WitMotion module in WIT standard protocol."""
+class CableImu(LineDevice[Transport[E]], Generic[E]):
+    """A unit on a cable of its own."""
 
-    def __init__(
-        self, transport: Transport[WitFrame], *, clock: Clock | None = None, latency: CableLatency | None = None
-    ) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
-        self._stream = _Stream(1e-3, latency)
-        self._device_s: float | None = None
-        self._before_s: float | None = None
-        self._acceleration: tuple[float, ...] | None = None
-        self._version = ""
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
+    def __init__(self, transport: Transport[E], clock: Clock | None, stream: _Stream) -> None:
+        super().__init__(transport, clock)
+        self._stream = stream
 
     @property
     def latency(self) -> CableLatency:
         """The delay assumed of its samples."""
         return self._stream.latency
+
+    @property
+    def _word(self) -> str:
+        """The rate at which it streams."""
+        return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
+
+    def read_block(self, duration_s: float) -> ImuBlock:
+        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
+        self._transport.wait(lambda: False, duration_s)
+        return self._stream.take(self.address, duration_s)
+
+    def emergency_stop(self) -> None:
+        """Harmless: only ends the waits."""
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
+
+
+class WitImu(CableImu[WitFrame]):
+    """A WitMotion module in WIT standard protocol."""
+
+    def __init__(
+        self, transport: Transport[WitFrame], *, clock: Clock | None = None, latency: CableLatency | None = None
+    ) -> None:
+        super().__init__(transport, clock, _Stream(1e-3, latency))
+        self._device_s: float | None = None
+        self._before_s: float | None = None
+        self._acceleration: tuple[float, ...] | None = None
+        self._version = ""
 
     def connect(self) -> Identity:
         """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
@@ -159,16 +175,6 @@ class WitImu:
             if self._register(RATE) != NO_OUTPUT:
                 self.stop()
         return Identity("WitMotion", self._version, "", self.address)
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(
-            self._transport.is_open, f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
-        )
 
     def _register(self, number: int) -> int:
         """Read a register; retried, because the answer is sometimes lost in a fast stream."""
@@ -224,17 +230,8 @@ class WitImu:
             return 0
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)
 
-    def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
-        self._transport.wait(lambda: False, duration_s)
-        return self._stream.take(self.address, duration_s)
 
-    def emergency_stop(self) -> None:
-        """Harmless: only ends the waits."""
-        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
-
-
-class FastImu:
+class FastImu(CableImu[SampleBatch | TextMessage]):
     """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(
@@ -246,21 +243,9 @@ class FastImu:
         full_scale_deg_s: float = 500.0,
         latency: CableLatency | None = None,
     ) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
+        super().__init__(transport, clock, _Stream(1e-6, latency))
         self._scale = scale_of(full_scale_g, full_scale_deg_s)
-        self._stream = _Stream(1e-6, latency)
         self._seq: int | None = None
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
-
-    @property
-    def latency(self) -> CableLatency:
-        """The delay assumed of its samples."""
-        return self._stream.latency
 
     def connect(self) -> Identity:
         """Open and identify the device. Raises DeviceError."""
@@ -271,16 +256,6 @@ class FastImu:
     def _ask(self, line: str) -> str:
         return self._transport.request(
             f"{line}\n".encode(), lambda e: e.text if isinstance(e, TextMessage) else None, REPLY_S, tries=3
-        )
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(
-            self._transport.is_open, f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
         )
 
     def start(self, rate_hz: float) -> None:
@@ -309,53 +284,29 @@ class FastImu:
             values = tuple(number * scale for number, scale in zip(row, self._scale, strict=True))
             self._stream.put(ImuSample(device_s, host_s, values), gap * len(event.rows) if i == 0 else 0)
 
-    def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
-        self._transport.wait(lambda: False, duration_s)
-        return self._stream.take(self.address, duration_s)
 
-    def emergency_stop(self) -> None:
-        """Harmless: only ends the waits."""
-        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
-
-
-class StrigImu:
+class StrigImu(BoxDevice):
     """An inertial unit on a box that a StrigShutter has connected: on the clock of shutter, flash and shaker."""
 
+    what, since = "inertial unit", 4
+
     def __init__(self, box: StrigShutter, *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._box = box
+        super().__init__(box, clock)
         self._scale = scale_of(8.0, 500.0)
         self._samples: list[Sample] = []
         self._rate_hz = 0.0
 
-    @property
-    def address(self) -> str:
-        """The box's port."""
-        return self._box.address
-
     def connect(self) -> Identity:
         """Check that the box has a unit. Raises BadConfiguration, LineLost, Rejected."""
-        self._require()
-        if self._box.version < 4:
-            raise BadConfiguration(
-                f"the box at {self.address} speaks STRIG/{self._box.version}, which has no inertial unit",
-                "load the firmware of drivers/firmware",
-            )
+        identity = super().connect()
         self._box.on_sample = self._samples.append
         self.stop()
-        return Identity("STRIG/4 inertial unit", "", "", self.address)
+        return identity
 
-    def _require(self) -> None:
-        if not self._box.is_open:
-            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
-
-    def close(self) -> None:
-        """No-op: the line belongs to the shutter."""
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(self._box.is_open, f"{self._rate_hz:g} Hz" if self._rate_hz else "ready")
+    @property
+    def _word(self) -> str:
+        """The rate at which it streams."""
+        return f"{self._rate_hz:g} Hz" if self._rate_hz else "ready"
 
     def start(self, rate_hz: float) -> None:
         """Stream at this rate, a whole number up to 200 Hz. Raises DeviceError."""

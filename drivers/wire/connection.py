@@ -8,13 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
-from drivers.errors import DeviceError, LineLost, NoAnswer
-from drivers.interfaces import Condition, Transport
+from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
+from drivers.interfaces import Condition, Line, Transport
 
 E = TypeVar("E")
 T = TypeVar("T")
+L = TypeVar("L", bound=Line)
 
 
 def anything() -> None:
@@ -56,6 +57,32 @@ def roll_call(numbers: Iterable[int], ask: Callable[[int], T], where: str, remed
 def line_condition(is_open: bool, word: str = "ready") -> Condition:
     """The condition of a device with or without its line."""
     return Condition(word) if is_open else Condition("not connected", False, "connect it")
+
+
+class LineDevice(Generic[L]):
+    """A driver that has a line: its address, its condition, and its release."""
+
+    def __init__(self, line: L, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._transport = line
+
+    @property
+    def address(self) -> str:
+        """That of the line."""
+        return self._transport.address
+
+    @property
+    def _word(self) -> str:
+        """The state while it is connected."""
+        return "ready"
+
+    def condition(self) -> Condition:
+        """The state, or that it is not connected."""
+        return line_condition(self._transport.is_open, self._word)
+
+    def close(self) -> None:
+        """Release the line; the device keeps its settings."""
+        self._transport.close()
 
 
 # --- The outgoing bytes of one port: orders in turn, and stops before all of them ---
