@@ -66,7 +66,6 @@ class ArtNetLight(Lamp["ArtNetLight"]):
 
     @property
     def address(self) -> str:
-        """Node and universe."""
         return f"artnet://{self._node[0]}:{self._node[1]}/{self._universe}"
 
     def connect(self) -> Identity:
@@ -129,7 +128,6 @@ class ArtNetLight(Lamp["ArtNetLight"]):
 
     @property
     def is_open(self) -> bool:
-        """Whether its socket is open."""
         return self._socket is not None
 
     def set_level(self, level: float) -> None:
@@ -159,5 +157,4 @@ class ArtNetOptions(DriverOptions, LampProperties):
     channels: Channels = (1,)
 
     def make(self, parts: MakerContext) -> ArtNetLight:
-        """The lamp."""
         return ArtNetLight(self.host, self.channels, universe=self.universe, panel=self, clock=parts.clock)

@@ -121,11 +121,9 @@ class SystemClock:
     """The machine's monotonic clock."""
 
     def now_s(self) -> float:
-        """Seconds since an arbitrary moment."""
         return time.monotonic()
 
     def sleep(self, duration_s: float) -> None:
-        """Block this thread."""
         time.sleep(max(duration_s, 0.0))
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:

@@ -90,7 +90,6 @@ class _Owner:
             raise NoAnswer(f"the camera did not answer within {timeout_s:g} s", "switch it off and on") from None
 
     def end(self) -> None:
-        """End the thread."""
         self._calls.put(None)
         self._thread.join(timeout=2.0)
 
@@ -129,7 +128,6 @@ class GphotoCamera:
 
     @property
     def address(self) -> str:
-        """Model and port."""
         return f"{self._model or 'first body'} at {self._port or 'any port'}"
 
     def connect(self) -> Identity:
@@ -189,7 +187,6 @@ class GphotoCamera:
             ) from error
 
     def condition(self) -> Condition:
-        """Whether the body is open."""
         return line_condition(self._camera is not None)
 
     def sensor(self) -> FrameFormat | None:
@@ -405,7 +402,6 @@ class GphotoOptions(DriverOptions):
     sensor: SensorText | None = None
 
     def make(self, parts: MakerContext) -> GphotoCamera:
-        """The camera."""
         box, sensor = parts.other(self.shutter) if self.shutter else None, sensor_format(self.sensor)
         return GphotoCamera(
             parts.folder / self.folder, parts.inspect, model=self.model, port=self.port, shutter=box, sensor=sensor,

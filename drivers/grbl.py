@@ -78,7 +78,6 @@ class GrblStage:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self.link.address
 
     def connect(self) -> Identity:
@@ -117,11 +116,9 @@ class GrblStage:
         return dict(self._envelopes)
 
     def close(self) -> None:
-        """Release the line."""
         self.link.close()
 
     def travel(self) -> Mapping[str, Travel]:
-        """The range of each axis."""
         return {name: one.travel for name, one in self._envelopes.items()}
 
     def condition(self) -> Condition:
@@ -162,11 +159,9 @@ class GrblStage:
         return there
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         return not self.link.report().still
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Home at the limit switches. Raises DeviceError."""
         with self._one_mover:
             epoch = self.link.recover()
             self._homing = True
@@ -348,7 +343,6 @@ class GrblOptions(LineOptions):
     reset_on_open: Literal["expect", "avoid"] = "expect"
 
     def make(self, parts: MakerContext) -> GrblStage:
-        """The stage."""
         dtr = False if self.reset_on_open == "avoid" else None
         wire = parts.wire(self.port, GrblParser, baud=self.baud, dtr=dtr)
         return GrblStage(wire, self.axes, clock=parts.clock, reset_on_open=self.reset_on_open, poll_s=self.poll_s)

@@ -135,7 +135,6 @@ class GrblEnvelope:
 
     @property
     def travel(self) -> Travel:
-        """The allowed range."""
         ends = (self.to_user(self.low + self.margins[0]), self.to_user(self.high - self.margins[1]))
         return Travel(*sorted(ends))
 

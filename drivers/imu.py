@@ -196,7 +196,6 @@ class WitImu(CableImu[WitFrame]):
         self._stream.start(rate_hz, self.clock, lambda: self._register(RATE))
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._write_registers({RATE: NO_OUTPUT})
 
@@ -248,7 +247,6 @@ class FastImu(CableImu[SampleBatch | TextMessage]):
         self._seq: int | None = None
 
     def connect(self) -> Identity:
-        """Open and identify the device. Raises DeviceError."""
         with opened(self._transport, self._hear):
             model, firmware, serial = (*self._ask("ID?").split(" "), "", "", "")[:3]
         return Identity(model, firmware, serial, self.address)
@@ -259,13 +257,11 @@ class FastImu(CableImu[SampleBatch | TextMessage]):
         )
 
     def start(self, rate_hz: float) -> None:
-        """Stream at this rate. Raises DeviceError."""
         self._seq = None
         self._stream.start(rate_hz, self.clock, lambda: self._ask("ID?"))
         self._expect(f"START {rate_hz:g}")
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._expect("STOP")
 
@@ -319,7 +315,6 @@ class StrigImu(BoxDevice):
         self._rate_hz = round(rate_hz)
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._rate_hz = 0.0
         self._require()
         self._box.command("IMU 0")
@@ -369,7 +364,6 @@ class StrigImuOptions(DriverOptions):
     box: Annotated[str, device(STRIG_BOX, '"shutter"')]
 
     def make(self, parts: MakerContext) -> StrigImu:
-        """The IMU."""
         return StrigImu(parts.other(self.box), clock=parts.clock)
 
 
@@ -378,7 +372,6 @@ class WitOptions(CableOptions):
     """Options of driver "wit"."""
 
     def make(self, parts: MakerContext) -> WitImu:
-        """The IMU."""
         return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
 
 
@@ -390,7 +383,6 @@ class FastOptions(CableOptions):
     full_scale_deg_s: Annotated[float, positive("500")] = 500.0
 
     def make(self, parts: MakerContext) -> FastImu:
-        """The IMU."""
         wire = parts.wire(self.port, FastParser, baud=self.baud)
         scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
         return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)

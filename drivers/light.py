@@ -108,7 +108,6 @@ class Lamp(LineDevice[L]):
             self._level, self._since_s = level, self.clock.now_s()
 
     def level(self) -> float:
-        """The level last set."""
         return self._level
 
     def steady(self) -> bool:
@@ -187,7 +186,6 @@ class GrblLight(GrblOutput, Lamp[GrblLink]):
         return super().condition()
 
     def set_level(self, level: float) -> None:
-        """Set the duty cycle. Raises DeviceError."""
         full = self.link.setting(30, 1000.0) or 1000.0
         resets = self.link.resets
         self.link.command(f"M3 S{full * check_level(level):.1f}", 5.0)
@@ -212,7 +210,6 @@ class DmxOptions(LampProperties, DriverOptions):
     channels: Channels = (1,)
 
     def make(self, parts: MakerContext) -> DmxLight:
-        """The lamp."""
         return DmxLight(parts.wire(self.port, DmxParser), self.channels, panel=self, clock=parts.clock)
 
 
@@ -221,6 +218,5 @@ class GrblLightOptions(LampProperties, OutputOptions):
     """Options of driver "grbl_light"."""
 
     def make(self, parts: MakerContext) -> GrblLight:
-        """The lamp."""
         link, own = self.link(parts)
         return GrblLight(link, panel=self, clock=parts.clock, owns_link=own)

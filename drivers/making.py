@@ -73,7 +73,6 @@ class DriverOptions:
     twin: ClassVar[Callable[[], Any] | None] = None
 
     def make(self, parts: MakerContext) -> Device:
-        """The device, not yet connected."""
         raise NotImplementedError
 
     def problem(self) -> tuple[str, str] | None:
@@ -95,7 +94,6 @@ class LineOptions(DriverOptions):
     baud: Baud = 115200
 
     def make(self, parts: MakerContext) -> Device:
-        """The device, not yet connected."""
         options = {one.name: getattr(self, one.name) for one in fields(self)}
         line = parts.wire(options.pop("port"), type(self).parser, baud=options.pop("baud"))
         axes = [options.pop("axes")] if "axes" in options else []
@@ -110,7 +108,6 @@ class OutputOptions(DriverOptions):
     port: Port | None = None
 
     def problem(self) -> tuple[str, str] | None:
-        """Where neither is given."""
         if self.on is None and self.port is None:
             return "has neither port nor on", 'write on = "stage", or a port'
         return None

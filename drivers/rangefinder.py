@@ -99,7 +99,6 @@ class JrtRangefinder(LineDevice[Transport[JrtFrame]]):
         return Distance(float(distance), self.clock.now_s(), quality)
 
     def laser(self, on: bool) -> None:
-        """Switch the laser spot. Raises DeviceError."""
         payload = bytes((0x00, 0x01, 0xBE, 0x00, 0x01, 0x00, int(on)))
         self._ask(b"\xaa" + payload + bytes((sum(payload) & 0xFF,)), LASER, REPLY_S)
 
@@ -176,11 +175,9 @@ class BoschRangefinder(LineDevice[Transport[BoschFrame]]):
         return Distance(int.from_bytes(payload, "little") * 0.05, self.clock.now_s())
 
     def laser(self, on: bool) -> None:
-        """Switch the laser spot. Raises DeviceError."""
         self._ask(0x41 if on else 0x42, 0, REPLY_S)
 
     def emergency_stop(self) -> None:
-        """Switch the laser off."""
         self._transport.preempt(
             b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
         )

@@ -130,7 +130,6 @@ class RpicamCamera:
         self._sensor = None
 
     def condition(self) -> Condition:
-        """Whether it was found."""
         return line_condition(self._sensor is not None)
 
     def sensor(self) -> FrameFormat:
@@ -148,7 +147,6 @@ class RpicamCamera:
         self.settings = CameraSettings(exposure_s, iso, settings.f_number)
 
     def expose(self) -> ExposedFile:
-        """Take one photograph. Raises DeviceError."""
         with self._one_frame:
             return self._expose()
 
@@ -223,7 +221,6 @@ class RpicamOptions(RpicamSettings, DriverOptions):
     pixel_pitch_um: Annotated[float, positive("1.55")] | None = None
 
     def make(self, parts: MakerContext) -> RpicamCamera:
-        """The camera."""
         optics = OpticsMetadata(pixel_pitch_um=self.pixel_pitch_um)
         frames = DngFolder(parts.folder / self.folder, parts.inspect, optics, clock=parts.clock)
         return RpicamCamera(frames, self.camera, self, program=self.program, clock=parts.clock)

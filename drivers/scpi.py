@@ -179,7 +179,6 @@ class ScpiLightOptions(InstrumentOptions, SupplySettings, LampProperties):
     """Options of driver "scpi_light"."""
 
     def make(self, parts: MakerContext) -> ScpiLight:
-        """The lamp."""
         return ScpiLight(self.line(parts), self, panel=self, clock=parts.clock)
 
 
@@ -207,11 +206,9 @@ class ScpiProbeOptions(InstrumentOptions):
         )
 
     def problem(self) -> tuple[str, str] | None:
-        """Where it measures nothing."""
         if self._channels():
             return None
         return f"measures none of {', '.join(PROBE_UNITS)}", 'write temperature = "MEAS:TEMP?", for example'
 
     def make(self, parts: MakerContext) -> ScpiProbe:
-        """The probe."""
         return ScpiProbe(self.line(parts), self._channels())

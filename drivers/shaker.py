@@ -43,7 +43,6 @@ class ShakerAxis:
 
     @property
     def response(self) -> AxisResponse:
-        """How it follows its channel."""
         return AxisResponse(self.gain, self.frequency_hz, self.damping, self.within_s, self.gain_uncertainty)
 
     def to_steps(self, offset: float) -> int:
@@ -147,5 +146,4 @@ class ShakerOptions(DriverOptions):
     axes: Annotated[tuple[ShakerAxis, ...], axes("channel")]
 
     def make(self, parts: MakerContext) -> StrigShaker:
-        """The shaker."""
         return StrigShaker(parts.other(self.box), self.axes, clock=parts.clock)

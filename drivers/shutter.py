@@ -229,7 +229,6 @@ class StrigShutter(LineDevice[Transport[Event]]):
 
     @property
     def is_open(self) -> bool:
-        """Whether the line is there."""
         return self._transport.is_open
 
     def within_s(self, t_us: int) -> float:
@@ -297,7 +296,6 @@ class StrigShutter(LineDevice[Transport[Event]]):
         return ShutterTimes(closed_s, released_s, flash_s, self.within_s(self._contacts[seq, "DONE"]))
 
     def abort(self) -> None:
-        """Open the contacts now. Raises DeviceError."""
         self.command("ABORT")
 
     def emergency_stop(self) -> None:
@@ -336,7 +334,6 @@ class NullParser:
     """A parser for lines without incoming data."""
 
     def feed(self, data: bytes) -> list[UnrecognisedLine]:
-        """Nothing."""
         return []
 
 
@@ -379,7 +376,6 @@ class RtsShutter(OneContact[Transport[UnrecognisedLine]]):
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact now. Raises LineLost."""
         self._aborted = True
         self._transport.set_lines(rts=False)
 
@@ -408,7 +404,6 @@ class RelayShutter(GrblOutput, OneContact[GrblLink]):
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact. Raises DeviceError."""
         self.link.command("M9", 2.0)
 
     def emergency_stop(self) -> None:
@@ -433,7 +428,6 @@ class RtsOptions(DriverOptions):
     port: Port
 
     def make(self, parts: MakerContext) -> RtsShutter:
-        """The shutter."""
         return RtsShutter(parts.wire(self.port, NullParser, rts=False), clock=parts.clock)
 
 
@@ -444,6 +438,5 @@ class RelayOptions(OutputOptions):
     provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
 
     def make(self, parts: MakerContext) -> RelayShutter:
-        """The shutter."""
         link, own = self.link(parts)
         return RelayShutter(link, clock=parts.clock, owns_link=own)

@@ -151,5 +151,4 @@ class WatchdogOptions(DriverOptions):
     ]
 
     def make(self, parts: MakerContext) -> StrigWatchdog:
-        """The watchdog."""
         return StrigWatchdog(parts.other(self.box), [parts.other(stage) for stage in self.stages])

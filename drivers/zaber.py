@@ -46,11 +46,9 @@ class ZaberAxis:
         return PRECISION_STEPS * abs(self.unit_per_step)
 
     def to_steps(self, value: float) -> int:
-        """The nearest microstep."""
         return round((value - self.zero) / self.unit_per_step)
 
     def to_unit(self, steps: float) -> float:
-        """The position of a microstep."""
         return self.zero + steps * self.unit_per_step
 
 

@@ -66,7 +66,6 @@ class AlpacaCamera(LineDevice[AlpacaLink]):
         self._body = Body("", "")
 
     def connect(self) -> Identity:
-        """Connect the device. Raises DeviceError."""
         self.close()
         self._frames.check()
         identity = self._link.open()
@@ -192,5 +191,4 @@ class AlpacaCameraOptions(AlpacaCameraSettings, FrameOptions, NumberedOptions):
     """Options of driver "alpaca_camera"."""
 
     def make(self, parts: MakerContext) -> AlpacaCamera:
-        """The camera."""
         return AlpacaCamera(self.at, self.device, self.frames(parts), self, clock=parts.clock)

@@ -82,11 +82,9 @@ class AlpacaLink:
 
     @property
     def address(self) -> str:
-        """Device and server."""
         return f"{self.kind} {self.number} at {self._host}:{self._port}"
 
     def open(self) -> Identity:
-        """Connect the device. Raises DeviceError."""
         password = self._server.password()
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
@@ -239,7 +237,6 @@ class ServerOptions(DriverOptions):
 
     @property
     def at(self) -> AlpacaAddress:
-        """Its address."""
         return AlpacaAddress(self.server, self.password_variable)
 
 
@@ -305,5 +302,4 @@ class AlpacaProbeOptions(NumberedOptions):
     pressure_uncertainty: Uncertainty | None = None
 
     def make(self, parts: MakerContext) -> AlpacaProbe:
-        """The probe."""
         return AlpacaProbe(self.at, self.device, {name: getattr(self, f"{name}_uncertainty") for name in QUANTITIES})

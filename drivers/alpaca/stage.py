@@ -56,11 +56,9 @@ class Scale:
     last: int
 
     def to_step(self, value: float) -> int:
-        """The nearest step."""
         return round((value - self.axis.zero) / (self.axis.direction * self.unit_per_step))
 
     def to_unit(self, step: float) -> float:
-        """The position of a step."""
         return self.axis.zero + step * self.axis.direction * self.unit_per_step
 
     @property
@@ -93,7 +91,6 @@ class AlpacaStage:
 
     @property
     def address(self) -> str:
-        """The focusers and their server."""
         return ", ".join(part.link.address for part in self._parts.values())
 
     def connect(self) -> Identity:
@@ -122,7 +119,6 @@ class AlpacaStage:
         return identity
 
     def close(self) -> None:
-        """Disconnect the focusers."""
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         for part in self._parts.values():
@@ -134,7 +130,6 @@ class AlpacaStage:
         return all(part.link.is_open for part in self._parts.values())
 
     def condition(self) -> Condition:
-        """Whether it may move."""
         return self.trust.refusal(self._open) or Condition("idle")
 
     def _require_open(self) -> None:
@@ -146,12 +141,10 @@ class AlpacaStage:
         return {name: part.scale.travel for name, part in self._parts.items()} if self._open else {}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError."""
         self._require_open()
         return {name: part.scale.to_unit(_position(part)) for name, part in self._parts.items()}
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         self._require_open()
         return any(_moving(part) for part in self._parts.values())
 
@@ -275,5 +268,4 @@ class AlpacaStageOptions(ServerOptions):
     patience_s: Patience = 60.0
 
     def make(self, parts: MakerContext) -> AlpacaStage:
-        """The stage."""
         return AlpacaStage(self.at, self.axes, patience_s=self.patience_s, clock=parts.clock)

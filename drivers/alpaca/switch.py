@@ -29,12 +29,10 @@ class AlpacaSwitch(LineDevice[AlpacaLink]):
 
     @property
     def address(self) -> str:
-        """Switch, device and server."""
         return f"number {self.switch} of {self.link.address}"
 
     @property
     def is_open(self) -> bool:
-        """Whether its server is connected."""
         return self.link.is_open
 
     def connect(self) -> Identity:
@@ -98,7 +96,6 @@ class AlpacaShutter(OneContact[AlpacaSwitch]):
         self._stopped: EmergencyStopped | None = None
 
     def connect(self) -> Identity:
-        """Connect, and open the contact. Raises DeviceError."""
         identity = self._switch.connect()
         try:
             self._switch.set(False)
@@ -108,7 +105,6 @@ class AlpacaShutter(OneContact[AlpacaSwitch]):
         return identity
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Close the contact for `pulse_s`. Raises DeviceError."""
         if not self._switch.link.is_open:
             raise not_connected(self.address)
         self._stopped = None
@@ -132,7 +128,6 @@ class AlpacaShutter(OneContact[AlpacaSwitch]):
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact now. Raises DeviceError."""
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.set(False)
@@ -171,7 +166,6 @@ class AlpacaLightOptions(LampProperties, SwitchOptions):
     """Options of driver "alpaca_light"."""
 
     def make(self, parts: MakerContext) -> AlpacaLight:
-        """The lamp."""
         return AlpacaLight(self.line, panel=self, clock=parts.clock)
 
 
@@ -182,5 +176,4 @@ class AlpacaShutterOptions(SwitchOptions):
     provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
 
     def make(self, parts: MakerContext) -> AlpacaShutter:
-        """The shutter."""
         return AlpacaShutter(self.line, clock=parts.clock)

@@ -84,7 +84,6 @@ class GenicamCamera:
 
     @property
     def address(self) -> str:
-        """The camera's name or address."""
         return self._name or "first GenICam camera"
 
     # --- connecting
@@ -175,7 +174,6 @@ class GenicamCamera:
         self._stream = None
 
     def close(self) -> None:
-        """Give the camera back."""
         self._stop()
         if self._listening is not None:
             device, number = self._listening
@@ -183,7 +181,6 @@ class GenicamCamera:
         self._listening, self._camera, self._lost = None, None, False
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         if self._camera is None:
             return Condition("not connected", False, "connect it")
         if self._lost:
@@ -224,7 +221,6 @@ class GenicamCamera:
             raise not_connected(self.address)
 
     def expose(self) -> ExposedFile:
-        """Trigger and return one photograph. Raises DeviceError."""
         with self._one_frame:
             self._require()
             if self._stream is None:
@@ -288,7 +284,6 @@ class GenicamOptions(GenicamSettings, FrameOptions):
     camera: Annotated[str, text('"192.168.1.20"', "a camera's name or address in quotes")] = ""
 
     def make(self, parts: MakerContext) -> GenicamCamera:
-        """The camera."""
         return GenicamCamera(self.frames(parts), self.camera, self, clock=parts.clock)
 
 

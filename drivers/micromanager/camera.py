@@ -87,12 +87,10 @@ class MicroManagerCamera:
             raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
 
     def close(self) -> None:
-        """Leave the configuration."""
         self._core = None
         self._shared.leave(self)
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         return line_condition(self._core is not None)
 
     def _open(self) -> Any:
@@ -163,7 +161,6 @@ class MicroManagerCameraOptions(FrameOptions, CoreOptions):
     mosaic: Literal["none", "RGGB", "BGGR", "GRBG", "GBRG"] = "none"
 
     def make(self, parts: MakerContext) -> MicroManagerCamera:
-        """The camera."""
         cfa = None if self.mosaic == "none" else self.mosaic
         return MicroManagerCamera(
             self.core(parts), self.device, self.frames(parts), cfa=cfa, gain=self.gain, clock=parts.clock
@@ -202,12 +199,10 @@ class MicroManagerShutter:
         return Identity(f"Micro-Manager {identity_text(core, self._label)}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
-        """Leave the configuration."""
         self._core = None
         self._shared.leave(self)
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         return line_condition(self._core is not None)
 
     def focus(self, pressed: bool) -> None:
@@ -215,7 +210,6 @@ class MicroManagerShutter:
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Open for `pulse_s`. Raises DeviceError."""
         if (core := self._core) is None:
             raise not_connected(self.address)
         aborts = self._aborts
@@ -237,7 +231,6 @@ class MicroManagerShutter:
             core.setShutterOpen(self._label, opened)
 
     def abort(self) -> None:
-        """Close now. Raises DeviceError."""
         self._aborts += 1
         with self._end:
             self._end.notify_all()
@@ -245,7 +238,6 @@ class MicroManagerShutter:
             self._set(self._core, False)
 
     def emergency_stop(self) -> None:
-        """Close now, under any condition."""
         self._aborts += 1
         if (core := self._core) is not None:
             with suppress(Exception):
@@ -264,5 +256,4 @@ class MicroManagerShutterOptions(CoreOptions):
     device: Label
 
     def make(self, parts: MakerContext) -> MicroManagerShutter:
-        """The shutter."""
         return MicroManagerShutter(self.core(parts), self.device, clock=parts.clock)

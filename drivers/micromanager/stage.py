@@ -108,7 +108,6 @@ class MicroManagerStage:
         return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
-        """Leave the configuration."""
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         self._core = None
@@ -135,7 +134,6 @@ class MicroManagerStage:
         return {axis.name: Travel(*axis.travel) for axis in self._axes}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError."""
         core = self._open()
         with self._asked():
             return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
@@ -175,7 +173,6 @@ class MicroManagerStage:
                 )
 
     def move_to(self, **target: float) -> None:
-        """Move and return when still. Raises DeviceError."""
         with self._one_mover as stops:
             self._open()
             self.trust.require()
@@ -279,5 +276,4 @@ class MicroManagerStageOptions(CoreOptions):
     patience_s: Patience = 60.0
 
     def make(self, parts: MakerContext) -> MicroManagerStage:
-        """The stage."""
         return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)

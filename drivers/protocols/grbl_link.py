@@ -86,7 +86,6 @@ class GrblLink:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     @property

@@ -53,7 +53,6 @@ class TmclLink:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     @property
@@ -68,7 +67,6 @@ class TmclLink:
         self._transport.open(lambda event, host_s: None)
 
     def close(self) -> None:
-        """Release the port."""
         self._transport.close()
 
     def host(self, allowed: Callable[[], None] = anything, tries: int = 1) -> Any:

@@ -158,11 +158,9 @@ class Kernel:
     """The calls on a device file. A test has others."""
 
     def open(self, path: str) -> int:
-        """Open for streaming without blocking. Raises OSError."""
         return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
     def close(self, file: int) -> None:
-        """Close it."""
         os.close(file)
 
     def call(self, file: int, request: int, argument: Any) -> None:

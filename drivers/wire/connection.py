@@ -68,7 +68,6 @@ class LineDevice(Generic[L]):
 
     @property
     def address(self) -> str:
-        """That of the line."""
         return self._transport.address
 
     @property

@@ -42,7 +42,6 @@ class VisaTransport:
 
     @property
     def is_open(self) -> bool:
-        """Whether the resource is open."""
         return self._resource is not None
 
     def open(self, listen: Callable[[str, float], None]) -> None:
@@ -66,7 +65,6 @@ class VisaTransport:
             raise LineLost(f"cannot open {self.address}: {error}", remedy) from error
 
     def close(self) -> None:
-        """Release the resource."""
         for one in (self._resource, self._manager):
             if one is not None:
                 with suppress(Exception):  # it may have gone already

@@ -256,7 +256,6 @@ class FaultPlan(EventSource):
         clock.attach(self)
 
     def next_event_s(self) -> float | None:
-        """Time of the next fault."""
         return self._due[0].moment_s if self._due else None
 
     def wake(self) -> None:

@@ -104,7 +104,6 @@ class CameraBody(EventSource):
             self._agenda.sort(key=lambda entry: entry[0])
 
     def next_event_s(self) -> float | None:
-        """Time of the next write."""
         with self._lock:
             return self._agenda[0][0] if self._agenda else None
 

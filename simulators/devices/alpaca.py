@@ -42,7 +42,6 @@ class AlpacaFocusers:
         self._thread.start()
 
     def close(self) -> None:
-        """Shut it down."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()

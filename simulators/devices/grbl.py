@@ -60,7 +60,6 @@ class GrblController:
 
     @property
     def axes(self) -> dict[str, Axis]:
-        """The axes it moves."""
         return self.motion.axes
 
     @property

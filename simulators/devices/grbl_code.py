@@ -75,7 +75,6 @@ class Code:
 
     @property
     def axes(self) -> dict[str, float]:
-        """The axis words."""
         return {letter: self.values[letter] for letter in LINEAR if letter in self.values}
 
 

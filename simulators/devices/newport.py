@@ -42,7 +42,6 @@ class NewportTwin(MotorController[int]):
         self._booted_s = 0.0
 
     def restart(self, now_s: float) -> None:
-        """Off and on again."""
         super().restart(now_s)
         self._booted_s = now_s
 

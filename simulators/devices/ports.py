@@ -77,7 +77,6 @@ class PtyPort:
                     os.write(self._master, self._cable.read(self, 4096, POLL_S))
 
     def end(self) -> None:
-        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 
@@ -136,7 +135,6 @@ class TcpPort:
             sender.join(timeout=2.0)
 
     def end(self) -> None:
-        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 

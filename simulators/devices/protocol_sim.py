@@ -24,7 +24,6 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         self._cable.set_lines(self._rts_state, self._dtr_state)
 
     def close(self) -> None:
-        """Release the cable."""
         if self._cable is not None and self.is_open:
             self._cable.close(self)
             self._cable.set_lines(False, False)
@@ -58,7 +57,6 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         return len(data)
 
     def cancel_read(self) -> None:
-        """Wake a reader."""
         self._there().cancel_read()
 
     def flush(self) -> None:

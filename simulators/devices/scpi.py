@@ -98,5 +98,4 @@ class ScpiTwin(SerialDevice):
         self._world.set_lamp(min(self._current * self._on / self._full, 1.0), now_s)
 
     def advance(self, now_s: float) -> bytes:
-        """Its replies."""
         return drained(self._out)

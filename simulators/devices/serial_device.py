@@ -142,7 +142,6 @@ class Cable:
         return min((wait for wait in (real_s, own_s) if wait is not None), default=None)
 
     def cancel_read(self) -> None:
-        """Wake the reader."""
         with self._news:
             self._news.notify_all()
 
@@ -170,7 +169,6 @@ class Cable:
         return min((moment for moment in moments if moment is not None), default=None)
 
     def wake(self) -> None:
-        """Advance to the clock's time."""
         with self._news:
             self._pump()
             if self.faults.unplugged(self.clock.now_s()):

@@ -41,7 +41,6 @@ class TmclMotor:
     busy_until_s: float = NEVER
 
     def steps(self, now_s: float) -> int:
-        """Its assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def speed(self) -> float:

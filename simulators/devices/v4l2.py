@@ -89,7 +89,6 @@ class FakeCamera:
     # --- the calls of `drivers.v4l2.kernel.Kernel`
 
     def open(self, path: str) -> int:
-        """A new file number."""
         self._check()
         file = next(self._files)
         self._open.add(file)

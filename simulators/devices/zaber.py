@@ -59,7 +59,6 @@ class ZaberMotor:
         self.zero = self.axis.position(0.0)
 
     def steps(self, now_s: float) -> int:
-        """The device's assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def flag(self) -> str:

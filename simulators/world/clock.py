@@ -53,7 +53,6 @@ class FastClock:
         return (time.monotonic() - self._start) * self.speed
 
     def sleep(self, duration_s: float) -> None:
-        """Block this thread."""
         time.sleep(max(duration_s, 0.0) / self.speed)
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
@@ -103,7 +102,6 @@ class VirtualClock:
             self._sources.remove(source)
 
     def now_s(self) -> float:
-        """Seconds since its creation."""
         return self._now_s
 
     def real_s(self, moment_s: float) -> float | None:
@@ -111,7 +109,6 @@ class VirtualClock:
         return None
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass."""
         condition = threading.Condition()
         with condition:
             self.wait(condition, lambda: False, self._now_s + max(duration_s, 0.0))

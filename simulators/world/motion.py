@@ -55,7 +55,6 @@ class Axis:
         return np.array([self.position(t) for t in t_s.tolist()])
 
     def position(self, t_s: float) -> float:
-        """Position at a time."""
         return self._piece(t_s).at(t_s)[0]
 
     def velocity(self, t_s: float) -> float:
