@@ -6,8 +6,6 @@ is there shows its reply to a poll.
 Source: Artistic Licence, Art-Net 4 specification.
 """
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

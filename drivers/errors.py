@@ -3,8 +3,6 @@
 Every class is a situation that an operator meets, not a layer of the program.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Mapping

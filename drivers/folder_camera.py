@@ -4,8 +4,6 @@ A file is accepted when its size and time are stable, it decodes, and it did not
 that does not decode yet is examined again, as it may still grow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -5,8 +5,6 @@ query repeats the axis before its value. An axis that was switched off reports t
 Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

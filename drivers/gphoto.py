@@ -4,8 +4,6 @@ All of libgphoto2 runs in one thread: it is not thread-safe, and may block for s
 produce several files (RAW and JPEG) in any order, so files are collected until the body has been quiet for a while.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future

@@ -4,8 +4,6 @@ All motion is `$J=G53 G90` : absolute in machine space, refused outside the trav
 `ok` means planned; a move has ended when two reports in a row say Idle, and succeeded if it is at the target.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext

@@ -4,8 +4,6 @@ Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` amon
 grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC reports its ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal

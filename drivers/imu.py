@@ -6,8 +6,6 @@ its adapter take. The delivery with the least delay gives the offset of the cloc
 between zero and the shortest round trip; an event seen by two units (`station devices --tap`) measures it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

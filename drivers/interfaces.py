@@ -4,8 +4,6 @@ Positions are given by the axis' name, which carries the unit (`z_mm`, `pan_deg`
 passed to the driver. Every method that waits has a deadline and ends in success or in a `DeviceError`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

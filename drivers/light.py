@@ -4,8 +4,6 @@ Enttec: `7E label lenLSB lenMSB data E7`; label 6 sends DMX and must begin with 
 parameters, 10 the serial number.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass

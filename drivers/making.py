@@ -10,8 +10,6 @@ class JrtOptions(LineOptions):          # port, baud
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path

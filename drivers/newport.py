@@ -6,8 +6,6 @@ power: an ESP301 then reports its motors off, an SMC100 that it is not reference
 Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

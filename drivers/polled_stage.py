@@ -4,8 +4,6 @@ A move has ended when every axis reports twice that it stands at the same positi
 one reading may be damaged. A stop is repeated until the axes stand. An axis that has lost its reference ends all trust.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager

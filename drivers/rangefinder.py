@@ -4,8 +4,6 @@ JRT: `AA addr regHi regLo cntHi cntLo payload CS`, count in 16-bit words, CS the
 that begins with EE carries a status instead. Bosch: `status length payload CRC8`, CRC start 0xAA, polynomial 0xA6.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading

@@ -3,8 +3,6 @@
 The program is started for each photograph; exposure and gain are fixed, so that it photographs at once.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -5,8 +5,6 @@ order.
 Source: SCPI-99, volumes 1 and 2.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Path and shot share the box's clock: the phase at which the shutter opened is kn
 in `firmware/STRIG.md`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

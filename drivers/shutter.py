@@ -4,8 +4,6 @@ The protocol and its firmware are described in `firmware/STRIG.md`. Only the box
 contact; the others report the time of the command.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable

@@ -6,8 +6,6 @@ marks the beginning of a message, so stops are sent at every offset by which a c
 Source: Thorlabs, APT communications protocol, issue 29.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ more when its turn comes is not written. A lost line is reopened only by its dri
 during a motion.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress

@@ -5,8 +5,6 @@ the motors: after 100 ms while an axis moves, after a second while all rest, as 
 longer than 100 ms. The protocol is described in `firmware/STRIG.md`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass

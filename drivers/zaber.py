@@ -4,8 +4,6 @@ Every command carries a checksum and a message id, so a late or damaged answer i
 ended when the axis reports IDLE, found by polling and alerts, and succeeded if its position is the target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated

@@ -5,8 +5,6 @@ and energies, and remains as noise in the residual. k is raised until the trunca
 its noise. The subject limits s: the grid must not have frequencies that the subject lacks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ Their samples are decoded to light by the tone curve that the file's ICC profile
 decoded is what the development did besides: noise reduction, sharpening, local contrast.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from io import BytesIO

@@ -5,8 +5,6 @@ in order and stores their results as facts, by name, for the following requests.
 functions of them; these are pure, so that a replayed session asks the same questions.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Hashable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """A camera of an Alpaca server: its exposures are fetched and written as DNGs, so later stages see one format."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Annotated

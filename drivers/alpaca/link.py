@@ -3,8 +3,6 @@
 Source: ASCOM Alpaca API reference, and its error numbers.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

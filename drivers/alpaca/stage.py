@@ -3,8 +3,6 @@
 The standard has no homing: the reported position is trusted, unless station.toml names an action that homes.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Switches of an Alpaca server: one as a Light, one as a Shutter timed by the host."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from typing import ClassVar

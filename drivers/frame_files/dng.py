@@ -3,8 +3,6 @@
 Tags are those of TIFF 6, of TIFF/EP and EXIF 2.32, and of the DNG specification 1.4.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

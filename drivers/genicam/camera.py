@@ -1,7 +1,5 @@
 """A GenICam camera: software trigger, one frame at a time, each written as a DNG with its exposure and gain."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

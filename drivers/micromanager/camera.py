@@ -1,7 +1,5 @@
 """A Micro-Manager camera: its snapped image, written as a DNG with its exposure."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import suppress
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The core reports no travel, so station.toml gives it. If an adapter cannot home,
 only if station.toml says so (`homes = false`: absolute encoders, piezos).
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager

@@ -4,8 +4,6 @@ Every command line is answered by exactly one `Ok` or `Failed`; all other messag
 Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core errors.h, alarms.h.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

@@ -3,8 +3,6 @@
 Trust is whether the position is reliable: homing establishes it; reset, alarm and emergency stop revoke it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar

@@ -7,8 +7,6 @@ stop, the version is requested until it comes, shifted by one byte each time. Mo
 follows all older ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The stream begins when a photograph is requested, so that no frame is older than
 stream are discarded, as sensors apply new settings late.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 from collections.abc import Iterator

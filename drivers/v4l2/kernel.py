@@ -3,8 +3,6 @@
 Reference: The Linux Kernel, Video for Linux API (userspace documentation); numbers as `_IOC` in `asm-generic/ioctl.h`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import mmap
 import os

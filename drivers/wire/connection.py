@@ -1,7 +1,5 @@
 """Common operations of drivers on their line: open it or leave it closed, identify devices, report its state."""
 
-from __future__ import annotations
-
 import os
 import select
 import threading

@@ -3,8 +3,6 @@
 Its replies are read within the request: no thread reads a line on which an instrument speaks only when it is asked.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import suppress

@@ -6,8 +6,6 @@ A nuisance is a strength that is not negative, with a half-normal prior: its pos
 the budget.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

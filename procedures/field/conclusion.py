@@ -1,7 +1,5 @@
 """Results of many photographs' nodes: each plane's field, maps and numbers, lateral colour, best focus."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

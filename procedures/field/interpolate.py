@@ -1,7 +1,5 @@
 """The PSF between the nodes: components, a model of their coefficients, and its choice by cross-validation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

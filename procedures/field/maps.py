@@ -4,8 +4,6 @@ Sagittal and meridional refer to the frame's centre: meridional detail repeats a
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

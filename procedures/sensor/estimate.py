@@ -1,7 +1,5 @@
 """Characterisation of a sensor from its recording: EMVA 1288 release 4.0, linear and general model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

@@ -11,8 +11,6 @@ NPS includes aliasing, as the picture does.
 Source: Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

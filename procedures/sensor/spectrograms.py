@@ -4,8 +4,6 @@ EMVA 1288 release 4.0 linear, section 8.3: every line is transformed, and the po
 is drawn over frequency. A pattern common to all lines is most significant in their average.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

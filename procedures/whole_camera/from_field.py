@@ -1,7 +1,5 @@
 """Parts of a camera from a field's charts: the PSF's numbers at every place, lateral colour, geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ repeated with the chart in place. Each place is also a view of the geometry; the
 earlier ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -3,8 +3,6 @@
 The renderer gives the contents of the file; this module models its time, its name and its faults.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The operator begins with an empty wall and arbitrary camera settings, and is ine
 on the requests, not on time, so that a resumed session finds the bench in the same state.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Charts are drawn from outlines, sheets from texels: a smooth image, interpolated
 the cutoff of the optics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ They sample what the world reports for an ideal IMU on the camera, add noise, an
 of USB adapters.
 """
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rangefinders and light panels at byte level."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A motor with a reference switch at the low end of its axis, and what controllers of such motors have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable, Mapping
 from typing import Generic, TypeVar
 

@@ -1,7 +1,5 @@
 """Simulated cables on pseudo-terminals and TCP, for other programs, in real time only."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

@@ -1,7 +1,5 @@
 """pyserial's handler of `sim://BENCH/DEVICE`: the host side of a simulated cable."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.transport import PortBase, PortError

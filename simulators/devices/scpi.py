@@ -3,8 +3,6 @@
 Source: SCPI-99, volumes 1 and 2.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Protocol
 

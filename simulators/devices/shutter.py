@@ -2,8 +2,6 @@
 enable, and a bare RTS line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

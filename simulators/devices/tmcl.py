@@ -6,8 +6,6 @@ changes its framing. After power-up its position is 0.
 Source: TMCM-3110 TMCL firmware manual.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Checksums, message ids, warning flags and alerts as in firmware 6 and 7. After p
 to its low end, and refuses absolute moves until then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

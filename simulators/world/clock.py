@@ -5,8 +5,6 @@ reader has read everything due, it jumps to the next event of a device or deadli
 Waiting costs no real time, and slow machines miss no deadline.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

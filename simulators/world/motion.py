@@ -4,8 +4,6 @@ Motion is a function of time: an exposure can later query the camera's path, and
 acceleration determine the excited vibrations.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from bisect import bisect_left, bisect_right

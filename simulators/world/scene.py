@@ -3,8 +3,6 @@
 Everything is flat polygons in planes, painted from back to front, each with its exact outline.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property

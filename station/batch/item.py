@@ -1,7 +1,5 @@
 """One item of a batch, from its files to its folder: the work that is distributed to processes and clusters."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

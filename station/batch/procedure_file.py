@@ -28,8 +28,6 @@ raw = "1920x1080,RGGB,u16le,64,1023"
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, make_dataclass, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 Nothing moves without the operator's consent, requested before homing and before each axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Current motions of a bench: every move and homing passes here, so that observers can display it."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

@@ -17,8 +17,6 @@ shutter = "shutter"
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -7,8 +7,6 @@ a list) and `kind` (of a named device, see `drivers.options`). A model may have 
 remedy if its values are inconsistent.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

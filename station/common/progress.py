@@ -1,7 +1,5 @@
 """Progress of a long command: a bar on a terminal, a line for each step in a file or for a program."""
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Tables as TOML text; the standard library can only read it."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The demonstration: photographs of the chart by a simulated camera; PSFs of its files are compared with the truth."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The effect of a remedy: the chart photographed by a simulated camera like the measured one, before and after it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

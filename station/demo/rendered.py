@@ -3,8 +3,6 @@
 Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from dataclasses import asdict, dataclass

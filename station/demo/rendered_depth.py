@@ -3,8 +3,6 @@
 Exposure times compensate for the apertures, so that both photographs have the same mean.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import asdict, dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Curves in characters: braille dots, or ASCII letters on limited terminals; bands are drawn by their two edges."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten

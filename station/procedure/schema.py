@@ -1,7 +1,5 @@
 """The JSON schema of every procedure's record, generated from its settings and the table of numbers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

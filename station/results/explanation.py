@@ -1,7 +1,5 @@
 """Why a result has its verdict and its uncertainty: most likely cause, largest terms of the budget, remedies."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

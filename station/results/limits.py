@@ -5,8 +5,6 @@ bring it inside: JCGM 106:2012, guarded acceptance and guarded rejection. Betwee
 about the lens; whether the measurement can be trusted is another verdict, and the two are never mixed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

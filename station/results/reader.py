@@ -1,7 +1,5 @@
 """Results read back from their folders as the measurements that were written, and two compared."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

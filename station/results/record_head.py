@@ -1,7 +1,5 @@
 """Entries of records besides results: procedure, inputs, parameters, verdict with its causes."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass

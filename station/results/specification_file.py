@@ -16,8 +16,6 @@ place = "centre"                    # or "sides", "corners", "anywhere"
 ```
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from dataclasses import dataclass, field, replace

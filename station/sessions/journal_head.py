@@ -11,8 +11,6 @@ each with its own check, so that a half-written one leaves the other valid. Afte
 and line, the head counts one line too many; that line had not been confirmed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -1,7 +1,5 @@
 """The state of a session, replayed from its journal line by line, without side effects."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Of the thesis's photographs one is published (`photograph_rows`). The others are
 simulated.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

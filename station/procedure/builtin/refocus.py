@@ -1,7 +1,5 @@
 """A restoration's picture with another aperture and another plane of focus."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
