@@ -14,11 +14,9 @@ import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as
 from procedures.field import plan as field_plan
-from procedures.field.facts import TourStart
-from procedures.field.locations import Location
-from procedures.field.plan import MOST_CLIPPED, correction, light_readings, off_place, to_place
+from procedures.field.measuring import Location
+from procedures.field.plan import MOST_CLIPPED, TourStart, correction, light_readings, off_place, to_place
 from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
@@ -51,6 +49,7 @@ from procedures.plan import (
     Step,
     Tour,
     TourStop,
+    facts_as,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -127,7 +126,7 @@ START = (
     Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
-# --- the next view -----------------------------------------------------------------------------------------------
+# --- the next view ---
 
 
 def wanted_pose(number: int, known: GeometryFacts) -> NextView:
@@ -186,7 +185,7 @@ def say_view(number: int, facts: Facts) -> str:
     return f"Turn the camera, and the chart, until it appears in {words}."
 
 
-# --- a photograph of a view --------------------------------------------------------------------------------------
+# --- a photograph of a view ---
 
 
 def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
@@ -273,7 +272,7 @@ def turn_by(present_deg: float, wanted_deg: float) -> float:
     return turn if abs(present_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
 
 
-# --- estimate ----------------------------------------------------------------------------------------------------
+# --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:

@@ -11,15 +11,19 @@ from scipy.optimize import minimize
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.physics.estimate import Physics, _fill_factor, estimate_physics
-from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
-from procedures.physics.model import Grid, names_of
-from procedures.physics.pupil import TERMS, Pupil
-from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_otf
+from procedures.physics.estimate import (
+    Physics,
+    WhitenedPsf,
+    _fill_factor,
+    distance_of_rise,
+    estimate_physics,
+    fit_parts,
+)
+from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, Pupil, aperture_otf, names_of
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_psf
 from simulators.camera.optics import (
     WAVELENGTHS_UM,
     CircularPupil,
@@ -31,7 +35,6 @@ from simulators.camera.optics import (
 )  # fmt: skip
 from simulators.camera.pupil import Wavefront, aberrated_otf, circular_otf
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_psf
 from simulators.world.scene import Scene
 
 S, K = 4, 17
