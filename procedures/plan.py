@@ -8,6 +8,7 @@ functions of them; these are pure, so that a replayed session asks the same ques
 import math
 from collections.abc import Callable, Collection, Hashable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, fields
+from math import dist, inf, nan
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
@@ -47,6 +48,62 @@ class Reading:
         return above and below and self.value == self.value
 
 
+Points = tuple[tuple[float, float], ...]
+"""Points (x, y) in pixels of a plane."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A pose to match: the corners of the subject as `present`, () where it is not found, and as `wanted`, in the same
+    order."""
+
+    present: Points
+    wanted: Points
+
+    @property
+    def arrow(self) -> tuple[float, float]:
+        """Way (x, y) of the subject's centre to its wanted place, in pixels; none where it is not found."""
+        n = len(self.present) or 1
+        x, y = (sum(v[i] - u[i] for u, v in self._pairs) / n for i in (0, 1))
+        return x, y
+
+    @property
+    def off_px(self) -> float:
+        """Largest distance of a corner from its wanted place; infinite where the subject is not found."""
+        return max((dist(u, v) for u, v in self._pairs), default=inf)
+
+    @property
+    def growth(self) -> float:
+        """Wanted size over the present one; 1 where the subject is not found."""
+        present, wanted = (sum(map(dist, one, (*one[1:], *one[:1]))) for one in (self.present, self.wanted))
+        return wanted / present if present else 1.0
+
+    @property
+    def _pairs(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        return list(zip(self.present, self.wanted, strict=False))
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Progress of the photographs: standard uncertainty `now` and `after` the next one, NaN where it is not known
+    before the estimate; `left` is the number of photographs to the goal."""
+
+    left: int
+    name: str = ""
+    unit: str = ""
+    now: float = nan
+    after: float = nan
+
+    @property
+    def say(self) -> str:
+        """The progress as a line."""
+        left = f"{self.left} photograph{'s' * (self.left != 1)} to the goal"
+        if self.now != self.now:
+            return f"{left}."
+        now = f"{self.name} ± {self.now:.2g}" if self.now < inf else f"{self.name} unknown"
+        return f"{now} now, ± {self.after:.2g} {self.unit} after the next photograph; {left}."
+
+
 @dataclass(frozen=True)
 class Advice:
     """Result of the check of a frame.
@@ -58,7 +115,9 @@ class Advice:
         otherwise the operator does what `say` says
     by_hand : manual changes requested by `say`, in numbers (`chart_yaw_deg`, `exposure_ev`, ...)
     facts : facts for later requests
-    marks : (n, 2) points (x, y) of the plane to show on the preview
+    marks : points of the plane to show on the preview
+    outline : the pose to match, in the preview
+    goal : progress of the photographs
     contradictory : keys of answers one of which must be wrong, as `say` explains; no move corrects that
     """
 
@@ -68,7 +127,9 @@ class Advice:
     moves: Mapping[str, float] = field(default_factory=dict)
     by_hand: Mapping[str, float] = field(default_factory=dict)
     facts: Facts = field(default_factory=dict)
-    marks: tuple[tuple[float, float], ...] = ()
+    marks: Points = ()
+    outline: Outline | None = None
+    goal: Goal | None = None
     contradictory: tuple[str, ...] = ()
 
 

@@ -17,11 +17,11 @@ from procedures.drawings import steps as drawings
 from procedures.field.conclusion import SMALL_SHARE
 from procedures.field.measuring import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.scattered import hull_area
-from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
 from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES, PatternFacts
+from procedures.pattern_psf.outline import points_of, present_outline
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
@@ -37,6 +37,7 @@ from procedures.plan import (
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
     Reading,
     Step,
@@ -52,7 +53,6 @@ from procedures.raw import Plane, RawFrame
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 BEFORE = ("print", "mount", "distance", "square", "focus")  # steps of the pattern PSF
 USUAL, FEWEST, MOST = 9, 6, 400  # numbers of positions: fewer than six do not determine a field
-SHEET = 1.3  # side of the chart with its marks and a white rim, over that of its noise region
 ROOM = 0.4  # largest half size of the chart, in fractions of the frame, that leaves room to move it
 NEAR = 0.03  # accepted distance of the chart from its position, in fractions of the frame's width
 LEAST_WHITE = 0.2  # minimum of white on the scale: a lens is darker towards the corners, and noise grows
@@ -151,9 +151,7 @@ def small_frame(advice: Advice) -> Advice:
 
 def half_size(sighting: ChartSighting, plane: Plane) -> tuple[float, float]:
     """Half the width and height of the sheet, in fractions of the frame's."""
-    side = SHEET * CELLS / 2
-    corners = CELLS / 2 + side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
-    reach = np.abs(apply_homography(sighting.H_sensor_pattern, corners) - sighting.centre()).max(axis=0)
+    reach = np.abs(np.array(present_outline(sighting.H_sensor_pattern)) - sighting.centre()).max(axis=0)
     rows, columns = plane.samples.shape
     return float(reach[0]) / columns, float(reach[1]) / rows
 
@@ -235,8 +233,11 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, f"This shot does not count: {changed}. Set it back.")
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        cut = find_charts(plane.samples)[0] if sighting.marks else None
-        return replace(sighting, by_hand={}, moves=correction(location, cut, plane, known) if cut else {})
+        if not sighting.marks:
+            return replace(sighting, by_hand={}, moves={})
+        cut = find_charts(plane.samples)[0]
+        moves, outline = correction(location, cut, plane, known), at_place(location, cut, plane)
+        return replace(sighting, by_hand={}, moves=moves, outline=outline)
     ratio = Reading("s/t", known.s_or_start * float(sighting.widths().max()) / CELLS, "", RATIO_LOW, RATIO_HIGH)
     return place_advice(location, sighting, frame, known, NEAR, (ratio,), f" {say_place(location, {})}")
 
@@ -254,13 +255,16 @@ def place_advice(
         *more,
         *light_readings(frame, sighting),
     )
+    outline = at_place(location, sighting, plane)
     bad = next((reading for reading in readings if not reading.good), None)
     if bad is None:
-        return Advice(True, "The chart is in its place.", readings, marks=marks)
+        return Advice(True, "The chart is in its place.", readings, marks=marks, outline=outline)
     if bad is readings[0]:
         say = f"The chart is {100 * off:.0f} % of the frame's width off its place.{hint}"
-        return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
-    return Advice(False, f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})", readings, marks=marks)
+        moves = correction(location, sighting, plane, known)
+        return Advice(False, say, readings, moves=moves, marks=marks, outline=outline)
+    say = f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})"
+    return Advice(False, say, readings, marks=marks, outline=outline)
 
 
 def light_readings(frame: RawFrame, sighting: ChartSighting) -> tuple[Reading, Reading]:
@@ -272,6 +276,13 @@ def light_readings(frame: RawFrame, sighting: ChartSighting) -> tuple[Reading, R
         Reading("white", 100 * white, "%", 100 * LEAST_WHITE, None),
         Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
     )
+
+
+def at_place(location: Location, sighting: ChartSighting, plane: Plane) -> Outline:
+    """The sheet as it is, and shifted to its required position."""
+    present = np.array(present_outline(sighting.H_sensor_pattern))
+    wanted = present + np.array(location.in_pixels(plane.samples.shape)) - sighting.centre()
+    return Outline(points_of(present), points_of(wanted))
 
 
 def off_place(location: Location, sighting: ChartSighting, plane: Plane) -> float:

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 
+import numpy as np
+
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.field import plan as field_plan
@@ -19,11 +21,14 @@ from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
-from procedures.geometry.next_view import COVER, NextView, corner_share, next_view_words, planned_view
+from procedures.geometry.next_view import COVER, NextView, chart_at, corner_share, next_view_words, planned_view
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
+from procedures.pattern import CELLS
+from procedures.pattern_psf.chart_finding.detection import ChartSighting
+from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown, to_match
 from procedures.pattern_psf.facts import SIZES
+from procedures.pattern_psf.outline import CORNERS, points_of
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import ChartPose, chart_pose
 from procedures.plan import (
@@ -33,10 +38,13 @@ from procedures.plan import (
     Estimate,
     Facts,
     Go,
+    Goal,
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
+    Points,
     Reading,
     Step,
     Tour,
@@ -186,10 +194,35 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"This view does not count: {changed}. Set it back.")
+    wanted = wanted_pose(number, known)
+    outline, goal = wanted_outline(wanted, known), view_goal(number, wanted, known)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return replace(sighting, moves={})
-    wanted = wanted_pose(number, known)
+        return replace(sighting, moves={}, outline=Outline((), outline), goal=goal)
+    advice = pose_advice(number, wanted, sighting, frame, known)
+    return replace(advice, outline=to_match(sighting, outline), goal=goal)
+
+
+def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
+    """The chart's sheet in the wanted pose, by the nominal lens."""
+    start = known.begun()
+    camera = nominal_camera(start.shape, start.principal_px)
+    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
+    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
+    return points_of(camera.project(pose.apply(corners)))
+
+
+def view_goal(number: int, wanted: NextView, known: GeometryFacts) -> Goal:
+    """Predicted error of the projection over the frame before this view and with it."""
+    left = int(USUAL if known.views is None else known.views) - number + 1
+    return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
+
+
+def pose_advice(
+    number: int, wanted: NextView, sighting: ChartSighting, frame: RawFrame, known: GeometryFacts
+) -> Advice:
+    """Advice on a chart in the frame: its turn, then its place, then its light."""
+    plane = shown(frame)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
     location = Location(*wanted.at)
     white, clipped = light_readings(frame, sighting)

@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, ProcedureError, Verdict
+from procedures.numbers import Group, in_group
+from procedures.outcome import BadInput, ProcedureError, Quantity, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
@@ -65,6 +66,16 @@ class PlaneRow:
     specification: str = ""
     limits: Sequence[Mapping[str, Any]] = ()
 
+    @property
+    def summary(self) -> dict[str, Quantity]:
+        """The numbers in the summary of a batch; a number without an uncertainty has one of 0."""
+        entries = {name: self.numbers[name] for name in in_group(Group.SUMMARY, self.numbers.keys())}
+        return {
+            str(name): Quantity(one["value"], str(one.get("unit", "1")), one.get("uncertainty") or 0.0, "", 0)
+            for name, one in entries.items()
+            if one["value"] is not None
+        }
+
 
 @dataclass(frozen=True)
 class ItemRow:
@@ -92,6 +103,11 @@ class ItemRow:
     specification: str = ""
     against: str = ""
     noted: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def camera(self) -> str:
+        """The camera, as recorded by it; may be empty."""
+        return str(self.noted.get("camera", ""))
 
     @property
     def usable(self) -> bool:

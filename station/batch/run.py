@@ -187,11 +187,12 @@ def _page(batch: Batch) -> bytes:
         BatchLine(
             " + ".join(map(printable, row.files)), row.verdict, row.specification,
             "; ".join(words for words in (row.reason, row.against) if words), quote(row.folder),
-            page=bool(row.folder) and (batch.job.out / row.folder / PAGE).is_file(),
+            page=bool(row.folder) and (batch.job.out / row.folder / PAGE).is_file(), camera=row.camera,
+            planes={name: plane.summary for name, plane in row.planes.items()},
         )
         for row in batch.rows[:MAX_LINES]
     ]  # fmt: skip
-    groups = [NumberGroup(*group, one.unit, one.values) for group, one in batch.tally.series.items()]
+    groups = [NumberGroup(*group, one.unit, one.values, one.uncertainties) for group, one in batch.tally.series.items()]
     procedure, count = batch.job.procedure, len(batch.rows)
     title = f"{count} items by the procedure {procedure.name}"
     report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, _bounds(procedure), batch.undone)

@@ -102,10 +102,11 @@ class StoredRows(Sequence[ItemRow]):
 
 @dataclass
 class NumberSeries:
-    """One number of all photographs by a camera in a plane: its unit, and its values."""
+    """One number of all photographs by a camera in a plane: its unit, its values, and their standard uncertainties."""
 
     unit: str
     values: array[float] = field(default_factory=lambda: array("d"))
+    uncertainties: array[float] = field(default_factory=lambda: array("d"))
 
 
 @dataclass
@@ -143,17 +144,13 @@ class Tally:
         self.reused += row.reused
         if not row.usable:
             self.failed.append(place)
-        camera = str(row.noted.get("camera", ""))
         for name, plane in row.planes.items():
             self.planes.setdefault(name, Counter())[plane.verdict] += 1
             self.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
-            for number in in_group(Group.SUMMARY, plane.numbers.keys()):
-                entry = plane.numbers[number]
-                if entry["value"] is not None:
-                    group = (camera, name, str(number))
-                    self.series.setdefault(group, NumberSeries(str(entry.get("unit", "1")))).values.append(
-                        entry["value"]
-                    )
+            for number, one in plane.summary.items():
+                series = self.series.setdefault((row.camera, name, number), NumberSeries(one.unit))
+                series.values.append(one.value)
+                series.uncertainties.append(one.uncertainty)
 
     @property
     def followed(self) -> list[Number]:

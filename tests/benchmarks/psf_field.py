@@ -31,11 +31,12 @@ import numpy as np
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.maps import MAPS, FieldMap, derive, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames, measure, measure_frames
-from procedures.field.plan import SHEET, locations
+from procedures.field.plan import locations
 from procedures.field.surfaces import Photosite
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.outline import SHEET
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import OPTICS, PITCH_UM

@@ -33,9 +33,10 @@ from procedures.field.estimate import FIELD  # noqa: E402
 from procedures.field.interpolate import interpolate  # noqa: E402
 from procedures.field.maps import MAPS, numbers_of, radius_direction  # noqa: E402
 from procedures.field.measuring import measure_frames  # noqa: E402
-from procedures.field.plan import SHEET, locations  # noqa: E402
+from procedures.field.plan import locations  # noqa: E402
 from procedures.outcome import Quantity, Verdict  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
+from procedures.pattern_psf.outline import SHEET  # noqa: E402
 from procedures.psf import Psf  # noqa: E402
 from procedures.raw import Plane, RawFrame  # noqa: E402
 from procedures.reading.exposure import Exposure  # noqa: E402

@@ -23,8 +23,6 @@ from station.cli.terminal.numbers import SEED
 if TYPE_CHECKING:
     from station.bench.conform import TrialResult
 
-AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
-
 
 @click.command(cls=StationCommand)
 @click.argument("driver", required=False)
@@ -133,6 +131,7 @@ def _tried(
 
 def _verify(folder: Path, key: Path | None, as_json: bool) -> None:
     """Show the checks of a record. Exits with 4 if one does not agree."""
+    from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
 
     checks = list(check_conformance(folder, key))

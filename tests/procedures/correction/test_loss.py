@@ -30,7 +30,7 @@ def picture():
     return scene(SHAPE).astype(np.float32)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_error_appears_at_detail_and_grows_with_contrast(picture):
     optics = PlaneFields.of(
         {"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {}

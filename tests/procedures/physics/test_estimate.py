@@ -213,7 +213,7 @@ def test_fill_factor_over_one_is_one_sided() -> None:
     assert _fill_factor(Quantity(0.99, "1", 0.02, "m", 9)) is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.random.Generator) -> None:
     # figure 3.7 of Delbracio's thesis: transfer functions of red and blue look like green's rotated by 90 degrees
     optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))

@@ -203,6 +203,11 @@ OF_SECONDS = {
     "accuracy",
     "gamma-table",
     "bound-realised",
+    "two-photo-zoom-published",
+    "two-photo-zoom",
+    "two-photo-simulated",
+    "rays-cornell",
+    "apertures",
 }
 """Rows of the quick set that take four seconds of processor and more: nightly."""
 
