@@ -16,8 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated
 
-from drivers.clock import Clock
-from drivers.errors import LineLost, NoAnswer
+from drivers.errors import Clock, LineLost, NoAnswer
 from drivers.interfaces import Condition, Identity
 from drivers.light import Channels, Lamp, LampProperties, check_level
 from drivers.making import DriverOptions, MakerContext

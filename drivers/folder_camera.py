@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
+from drivers.errors import Clock, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, SystemClock
 from drivers.frames import (
     ExposureMetadata,
     Inspect,

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from drivers.errors import NoAnswer, Rejected
-from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import anything
+from drivers.wire.connection import URGENT_S, anything
 from drivers.wire.in_step import StepQuestion
-from drivers.wire.outgoing import URGENT_S
 
 TRIES = 3
 MOTION, STOP_ALL = b"\x05", b"\x18"

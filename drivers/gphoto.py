@@ -17,12 +17,20 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Annotated, Any, TypeVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    DeviceError,
+    EmergencyStopped,
+    FrameMissing,
+    LineLost,
+    NoAnswer,
+    Rejected,
+    SystemClock,
+)
+from drivers.frames import Inspect, KnownSensor, OneFrame, SensorText, check_settings, is_raw, sensor_format, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, ClassVar, Literal
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     BadConfiguration,
+    Clock,
     DeviceError,
     EmergencyStopped,
     Held,
@@ -23,13 +23,13 @@ from drivers.errors import (
     NoAnswer,
     NotHomed,
     Rejected,
+    SystemClock,
     WasReset,
 )
 from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
-from drivers.homing_state import HOME
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.making import LineOptions, MakerContext
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
+from drivers.move_checks import HOME, OneMover, check_arrival, check_target, in_turn, left_still
 from drivers.options import ENABLED_STAGE, GRBL_STAGE, PollInterval, axes
 from drivers.protocols.grbl import (
     DOOR_MESSAGE,

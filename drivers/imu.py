@@ -15,8 +15,7 @@ from typing import Annotated
 
 import numpy as np
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, NoAnswer, Rejected, SystemClock
 from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext
 from drivers.options import STRIG_BOX, device, option, positive

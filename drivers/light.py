@@ -13,8 +13,7 @@ from typing import Annotated
 
 import msgspec
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, SystemClock
 from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option

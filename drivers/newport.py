@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from drivers.errors import Alarm, BadConfiguration, Rejected
-from drivers.homing_state import HOME
 from drivers.interfaces import Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, NoAnswer, NoReading
+from drivers.errors import Clock, EmergencyStopped, NoAnswer, NoReading, SystemClock
 from drivers.interfaces import Condition, Distance, Identity, Transport
 from drivers.making import LineOptions
 from drivers.options import Baud
-from drivers.protocols.codes import numbered
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, FrameSplitter, numbered
 from drivers.wire.connection import line_condition, opened
 
 RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
+from drivers.errors import BadConfiguration, Clock, FrameMissing, LineLost, NoAnswer, Rejected, SystemClock
+from drivers.frame_files.dng import DngFolder, OpticsMetadata
+from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import DriverOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 

@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from drivers.clock import Clock
-from drivers.errors import NoReading, Rejected
+from drivers.errors import Clock, NoReading, Rejected
 from drivers.interfaces import PROBE_UNITS, Condition, Identity, ProbeReading, Transport
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import LineOptions, MakerContext

@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
+from drivers.errors import BadConfiguration, Clock, LineLost, MoveFailed, NoAnswer, OutsideTravel, SystemClock
 from drivers.interfaces import AxisResponse, Condition, Identity, ShakePath
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive

@@ -15,8 +15,7 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.errors import Clock, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected, SystemClock
 from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
 from drivers.options import SHUTTER, STRIG_BOX, Port

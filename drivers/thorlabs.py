@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from drivers.errors import Alarm, NoAnswer
-from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter

@@ -16,11 +16,9 @@ from typing import Any, Generic, TypeVar
 import serial
 from serial.tools import list_ports
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, LineLost, NoAnswer
+from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import anything
-from drivers.wire.outgoing import WRITE_S, Outgoing
+from drivers.wire.connection import WRITE_S, Outgoing, anything
 from drivers.wire.transcript import Transcript
 
 E = TypeVar("E")

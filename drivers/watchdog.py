@@ -14,9 +14,9 @@ from threading import Lock, Thread
 from typing import Annotated, Protocol
 
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, LineLost, NotHomed
-from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Identity
 from drivers.making import DriverOptions, MakerContext
+from drivers.move_checks import HOME
 from drivers.options import ENABLED_STAGE, STRIG_BOX, device, distinct, option
 from drivers.shutter import StrigShutter
 from drivers.wire.connection import line_condition

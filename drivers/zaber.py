@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from drivers.clock import Clock
-from drivers.errors import Alarm, NoAnswer, Rejected, WasReset
-from drivers.homing_state import HOME
+from drivers.errors import Alarm, Clock, NoAnswer, Rejected, WasReset
 from drivers.interfaces import Identity, Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import AxisName, PollInterval, axes, option, positive
 from drivers.polled_stage import AxisStage, AxisState
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, ZaberParser, checksum

@@ -9,12 +9,11 @@ from typing import Annotated
 import numpy as np
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, FrameMissing, FrameWrong, Rejected
-from drivers.frame_files.dng_folder import Body, DngFolder, Frame
+from drivers.errors import BadConfiguration, Clock, FrameMissing, FrameWrong, Rejected, SystemClock
+from drivers.frame_files.dng import Body, DngFolder, Frame
+from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import Patience, option, positive
 from drivers.wire.connection import line_condition, not_connected
 

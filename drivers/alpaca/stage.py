@@ -13,12 +13,10 @@ from functools import partial
 from typing import Annotated, Literal
 
 from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, ServerOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
-from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NoAnswer, Rejected, SystemClock
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.making import MakerContext
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, Count, Patience, axes, option, positive, text
 from drivers.wire.connection import anything, not_connected
 

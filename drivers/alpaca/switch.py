@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, NumberedOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, MoveFailed, Rejected, SystemClock
 from drivers.interfaces import Condition, Identity, ShutterTimes
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import MakerContext

@@ -14,9 +14,7 @@ from functools import partial
 from operator import methodcaller
 from typing import Annotated, Any, Literal
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
-from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.errors import Clock, EmergencyStopped, MoveFailed, NoAnswer, SystemClock
 from drivers.interfaces import Caveat, Condition, Identity, Travel
 from drivers.making import MakerContext
 from drivers.micromanager.core import (
@@ -29,7 +27,7 @@ from drivers.micromanager.core import (
     identity_text,
     translated_errors,
 )
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, Patience, axes, interval, option, positive
 from drivers.wire.connection import anything, not_connected
 

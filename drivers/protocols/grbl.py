@@ -9,8 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from drivers.protocols.codes import numbered
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine, numbered
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 

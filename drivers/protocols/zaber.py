@@ -10,8 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.protocols.codes import codes
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine, codes
 
 REJECTIONS = codes("zaber rejection")
 FLAGS = codes("zaber flag")

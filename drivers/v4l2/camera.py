@@ -14,13 +14,12 @@ from ctypes import c_int
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, Rejected
-from drivers.frame_files.dng_folder import Body, DngFolder, Frame
+from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, LineLost, Rejected, SystemClock
+from drivers.frame_files.dng import Body, DngFolder, Frame
+from drivers.frames import OneFrame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import line_condition, not_connected

@@ -10,11 +10,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, LineLost, NoAnswer
+from drivers.errors import BadConfiguration, Clock, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import anything, not_connected
-from drivers.wire.outgoing import WRITE_S
+from drivers.wire.connection import WRITE_S, anything, not_connected
 from drivers.wire.transcript import Transcript
 
 T = TypeVar("T")

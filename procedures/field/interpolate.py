@@ -151,7 +151,7 @@ def _folds(places: Array) -> _Folds:
     return [(np.flatnonzero(~mask), np.flatnonzero(mask)) for mask in excluded]
 
 
-# --- models as recipes, built from any subset of the nodes --------------------------------------------------------
+# --- models as recipes, built from any subset of the nodes ---
 
 
 def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
@@ -283,7 +283,7 @@ def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:
     return float(axis.position[0]), float(axis.position[1])
 
 
-# --- the field and its error --------------------------------------------------------------------------------------
+# --- the field and its error ---
 
 
 def _field(
@@ -329,7 +329,7 @@ def _model_error(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: 
     return (vectors * np.maximum(values, 0)) @ vectors.T, max(rest / len(data.z), 0.0)
 
 
-# --- nodes of one sampling: narrower supports are extended to the widest one by their tails --------------------------
+# --- nodes of one sampling: narrower supports are extended to the widest one by their tails ---
 
 
 def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:

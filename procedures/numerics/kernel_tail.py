@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
 from procedures.numerics.arrays import Array, Array32
-from procedures.numerics.bessel import integral_of_j0, j0, j1
+from procedures.numerics.transforms import integral_of_j0, j0, j1
 
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,

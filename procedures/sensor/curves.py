@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.numerics.arrays import Array
-from procedures.sensor.recording import SensorRecording, column
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, subtracted, unrounded
+from procedures.sensor.stacks import SensorRecording, column
 from procedures.sensor.uniformity import core_variance
 
 DRAWS = 1000  # sufficient for standard uncertainties to 2 %

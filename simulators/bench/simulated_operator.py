@@ -15,7 +15,7 @@ import numpy as np
 
 from simulators.bench.body import CameraBody
 from simulators.bench.view import Mount, View
-from simulators.camera.subjects import panel
+from simulators.camera.sheets import panel
 from simulators.devices.serial_device import SimClock
 from simulators.world.world import SinusoidalDrive, World
 

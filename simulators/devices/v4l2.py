@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drivers.clock import Clock, SystemClock
+from drivers.errors import Clock, SystemClock
 
 Numbers = npt.NDArray[np.uint16]
 CAPTURE, MMAP, NONE = 1, 1, 1

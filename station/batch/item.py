@@ -17,17 +17,15 @@ from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
 from station.calibration.folder_photographs import Item, naming_path
+from station.common.progress import limited
 from station.common.sanitise import encodable, printable, safe_stem
-from station.common.threads import limited
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
 from station.procedure.settings import to_record
-from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import Comparison, Compliance, PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
-from station.results.result_files import RECORD, ResultFolder
-from station.results.result_seal import damage
+from station.results.result_files import RECORD, ResultFolder, damage
 
 RESULTS = "results"
 KEY_LETTERS = 16
@@ -287,7 +285,7 @@ def _failure(item: Item, error: Exception) -> ItemRow:
     return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
 
 
-# --- results of earlier runs -------------------------------------------------------------------------------------
+# --- results of earlier runs ---
 
 
 def finished(out: Path) -> dict[str, str]:

@@ -21,15 +21,12 @@ from typing import Any
 from urllib.parse import quote
 
 from procedures.outcome import BadParameter
-from station.batch.allowance import Allowance
 from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, work
 from station.batch.procedure_file import BatchProcedure
-from station.batch.process_pool import Lost, Stop, run_in_processes
-from station.batch.stored_rows import StoredRows, Tally
-from station.batch.summary_table import check_parquet, write_csv, write_parquet
+from station.batch.process_pool import Allowance, Lost, Stop, run_in_processes
+from station.batch.stored_rows import StoredRows, Tally, check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
-from station.common.atomic_files import write_whole, written
-from station.common.durable_files import holds, read_own
+from station.common.durable_files import holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.results.result_files import PUBLISHING, RECORD, sealed_text
@@ -139,7 +136,7 @@ def _lost(item: Item, lost: Lost) -> ItemRow:
     return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
-# --- the batch's folder ------------------------------------------------------------------------------------------
+# --- the batch's folder ---
 
 
 @contextmanager
@@ -231,7 +228,7 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-# --- locking of the folder -------------------------------------------------------------------------------------------
+# --- locking of the folder ---
 
 LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
 LINE_BEGINS = '{"files": '

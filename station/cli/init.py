@@ -31,7 +31,7 @@ def init(folder: Path, key: Path | None) -> None:
     from importlib.resources import files
 
     from procedures.outcome import BadParameter
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     if key is not None:
         _write_key(key)

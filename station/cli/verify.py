@@ -10,7 +10,7 @@ import click
 
 from procedures.outcome import BadInput
 from station.cli.terminal.command import StationCommand, json_option
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 
 @click.command("verify", cls=StationCommand)

@@ -24,7 +24,7 @@ from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
 from simulators.camera.optics import Optics
-from simulators.camera.rendered import blur_and_sample, photograph_render
+from simulators.camera.render import blur_and_sample, photograph_render
 from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
 from simulators.rays.ray_scenes import leaves_in_depth

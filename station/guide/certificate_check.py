@@ -19,7 +19,7 @@ from station.reports.certificate import record_digest
 from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
-from station.results.result_seal import damage
+from station.results.result_files import damage
 from station.results.terms import Terms
 from station.results.units import Unit
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -51,11 +51,15 @@ from station.calibration.restoration.inputs import (
 )
 from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
+from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
 from station.reports.restoration_files import Restored, restoration_measurement
-from station.results.measurement import Measurement
+from station.results.measurement import RESTORATION, Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from procedures.restoration.joint.result import Restoration
 
 MIN_DETERMINED = 0.3
 """Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
@@ -125,7 +129,7 @@ def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
     return report
 
 
-# --- blur --------------------------------------------------------------------------------------------------------
+# --- blur ---
 
 
 def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
@@ -205,7 +209,7 @@ def _finding(motion: Finding) -> str:
     return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
 
 
-# --- metres ------------------------------------------------------------------------------------------------------
+# --- metres ---
 
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
@@ -265,7 +269,7 @@ def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Rest
     return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
 
 
-# --- record ------------------------------------------------------------------------------------------------------
+# --- record ---
 
 
 def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:
@@ -331,3 +335,52 @@ def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
         for one in _measured(spec)
     ]
     return {**entries, "measured": measured} if measured else entries
+
+
+# --- The sharp picture and the depth map from two or more photographs blurred by depth ---
+
+
+class Restore(Procedure[RestoreSettings]):
+    """Photographs of one scene that differ in blur."""
+
+    name = "restore"
+    title = "sharp picture and depth"
+    help = """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene.
+
+    --plane all restores RAW photographs in colour, on the sensor's grid."""
+    inputs = Inputs.SCENE
+    Settings = RestoreSettings
+    schema = RESTORATION
+    results_key = "result"
+    drawn_by = "restoration_page:restoration_page"
+    method = "joint estimation of picture and depth by regularized least squares over the blur's masks"
+
+    def steps(self, paths: Sequence[Path]) -> int:
+        """Hundredths of the work."""
+        return 100
+
+    def files(self, paths: Sequence[Path], settings: RestoreSettings) -> list[Path]:
+        """Shapes, measured PSFs, records of motion, and the ground truth."""
+        return settings.of(paths).files
+
+    def measure(
+        self, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """Picture and depth of the photographs."""
+
+        return restored(self.name, paths, settings, terms, progress)
+
+    def lines(self, measurement: Measurement) -> list[str]:
+        """The comparison with the ground truth."""
+        restoration: Restoration | None = measurement.result and measurement.result.outcome.value
+        if restoration is None or restoration.ground_truth is None:
+            return []
+        truth = restoration.ground_truth
+        before = ", ".join(f"{db:.1f}" for db in truth.before_db)
+        return [
+            f"compared with the ground truth {truth.psnr_db:.1f} dB, the photographs {before} dB; "
+            f"error {truth.error:.2%} of white, estimated {truth.stated_error:.2%}"
+        ]
+
+
+PROCEDURE = Restore()

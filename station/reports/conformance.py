@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput
-from station.common.atomic_files import write_whole
-from station.common.durable_files import read_own
+from station.common.durable_files import read_own, write_whole
 from station.common.signature import ProofCheck, check_entry, create_key, signature_entry
 from station.common.versions import software
 from station.reports.page import KeyNumbers, Note, Section, Table, page
@@ -117,7 +116,7 @@ def conformance_page(record: Mapping[str, Any]) -> str:
     )  # fmt: skip
 
 
-# --- checks ----------------------------------------------------------------------------------------------------------
+# --- checks ---
 
 
 def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCheck]:

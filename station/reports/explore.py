@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
-
 from procedures.budget import TERMS
+
 from procedures.numbers import label
 from procedures.outcome import Quantity
 from station.drawing.colours import INK, PLANE_COLOURS

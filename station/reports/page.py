@@ -16,11 +16,11 @@ from markupsafe import Markup, escape
 
 from procedures.outcome import Cause, Miss, Quantity, WithVerdict
 from procedures.raw import Exposure
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.comparison import measurement_words
+from station.results.plane_result import measurement_words
 from station.results.record_head import PartBeside
 from station.results.units import Unit
 
@@ -174,7 +174,7 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-# --- texts -------------------------------------------------------------------------------------------------------
+# --- texts ---
 
 
 def marked(text: Text) -> Markup:
@@ -267,7 +267,7 @@ def exposure_words(exposure: Exposure) -> str:
     return ", ".join(word for word in words if word)
 
 
-# --- blocks of several pages -------------------------------------------------------------------------------------
+# --- blocks of several pages ---
 
 
 def causes(judged: WithVerdict, before: Text = "") -> list[Block]:

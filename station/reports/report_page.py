@@ -209,7 +209,7 @@ def _citation(report: Report) -> Section:
     return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
 
 
-# --- curves ------------------------------------------------------------------------------------------------------
+# --- curves ---
 
 
 def _curves(report: Report) -> list[str]:

@@ -106,7 +106,7 @@ def _tried(
     """The results of all trials, and their record; `place` is the folder of a real stage's station.toml."""
     from station.bench.conform import at_port, at_twin
     from station.bench.conform import conform as findings_of
-    from station.common.leftovers import temporary_folder
+    from station.common.durable_files import temporary_folder
     from station.common.stop_signals import guarded
     from station.reports.conformance import conformance_record, source_of
 

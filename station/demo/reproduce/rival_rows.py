@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.numerics.solvers import solve_constrained
+from procedures.numerics.normal_equations import solve_constrained
 from procedures.outcome import Refused
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges

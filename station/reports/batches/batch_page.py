@@ -14,20 +14,20 @@ from matplotlib.ticker import MaxNLocator
 
 from procedures.numbers import label
 from procedures.outcome import Quantity
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, Figure, drawn, legend, points
 from station.drawing.style import axes_grid
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
-from station.results.comparison import measurement_words
+from station.results.plane_result import measurement_words
 
 MAX_LINES = 500
 """Photographs in the page's table and figures; summary.csv has all."""
 MAX_COLUMNS = 3
 """Numbers in the page's table."""
 MAX_BINS = 40
-"""Of a histogram."""
+"""Bins of a histogram, at most."""
 MAX_NAME = 18
 """Characters of a camera's name in a legend."""
 OUTLIER = 3.5
@@ -180,7 +180,7 @@ def _outliers(group: NumberGroup, values: npt.ArrayLike, uncertainties: npt.Arra
     all_values = np.asarray(group.values)
     middle = np.median(all_values)
     spread = MAD * np.median(np.abs(all_values - middle))
-    away = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
+    away: npt.NDArray[np.bool_] = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
     return away & (len(all_values) >= LEAST_VALUES)
 
 
@@ -224,8 +224,8 @@ def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport)
         if measured:
             at, _, numbers = zip(*measured, strict=True)
             x, values, own = np.array(at), [one.value for one in numbers], [one.uncertainty for one in numbers]
-            looks = {"ls": "none", "label": _short(group, several=len(cameras) > 1)}
-            points(axes, x, values, own, colour=colour, marker=marker, **looks)
+            name_of_group = _short(group, several=len(cameras) > 1)
+            points(axes, x, values, own, colour=colour, marker=marker, ls="none", label=name_of_group)
             odd = _outliers(group, values, own)
             axes.plot(x[odd], np.array(values)[odd], "o", ms=9, mfc="none", mec=MARK, mew=1.4)
             for place, file, number in measured:

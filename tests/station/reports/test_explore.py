@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from procedures.numbers import OF_PLACES
 from procedures.outcome import Quantity, Verdict
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.reports.explore import Spot, Spots
 from station.reports.report import Report
 from station.reports.report_page import report_page
