@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
-from procedures.budget import TERMS
 
+from procedures.choice import TERMS
 from procedures.numbers import label
 from procedures.outcome import Quantity
 from station.drawing.colours import INK, PLANE_COLOURS
@@ -28,11 +28,11 @@ Array = npt.NDArray[np.float64]
 DRAWN = ("frequency", "horizontal", "vertical", "mtf")
 """Curves that are drawn, over the first."""
 MAX_POINTS = 101
-"""Of a curve."""
+"""Largest number of points of a curve."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
+class ExploredPlace:
     """A place of the frame: position in the plane, numbers and curves in cycles per pixel, budgets, samples of the PSF.
 
     inside : whether it is enclosed by the charts
@@ -49,14 +49,14 @@ class Spot:
 
 
 @dataclass(frozen=True, eq=False)
-class Spots:
+class ExploredPlaces:
     """The places of a plane of shape (rows, columns)."""
 
     shape: tuple[int, int]
-    places: Sequence[Spot] = field(default_factory=list)
+    places: Sequence[ExploredPlace] = field(default_factory=list)
 
 
-def explorer(report: Report, spots: Mapping[str, Spots]) -> Markup | None:
+def explorer(report: Report, spots: Mapping[str, ExploredPlaces]) -> Markup | None:
     """The data of a page; None without a number that has an uncertainty."""
     planes = [_plane_entry(one, report, spots.get(one.name)) for one in report.planes if _uncertain(one.numbers)]
     if not planes:
@@ -81,12 +81,13 @@ def _uncertain(numbers: Mapping[str, Quantity]) -> dict[str, Quantity]:
 
 def _pitch_um(report: Report) -> float | None:
     """The pitch of the sensor's pixels, as given or recorded by the camera."""
-    recorded = (one.exposure.pixel_pitch_um for one in (*report.frames, *report.planes) if one.exposure is not None)
+    exposures = [*(one.exposure for one in report.frames), *(one.exposure for one in report.planes)]
+    recorded = (one.pixel_pitch_um for one in exposures if one is not None)
     given = report.parameters.get("pixel_pitch_um")
     return float(given) if isinstance(given, int | float) else next((one for one in recorded if one), None)
 
 
-def _plane_entry(plane: PlaneResult, report: Report, spots: Spots | None) -> dict[str, Any]:
+def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | None) -> dict[str, Any]:
     """The plane in cycles per pixel."""
     height = min(spots.shape) if spots else None
     if report.frames and plane.name in report.frames[0].planes:
@@ -134,7 +135,7 @@ def _curves(curves: Mapping[str, Array], factor: float) -> dict[str, list[float]
     }
 
 
-def _spot_entry(spot: Spot) -> dict[str, Any]:
+def _spot_entry(spot: ExploredPlace) -> dict[str, Any]:
     return {
         "x": round(spot.x, 1), "y": round(spot.y, 1), "inside": spot.inside,
         "numbers": _numbers(spot.numbers, spot.budgets), "curves": _curves(spot.curves, 1.0),

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from procedures.numbers import Group, in_group
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
-from station.reports.explore import Spots, explorer
+from station.reports.explore import ExploredPlaces, explorer
 from station.reports.page import (
     Block,
     Figures,
@@ -67,7 +67,7 @@ def report_page(
     summary: Sequence[Block] = (),
     plane_blocks: Callable[[PlaneResult], Sequence[Block]] = lambda plane: (),
     closing: Sequence[Section] = (),
-    spots: Mapping[str, Spots] = MappingProxyType({}),
+    spots: Mapping[str, ExploredPlaces] = MappingProxyType({}),
 ) -> str:
     """The page of a report.
 

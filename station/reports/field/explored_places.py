@@ -12,33 +12,33 @@ from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
-from station.reports.explore import Spot, Spots
+from station.reports.explore import ExploredPlace, ExploredPlaces
 
 COLUMNS = 7
 """Places along the frame's longer side."""
 POINTS = 41
-"""Of a curve."""
+"""Number of points of a curve."""
 DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
 
 
-def explored_places(field: PsfField) -> Spots:
+def explored_places(field: PsfField) -> ExploredPlaces:
     """A grid of places over the frame."""
     points = mesh(*grid(field.shape, COLUMNS))
     enclosed, parameters = field.inside(points), field.parameters(points)
-    return Spots(field.shape, [_spot(field, *one) for one in zip(points, enclosed, parameters, strict=True)])
+    return ExploredPlaces(field.shape, [_spot(field, *one) for one in zip(points, enclosed, parameters, strict=True)])
 
 
-def _spot(field: PsfField, place: np.ndarray, enclosed: bool, parameters: np.ndarray) -> Spot:
+def _spot(field: PsfField, place: np.ndarray, enclosed: bool, parameters: np.ndarray) -> ExploredPlace:
     x, y = map(float, place)
     noise, interpolation = field.covariances(x, y)
     psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
     only_noise = Psf.of(parameters, noise, field.k, field.s, interpolation)
     radius = radius_direction(field.shape, x, y)
     (values, total), (_, by_noise) = mtf50_about(psf, radius), mtf50_about(only_noise, radius)
-    numbers = {name: Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
+    numbers = {str(name): Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
     rest = np.sqrt(np.maximum(total**2 - by_noise**2, 0))
     budgets = {
-        name: {"noise and truncation": float(a), "interpolation between the charts": float(b)}
+        str(name): {"noise and truncation": float(a), "interpolation between the charts": float(b)}
         for name, a, b in zip(OF_PLACES, by_noise, rest, strict=True)
     }
     frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
@@ -46,4 +46,4 @@ def _spot(field: PsfField, place: np.ndarray, enclosed: bool, parameters: np.nda
     for name, angle in DIRECTIONS.items():
         curves[name], slopes = mtf_along(psf, frequencies, angle)
         curves[f"{name}_uncertainty"] = propagated(psf, slopes)
-    return Spot(x, y, bool(enclosed), numbers, budgets, curves, psf.h, psf.s)
+    return ExploredPlace(x, y, bool(enclosed), numbers, budgets, curves, psf.h, psf.s)

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from procedures.numbers import OF_PLACES
 from procedures.outcome import Quantity, Verdict
 from station.common.sanitise import stated
-from station.reports.explore import Spot, Spots
+from station.reports.explore import ExploredPlace, ExploredPlaces
 from station.reports.report import Report
 from station.reports.report_page import report_page
 from station.results.overlay import Overlay
@@ -36,7 +36,7 @@ def spot(number, x, y):
     numbers = {name: Quantity(0.2 + 0.1 * number, "cycles/pixel", 0.003, "", 1) for name in OF_PLACES}
     budgets = {name: {"noise": 0.002, "interpolation": 0.0022} for name in OF_PLACES}
     samples = np.ones((3, 3)) + number * np.eye(3)
-    return Spot(x, y, True, numbers, budgets, curves(0.3 + 0.1 * number), samples, 4)
+    return ExploredPlace(x, y, True, numbers, budgets, curves(0.3 + 0.1 * number), samples, 4)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def page(tmp_path_factory):
     plane = PlaneResult("G1", Verdict.PASS, numbers={"mtf50_horizontal": MTF50}, curves=curves(0.5), pitch=PITCH)
     other = Overlay("lens B", Unit.CYCLES, {"G1": curves(0.9)})
     report = Report(HOSTILE, "field", [plane], [], {"pixel_pitch_um": PITCH_UM}, overlays=[other])
-    spots = {"G1": Spots((20, 40), [spot(number, *place) for number, place in enumerate(PLACES)])}
+    spots = {"G1": ExploredPlaces((20, 40), [spot(number, *place) for number, place in enumerate(PLACES)])}
     path = tmp_path_factory.mktemp("explore") / "report.html"
     path.write_text(report_page(report, spots=spots), encoding="utf-8")
     return path
