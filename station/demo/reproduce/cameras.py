@@ -18,6 +18,7 @@ from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
+from procedures.sensor_model import SensorModel
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
 from simulators.camera.sensor import Sensor
@@ -116,9 +117,11 @@ def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float, seed: i
     return near, photograph_wall(camera_of(far_side), near_mm * ratio, seed, 2)
 
 
-def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls") -> PatternPsf:
+def estimated(
+    plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls", sensor: SensorModel | None = None
+) -> PatternPsf:
     """The PSF from a photograph of the chart. Raises Refused if there is none."""
-    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver))
+    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver), sensor=sensor)
     if outcome.value is None:
         raise Refused(f"a simulated or published photograph was refused: {outcome.reason}", outcome.remedy)
     return outcome.value

@@ -42,22 +42,25 @@ def _reference(path: Path) -> Array:
     return checked_array(read_npz(path, ("reference",))[0]["reference"], f"the reference {path}", (None, None, 3))
 
 
-def _of(setting: Setting, samples: int) -> tuple[Film, Array]:
+def film_and_reference(setting: Setting, samples: int) -> tuple[Film, Array]:
+    """The published film with that many samples per pixel, and the converged picture."""
     return _film(setting.path(FILMS[samples])), _reference(setting.path(REFERENCE))
 
 
 def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Array:
     """The film filtered by the paper's algorithms."""
-    film, _ = _of(setting, samples)
+    film, _ = film_and_reference(setting, samples)
     picture = filter_film(film, replace(PAPER, kappa=kappa, scales=scales), threads=setting.threads).picture
     return np.asarray(picture, dtype=np.float64)
 
 
-def _decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
-    return psnr_db(_filtered(setting, samples, kappa, scales), _of(setting, samples)[1])[0]
+def decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
+    """PSNR of a published film filtered by the paper's algorithms."""
+    return psnr_db(_filtered(setting, samples, kappa, scales), film_and_reference(setting, samples)[1])[0]
 
 
-def _shown(picture: npt.NDArray[np.floating]) -> Array:
+def shown(picture: npt.NDArray[np.floating]) -> Array:
+    """The picture as displayed."""
     return np.asarray(np.clip(picture, 0, 1) ** (1 / GAMMA), dtype=np.float64)
 
 
@@ -78,12 +81,12 @@ CASES = (
 )
 def rays_cornell(setting: Setting) -> RowValues:
     """PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does."""
-    film, truth = _of(setting, 256)
-    ours = [_decibels(setting, *case) for case in CASES]
+    film, truth = film_and_reference(setting, 256)
+    ours = [decibels(setting, *case) for case in CASES]
     figure = pictures(
         "rays",
-        [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
-         ("converged", _shown(truth))],
+        [("256 samples", shown(film.mean)), ("filtered", shown(_filtered(setting, 256, 1.0, 3))),
+         ("converged", shown(truth))],
         columns=3,
     )  # fmt: skip
     return RowValues((psnr_db(film.mean, truth)[0], *ours), (figure,))
@@ -97,7 +100,7 @@ KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 @ordered(Order("the error has a minimum between", lambda v: min(v[1:]) > 1))
 def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
     error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in estimates])
     best = int(np.argmin(error))
@@ -105,7 +108,7 @@ def rays_kappa(setting: Setting) -> RowValues:
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
@@ -118,13 +121,13 @@ def rays_kappa(setting: Setting) -> RowValues:
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
     wide = {scales: _wide_noise(one, truth) for scales, one in estimates.items()}
     line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in estimates.items()}
     across = np.arange(truth.shape[1])
     figures = (
-        pictures("scales", [(f"scales: {n}", _shown(one)) for n, one in estimates.items()], columns=2),
+        pictures("scales", [(f"scales: {n}", shown(one)) for n, one in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],
@@ -151,8 +154,8 @@ OCTAVES = 2.0
 @ordered(Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10))
 def rays_samples(setting: Setting) -> RowValues:
     """PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level."""
-    rendered = {n: psnr_db(_of(setting, n)[0].mean, _of(setting, n)[1])[0] for n in FILMS}
-    filtered = {n: _decibels(setting, n, 1.0, 3) for n in FILMS}
+    rendered = {n: psnr_db(film_and_reference(setting, n)[0].mean, film_and_reference(setting, n)[1])[0] for n in FILMS}
+    filtered = {n: decibels(setting, n, 1.0, 3) for n in FILMS}
     figure = curves(
         "samples",
         [
