@@ -25,8 +25,8 @@ from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
 
-FILMS = {64: "rays/cornell_00064_f16.npz", 256: "rays/cornell_00256_f16.npz"}
-REFERENCE = "rays/cornell_reference.npz"
+FILMS = {n: f"rays/cornell_{n:05d}_f16.npz|rays/room_{n:05d}.npz" for n in (64, 256)}
+REFERENCE = "rays/cornell_reference.npz|rays/room_reference.npz"
 GAMMA = 2.2
 WIDE_PX = 6.0
 """Standard deviation of the low-pass filter that separates noise of low frequency, pixels: beyond the search block."""
@@ -43,7 +43,7 @@ def _reference(path: Path) -> Array:
 
 
 def film_and_reference(setting: Setting, samples: int) -> tuple[Film, Array]:
-    """The published film with that many samples per pixel, and the converged picture."""
+    """The film of the Cornell box, or else of the program's room, with that many samples, and the converged picture."""
     return _film(setting.path(FILMS[samples])), _reference(setting.path(REFERENCE))
 
 
@@ -55,7 +55,7 @@ def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Arra
 
 
 def decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
-    """PSNR of a published film filtered by the paper's algorithms."""
+    """PSNR of a film filtered by the paper's algorithms."""
     return psnr_db(_filtered(setting, samples, kappa, scales), film_and_reference(setting, samples)[1])[0]
 
 
@@ -108,11 +108,16 @@ def rays_kappa(setting: Setting) -> RowValues:
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", _detail(shown(estimates[i]))) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
+
+
+def _detail(picture: Array) -> Array:
+    rows, columns = picture.shape[:2]
+    return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
 
 
 # --- Figure 4.2 ----------------------------------------------------------------------------------------------------
@@ -124,16 +129,16 @@ def rays_scales(setting: Setting) -> RowValues:
     _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
     wide = {scales: _wide_noise(one, truth) for scales, one in estimates.items()}
-    line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in estimates.items()}
-    across = np.arange(truth.shape[1])
+    middle, across = len(truth) // 2, np.arange(truth.shape[1])
+    line = {f"scales: {scales}": one[middle].mean(axis=-1) for scales, one in estimates.items()}
     figures = (
         pictures("scales", [(f"scales: {n}", shown(one)) for n, one in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],
-            x="column of row 125",
+            x="column of the middle row",
             y="mean of the colours",
-            published=Curve("converged", across, truth[125].mean(axis=-1)),
+            published=Curve("converged", across, truth[middle].mean(axis=-1)),
         ),
     )
     gain = psnr_db(estimates[3], truth)[0] - psnr_db(estimates[1], truth)[0]

@@ -25,12 +25,14 @@ class Setting:
     full: bool = False
     threads: int = 1
 
-    def path(self, name: str) -> Path:
-        """A file of the data folder. Raises BadParameter if it does not exist."""
-        if self.data is None or not (self.data / name).exists():
-            where = "no data folder" if self.data is None else f"no {name} in {self.data}"
-            raise BadParameter(f"the row needs {name}; {where}", "name the data folder with --data")
-        return self.data / name
+    def path(self, names: str) -> Path:
+        """The first file of the data folder that exists, of one or several names "a|b". Raises BadParameter if none."""
+        for name in names.split("|"):
+            if self.data is not None and (self.data / name).exists():
+                return self.data / name
+        needed = names.replace("|", " or ")
+        where = "no data folder" if self.data is None else f"no {needed} in {self.data}"
+        raise BadParameter(f"the row needs {needed}; {where}", "name the data folder with --data, and add --fetch")
 
 
 @dataclass(frozen=True)
