@@ -1,7 +1,5 @@
 """Data of the rows: photographs from the authors' public repositories, and films rendered by the program itself."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import urllib.error
