@@ -23,6 +23,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.cameras import CameraModel
@@ -140,11 +141,14 @@ class AdjustmentProblem:
 
     def residual(self, state: AdjustmentState) -> Array:
         """Residuals of all points, then of the priors."""
-        spread = np.concatenate([state.camera.prior, self.shape.prior_mm])
-        values = np.concatenate([state.camera.params, state.terms_mm])
+        prior = (state.camera.prior @ state.camera.params, state.terms_mm / self.shape.prior_mm)
         errors = state.errors_mm / self.shape.node_mm if self.shape.node_mm.all() else np.zeros(0)
         points = (one.ravel() for one in self.view_residuals(state))
-        return np.concatenate([*points, values / spread, errors.ravel()])
+        return np.concatenate([*points, *prior, errors.ravel()])
+
+    def prior_precision(self, state: AdjustmentState) -> Array:
+        """Precision (p + q, p + q) of the priors of camera parameters and shape terms."""
+        return np.asarray(block_diag(state.camera.information, np.diag(self.shape.prior_mm**-2.0)))
 
     def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
         """The normal equations at a state."""
@@ -185,10 +189,10 @@ class AdjustmentProblem:
         """
         system, shape = self.point_system(state, self.view_residuals(state), extra), self.shape
         U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
-        precision = np.concatenate([state.camera.prior, shape.prior_mm]) ** -2.0
-        values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
-        U[where, where] += precision
-        u[where] -= precision * values
+        precision = self.prior_precision(state)
+        known = slice(len(precision))
+        U[known, known] += precision
+        u[known] -= precision @ np.concatenate([state.camera.params, state.terms_mm])
         multipliers = shape.similarity.shape[-1]
         if shape.node_mm.all():
             V[:, range(3), range(3)] += shape.node_mm**-2.0
@@ -415,8 +419,7 @@ def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
     chi_square = sum(float(np.sum(one**2)) for one in problem.view_residuals(state))
-    prior = np.concatenate([state.camera.prior, shape.prior_mm])
-    held = float(np.sum(np.diag(covariance)[: p + q] / prior**2))
+    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
     variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
     freedom = count - POSE * len(views) - (p + q - held) - free

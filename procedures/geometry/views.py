@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,10 @@ class ChartView:
     def __len__(self) -> int:
         """Number of points."""
         return len(self.index)
+
+    def part(self, chosen: npt.NDArray[np.bool_]) -> ChartView:
+        """The view with some of its points."""
+        return replace(self, index=self.index[chosen], points=self.points[chosen], covariance=self.covariance[chosen])
 
     @cached_property
     def whitening(self) -> Array:

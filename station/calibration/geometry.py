@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import Geometry, GeometryParameters
-from procedures.geometry.planes import calibrate_planes
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, Miss, Outcome, ProcedureError, Verdict
 from procedures.pattern import Chart
@@ -146,8 +145,9 @@ def _by_plane(measured: Sequence[_Measured]) -> list[GeometryPhotographs]:
 
 def conclude(shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters) -> list[PlaneGeometry]:
     """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view."""
-    outcomes = calibrate_planes({one.plane: one.views for one in shoots}, shoots[0].size, parameters)
-    return [PlaneGeometry(one, _with_missed(outcomes[one.plane], one)) for one in shoots]
+    return [
+        PlaneGeometry(one, _with_missed(calibrate_geometry(one.views, one.size, parameters), one)) for one in shoots
+    ]
 
 
 def _with_missed(outcome: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:
