@@ -132,7 +132,7 @@ class AdjustmentProblem:
     def view_residual(self, state: AdjustmentState, i: int) -> Array:
         """Observed minus projected points of a view, in standard deviations, (n, 2)."""
         view = self.views[i]
-        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self._shaped(state, view)))
+        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self.shaped(state, view)))
         return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
 
     def view_residuals(self, state: AdjustmentState) -> list[Array]:
@@ -169,13 +169,13 @@ class AdjustmentProblem:
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
         """Derivatives of a view's points: (n, 2, p + q + 6) by its camera, shape terms, pose; (n, 2, 3) by nodes."""
         pose, view = state.poses[i], self.views[i]
-        camera, points = state.camera.part(view.camera)[0], pose.apply(self._shaped(state, view))
+        camera, points = state.camera.part(view.camera)[0], pose.apply(self.shaped(state, view))
         by_points = camera.by_points(points)
         by_nodes = by_points @ pose.R
         by_terms = by_nodes @ self.shape.terms[view.index]
         return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
-    def _shaped(self, state: AdjustmentState, view: ChartView) -> Array:
+    def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
         return np.asarray(self.nodes[view.index] + _deviations(state, self.shape)[view.index])
 

@@ -17,9 +17,10 @@ from procedures.geometry.model_doubt import find_doubt
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
+from procedures.geometry.shutter import Shutter, find_shutter, with_row_time
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
-from procedures.numbers import FOCAL, projection_at
+from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
 from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
@@ -58,12 +59,15 @@ class GeometryParameters:
         A formula, or a spline over it (OPENCV+SPLINE_12X9); None: the reference, a spline over STEREOGRAPHIC.
     distances_mm : tuple of float
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
+    is_video : bool
+        Whether the views are frames of a video, with their times: the row time of the shutter is estimated.
     """
 
     cell_mm: float
     scale_uncertainty: float = 0.003
     model: str | None = None
     distances_mm: tuple[float, ...] = ()
+    is_video: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +162,8 @@ class Geometry:
         The pose whose photograph would reduce the projection uncertainty most; None where none fits into the frame.
     adjustment : Adjustment
         The adjustment from which the other values derive.
+    shutter : Shutter or None
+        Of a video: the row time.
     """
 
     camera: CameraModel
@@ -174,6 +180,7 @@ class Geometry:
     covered: float
     next_view: NextView | None
     adjustment: Adjustment
+    shutter: Shutter | None = None
 
     __repr__ = summary
 
@@ -199,7 +206,22 @@ class Geometry:
             name: Quantity(float(value), unit, float(spread), method, self.points)
             for name, value, unit, spread in zip(camera.names, camera.params, camera.units, sigma, strict=True)
         }
-        return parameters | {projection_at(one.distance_mm): self._mean_uncertainty(one) for one in self.maps}
+        return (
+            parameters
+            | self._row_times()
+            | {projection_at(one.distance_mm): self._mean_uncertainty(one) for one in self.maps}
+        )
+
+    def _row_times(self) -> dict[str, Quantity]:
+        """Row time and readout time of a video."""
+        if self.shutter is None:
+            return {}
+        method = f"displacement of the rows in {len(self.views)} frames of a moving chart"
+        row, sigma, rows = self.shutter.row_s, self.shutter.uncertainty_s, self.shutter.rows
+        return {
+            ROW_TIME: Quantity(1e6 * row, "us", 1e6 * sigma, method, self.points),
+            READOUT_TIME: Quantity(1e3 * rows * row, "ms", 1e3 * rows * sigma, method, self.points),
+        }
 
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
         method = "root mean square over the part of the frame that the charts covered"
@@ -245,8 +267,14 @@ def calibrate_geometry(
                 "photograph the chart again, tilted by 20 to 40 degrees to other sides, and elsewhere in the frame",
             )
         problem = AdjustmentProblem(nodes, views, shape_model(nodes))
-        fit, trials = fit_model(parameters.model, first_state(problem, size), problem)
-        geometry = _geometry(concluded(fit), trials, parameters)
+        start, shutter = first_state(problem, size), None
+        if parameters.is_video:
+            shutter, problem = find_shutter(start, problem)
+        fit, trials = fit_model(parameters.model, start, problem)
+        fit = concluded(fit)
+        if shutter is not None:
+            shutter, fit = with_row_time(fit, shutter)
+        geometry = _geometry(fit, trials, parameters, shutter)
     except Refused as error:
         frontal = len(views) >= FEWEST_VIEWS and greatest_tilt(nodes, views) <= FRONTAL_DEG
         refusal = _frontal(len(views)) if frontal else error
@@ -276,7 +304,9 @@ def is_too_simple(geometry: Geometry) -> bool:
     return geometry.misfit.significant and geometry.misfit.rms_px > max(geometry.noise_px, NEGLIGIBLE_PX)
 
 
-def _geometry(fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters) -> Geometry:
+def _geometry(
+    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: Shutter | None
+) -> Geometry:
     camera, views = fit.state.camera, fit.problem.views
     p = len(camera.params)
     share = float(np.hypot(parameters.scale_uncertainty, scale_spread(fit.problem.nodes, fit.problem.shape.node_mm)))
@@ -301,6 +331,7 @@ def _geometry(fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: 
         covered=float(enclosed(region, grid).mean()),
         next_view=next(iter(next_views(fit)), None),
         adjustment=fit,
+        shutter=shutter,
     )
 
 

@@ -31,6 +31,8 @@ class ChartView:
         Of each point, in squared pixels; different points are independent.
     camera : int
         Which of several cameras took it.
+    time_s : float
+        Time of the middle row's exposure, for frames of a video.
     """
 
     source: str
@@ -38,6 +40,7 @@ class ChartView:
     points: Array
     covariance: Array
     camera: int = 0
+    time_s: float = 0.0
 
     def __len__(self) -> int:
         """Number of points."""

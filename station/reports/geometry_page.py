@@ -42,6 +42,8 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
         Heading("Uncertainty of the projection: of a point fixed to the charts, from the points’ own errors"),
         Figures([figures.coverage_figure(geometry, f"{prefix}coverage"), *maps], wide=True, summary=True),
     ]
+    if geometry.shutter is not None:
+        blocks.append(f"The frames show a {geometry.shutter.words}.")
     if (proposed := geometry.next_view) is not None:
         blocks.append(
             f"One more photograph would help most of the chart in {next_view_words(proposed)}: over the whole frame, "
