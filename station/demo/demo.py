@@ -38,6 +38,8 @@ CHART = "chart.pdf"
 PAGE = "index.html"
 SHOWN_PLANE = "G1"
 """Plane whose photograph and residual are drawn."""
+PRINT_BLUR = 0.075
+"""Standard deviation of the print's blur, in cells: that of a fine print."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
@@ -143,7 +145,7 @@ def run_demo(
         Seed of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed().with_edges(), PatternParameters()
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters(print_blur=PRINT_BLUR)
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")

@@ -17,7 +17,7 @@ from procedures.radial_profile import radial_profile
 from procedures.raw import read_frame
 from simulators.bench.demonstration import WIDTH_MM, Staging, photograph
 from station.common.progress import Progress, silent
-from station.demo.demo import SHOWN_PLANE, compared_planes
+from station.demo.demo import PRINT_BLUR, SHOWN_PLANE, compared_planes
 from station.reports import otf_figures, psf_figures
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
@@ -34,7 +34,7 @@ def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
         taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
         frame = read_frame(path)
     frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
-    (plane,) = compared_planes(frame, taken, chart, PatternParameters(), SETUP, progress)
+    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, progress)
     estimate, truth = plane.result.estimate, plane.comparison
     assert estimate is not None  # the simulated photograph is a good one
     assert truth is not None
