@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
-from procedures.budget import with_modes
+from procedures.choice import with_modes
 from procedures.corruption.family import PRINT_BLUR, nuisance, threshold
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores
 from procedures.numbers import (

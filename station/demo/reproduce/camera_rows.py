@@ -4,8 +4,6 @@ Of the thesis's photographs one is published (`photograph_rows`). The others are
 simulated.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -16,10 +14,10 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import Diffraction
 from simulators.camera.optics import WAVELENGTHS_UM
+from station.demo.digital_twin import align
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import RowValues, Setting
-from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
 

@@ -5,8 +5,6 @@ plane of its mosaic is a grey sensor with twice the pitch, rendered in a quarter
 are half as wide in pixels of that plane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

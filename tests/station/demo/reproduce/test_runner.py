@@ -200,6 +200,14 @@ OF_SECONDS = {
     "stability",
     "simulated-rivals",
     "rays-kappa",
+    "accuracy",
+    "gamma-table",
+    "bound-realised",
+    "two-photo-zoom-published",
+    "two-photo-zoom",
+    "two-photo-simulated",
+    "rays-cornell",
+    "apertures",
 }
 """Rows of the quick set that take four seconds of processor and more: nightly."""
 
