@@ -54,8 +54,6 @@ class AxisState(NamedTuple):
 class PolledAxis:
     """One axis: its name with the unit, and its number or identifier at the controller.
 
-    Attributes
-    ----------
     scale : the axis' unit per unit of the controller, negative if that counts in the opposite direction
     zero : the value where the controller has 0
     travel : the range; None asks the controller

@@ -29,8 +29,6 @@ HALT, HALTED_S = "halt", 0.25
 class AlpacaAxis:
     """One axis: its name with the unit, and the number of its focuser.
 
-    Attributes
-    ----------
     unit_per_step : None uses the step size in micrometres that the focuser reports
     zero : the value at step 0
     direction : -1 if steps count in the opposite direction

@@ -73,8 +73,6 @@ class DepthPlan:
 class RestoredDepth:
     """A restoration and its truth.
 
-    Attributes
-    ----------
     photographs : two of (rows, columns)
         The plane of both files, 1 = saturation.
     sharp, w : (rows, columns)
