@@ -1,7 +1,5 @@
 """Devices without a port: behind other people's software, at the kernel's boundary, or behind a program."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

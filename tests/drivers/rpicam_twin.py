@@ -1,7 +1,5 @@
 """The program `rpicam-still` of the simulators, at a path of its own."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

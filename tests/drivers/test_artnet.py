@@ -1,7 +1,5 @@
 """Art-Net: a node that lights a lamp, and packets as a published client sends them."""
 
-from __future__ import annotations
-
 import socket
 import threading
 

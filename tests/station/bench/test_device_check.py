@@ -1,7 +1,5 @@
 """Wrong station.toml files: each refused with key, value, line and remedy, in words that are not Python's."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 
