@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.surfaces import Surface, WithoutPhotosite, fit_surface
+from procedures.field.photosite import WithoutPhotosite
+from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import (
     ENERGY_ABOVE_NYQUIST,
     ENERGY_OUTSIDE_SUPPORT,

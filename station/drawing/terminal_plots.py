@@ -155,9 +155,11 @@ class Glyphs:
 
     def spelt(self, text: str) -> str:
         """A number with its signs, in characters of the terminal."""
-        return text.replace("±", self.plus_minus).replace("°", " deg") if self.ascii else text
+        return text.translate(SPELT) if self.ascii else text
 
 
+SPELT = str.maketrans({"±": "+-", "°": " deg", "→": ">", "←": "<", "↓": "v", "↑": "^"})
+"""Signs in ASCII."""
 UNICODE = Glyphs(False, done="✓", now="▶", todo="·", good="✓", bad="✗", full="█", empty="░", plus_minus="±")
 ASCII = Glyphs(True, done="x", now=">", todo=".", good="ok", bad="!!", full="#", empty="-", plus_minus="+-")
 
@@ -176,7 +178,7 @@ GLYPHS = {
     "4": "#.# #.# ### ..# ..#", "5": "### #.. ### ..# ###", "6": "### #.. ### #.# ###", "7": "### ..# ..# ..# ..#",
     "8": "### #.# ### #.# ###", "9": "### #.# ### ..# ###", ".": ". . . . #", "-": "... ... ### ... ...",
     ">": "#.. .#. ..# .#. #..", "<": "..# .#. #.. .#. ..#", "=": "... ### ... ### ...", "?": "### ..# .## ... .#.",
-    " ": ". . . . .",
+    "^": ".#. #.# ... ... ...", "v": "... ... ... #.# .#.", " ": ". . . . .",
 }  # fmt: skip
 ROWS = 5
 ACROSS = 2

@@ -88,6 +88,14 @@ class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
 
     bits: ChartBits = None
     seed: ChartSeed = None
+    print_blur: Annotated[
+        float | None,
+        setting("Standard deviation of the print's blur in cells.  [default: by the printer's dots if they show]"),
+    ] = None
+
+    def sampling(self) -> dict[str, Any]:
+        """Arguments of an estimate with the chart."""
+        return {**super().sampling(), "print_blur": self.print_blur}
 
     @property
     def source(self) -> Source:

@@ -21,7 +21,7 @@ BUILTIN: Mapping[str, str] = {
     "pattern": "station.procedure.builtin.pattern:PROCEDURE",
     "rays": "station.procedure.builtin.rays:PROCEDURE",
     "refocus": "station.procedure.builtin.refocus:PROCEDURE",
-    "restore": "station.procedure.restoring:PROCEDURE",
+    "restore": "station.procedure.builtin.restore:PROCEDURE",
     "rig": "station.procedure.builtin.rig:PROCEDURE",
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "series": "station.procedure.builtin.series:PROCEDURE",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from procedures.field.surfaces import ASSUMED, Photosite
+from procedures.field.photosite import ASSUMED, Photosite
 from procedures.outcome import BadParameter, Miss
 from procedures.pattern import BLOCK, BLOCKS
 from procedures.reading.exposure import Exposure

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.field.maps import FieldMap, derive, mtf50_about, over_height
-from procedures.field.surfaces import ASSUMED, Photosite, WithoutPhotosite
+from procedures.field.photosite import ASSUMED, Photosite, WithoutPhotosite
 from procedures.outcome import BadParameter
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
