@@ -9,8 +9,8 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from procedures.sensor_model import SensorModel
 
+from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf

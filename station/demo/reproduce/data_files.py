@@ -16,7 +16,7 @@ from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import SCENES
-from station.common.atomic_files import write_whole
+from station.common.durable_files import write_whole
 from station.common.progress import Progress, silent
 
 TIMEOUT_S = 60
