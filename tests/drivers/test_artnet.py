@@ -7,7 +7,7 @@ import pytest
 
 from drivers.artnet import ArtNetLight, dmx_packet
 from drivers.errors import BadConfiguration, LineLost, NoAnswer
-from simulators.devices.artnet import ArtNetNode
+from tests.drivers.artnet_node import ArtNetNode
 
 
 @pytest.fixture
