@@ -25,12 +25,10 @@ class StageAxis(Protocol):
     @property
     def name(self) -> str:
         """Its name with the unit."""
-        ...
 
     @property
     def tolerance(self) -> float:
         """The largest error of a move."""
-        ...
 
 
 E = TypeVar("E")

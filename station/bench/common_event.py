@@ -25,7 +25,6 @@ class CableImu(Imu, Protocol):
     @property
     def latency(self) -> CableLatency:
         """The delay assumed of its samples."""
-        ...
 
 
 class NoCommonEvent(DeviceError):

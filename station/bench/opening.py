@@ -47,7 +47,6 @@ from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_text import key_lines
 
 
 @dataclass(frozen=True)
@@ -197,7 +196,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
+    read_devices(devices, TableSource(path.name, text, error=BadConfiguration))
     return devices
 
 

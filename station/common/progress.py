@@ -13,7 +13,6 @@ class Progress(Protocol):
 
     def __call__(self, done: str, steps: int = 1) -> None:
         """`done` describes what was finished, `steps` how many steps it was."""
-        ...
 
 
 def silent(done: str, steps: int = 1) -> None:

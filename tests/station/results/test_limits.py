@@ -1,7 +1,5 @@
 """Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Records of every procedure read back as they were written, and damaged ones refused."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Units of frequencies, what is asked of a result, the conditions it was made in, and its seal."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
