@@ -170,7 +170,7 @@ class StationApp(WorkingApp):
 
     @on(ShowHelp)
     def _show_help(self) -> None:
-        self.push_screen(Help(self.offered()))
+        self.push_screen(Help(self.offered(), self.front.question_help()))
 
     @on(ShowPalette)
     def _show_palette(self) -> None:
