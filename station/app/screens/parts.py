@@ -149,12 +149,9 @@ class Choices(Part, can_focus=True):
         """Record the time of the key."""
         self.pressed_s = event.time
 
-    def on_focus(self) -> None:
-        """Update the highlight."""
-        self._show()
-
-    def on_blur(self) -> None:
-        """Update the highlight."""
+    def watch_has_focus(self, focused: bool) -> None:
+        """Show the cursor in the list that has the focus, and in no other."""
+        super().watch_has_focus(focused)
         self._show()
 
     def action_move(self, by: int) -> None:
