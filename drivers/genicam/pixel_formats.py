@@ -4,8 +4,6 @@ Reference: EMVA, GenICam Pixel Format Naming Convention 2.4 (names, `p`: the lea
 GigE Vision 2.0, pixel formats (`Packed`: two pixels in three bytes, their high bits in the outer ones).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,19 +1,16 @@
 """Results of many photographs' nodes: each plane's field, maps and numbers, lateral colour, best focus."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from procedures.budget import Budget
-from procedures.field.chromatic import LateralColour, lateral_colour
+from procedures.choice import Budget
 from procedures.field.estimate import MeasuredChart, mean_budgets
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
-from procedures.field.maps import FieldMap, derive
+from procedures.field.maps import FieldMap, LateralColour, derive, lateral_colour
 from procedures.field.measuring import MeasuredFrames
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE

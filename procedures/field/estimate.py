@@ -9,7 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from procedures.budget import Budget
+from procedures.choice import Budget
+from procedures.clipping import SensorModel
 from procedures.field.interpolate import interpolate
 from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
 from procedures.numerics.arrays import Array
@@ -24,7 +25,6 @@ from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import FrameLike, Plane, RawFrame, as_frame
-from procedures.sensor_model import SensorModel
 
 FIELD = PatternParameters(s=4)
 """Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need

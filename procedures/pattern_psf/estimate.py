@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_modes, with_parts
-from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
+from procedures.choice import FINEST, START_S, Trial, choose, remaining_change, with_modes, with_parts
+from procedures.clipping import SensorModel
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
 from procedures.numbers import (
@@ -63,7 +63,6 @@ from procedures.psf import Psf, Sampling
 from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
-from procedures.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from procedures.choice import START_K, START_S
-from procedures.facts import CameraFacts, derived_from, gathered, number, required
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
 from procedures.pattern_print.distance import LENGTH_MM, PHOTOSITES_PER_PIXEL
-from procedures.pattern_print.paper import ISO_PAPERS, Paper, paper_named
-from procedures.pattern_print.sheet import Size, largest_width_mm
+from procedures.pattern_print.sheet import ISO_PAPERS, Paper, Size, largest_width_mm, paper_named
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.pose import ImagingGeometry
-from procedures.plan import Facts
+from procedures.plan import CameraFacts, Facts, derived_from, gathered, number, required
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Plane
 

@@ -3,8 +3,6 @@
 Reference: numpy.lib.format, versions 1.0 and 2.0; PKWARE's APPNOTE.TXT, 4.3.16 (end of central directory).
 """
 
-from __future__ import annotations
-
 import io
 import math
 import reprlib

@@ -5,8 +5,6 @@ tags and with OpcodeList2 (applied to the mosaic) and OpcodeList3 (applied to th
 Reference: Adobe DNG 1.6, chapters 4 and 7.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Exposure data of a photograph from LibRaw and EXIF, with the source of every field."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """OpenEXR pictures: selected channels of the first part, within the limit of memory, and pictures to write."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any

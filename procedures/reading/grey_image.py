@@ -1,7 +1,5 @@
 """Readers of grey PGM, PNG and TIFF files: samples and full scale."""
 
-from __future__ import annotations
-
 import io
 import re
 import struct

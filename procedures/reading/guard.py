@@ -5,8 +5,6 @@ before it decodes, which rejects a file above the limit. The errors that librari
 listed: inside `decoding`, all of them become BadInput.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import stat

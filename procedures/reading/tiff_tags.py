@@ -5,8 +5,6 @@ MaskedAreas, and does not move the pattern when it trims an odd ActiveArea. The 
 Reference: TIFF 6.0, section 2; Adobe DNG 1.6, chapter 4.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Mapping

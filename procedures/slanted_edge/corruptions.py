@@ -1,7 +1,5 @@
 """Corruptions of an edge: tests of them, and what those that it cannot exclude add to the curve's uncertainty."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import Budget, combined
+from procedures.choice import Budget, combined
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
 from procedures.numerics.arrays import Array
@@ -280,7 +280,7 @@ def _numbers(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, dra
     return numbers
 
 
-# --- uncertainty of an MTF by the Bayesian bootstrap over rows -------------------------------------------------------
+# --- uncertainty of an MTF by the Bayesian bootstrap over rows ---
 # The rows along the edge are samples of all that varies: noise, roughness, blur that changes along the edge. Random
 # weights instead of repetitions leave no bin empty.
 
@@ -322,7 +322,7 @@ def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
     return float(2 * np.pi * mtf50 / BINS * bin_noise * window / (2**0.5 * 0.65))
 
 
-# --- refinement of an edge's course --------------------------------------------------------------------------------
+# --- refinement of an edge's course ---
 # Residuals of the mean spread function are regressed on the effect of a displacement of the edge, less what the spread
 # function absorbs. Unlike the row centroids of ISO 12233:2023, the result does not depend on the edge's phase.
 

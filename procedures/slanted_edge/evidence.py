@@ -4,8 +4,6 @@ The noise of neighbouring pixels shows sharpening and smoothing; its growth with
 edge, roughness, vibration and filters that spare edges. An edge spread function that falls shows negative light.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -8,8 +8,6 @@ and centre in a plane, two parts have the covariance
 and the geometry, which derives from the chart's bins, not from PSF and centre, has Cov(a, chart) (db / dchart)'.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

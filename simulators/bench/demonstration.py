@@ -1,7 +1,5 @@
 """Photographs of the demonstration: one chart and one camera at representative positions and sizes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

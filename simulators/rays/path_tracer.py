@@ -4,8 +4,6 @@ Raw samples are passed to a callback, `receive(rows, columns, colours)`, for exa
 pixel is the only state: after a pause, or a round of adaptive sampling, only the missing samples are cast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -20,8 +20,8 @@ from textual.widgets import Static
 
 from station.common.sanitise import printable
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
-from station.drawing.glyphs import Glyphs, big_lines
-from station.results.comparison import measurement_words
+from station.drawing.terminal_plots import Glyphs, big_lines
+from station.results.plane_result import measurement_words
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading
@@ -71,7 +71,7 @@ class Part(Static):
         self.display = bool(text)
 
 
-# --- pictures and curves -----------------------------------------------------------------------------------------
+# --- pictures and curves ---
 
 
 @lru_cache(maxsize=GREYS * GREYS)
@@ -194,7 +194,7 @@ def _text_strip(text: str) -> Strip:
     return Strip([Segment(text, PLAIN)])
 
 
-# --- the guide's parts -------------------------------------------------------------------------------------------
+# --- the guide's parts ---
 
 
 class Rail(Part):

@@ -10,7 +10,7 @@ import click
 
 from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.progress import progress as progress_shown
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:

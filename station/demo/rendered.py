@@ -3,8 +3,6 @@
 Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from dataclasses import asdict, dataclass
@@ -20,7 +18,7 @@ from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.camera.optics import Optics
-from simulators.camera.rendered import photograph_render
+from simulators.camera.render import photograph_render
 from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES

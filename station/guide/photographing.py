@@ -9,14 +9,14 @@ from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame
-from station.bench.axis_text import moves_text
+from station.bench.motions import moves_text
 from station.guide.active_devices import AT
 from station.guide.consent import MoveApproval
 from station.guide.contradictions import LookProgress, resolve
 from station.guide.dialogue import AGAIN, STOP, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
 from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent
-from station.sessions.compute_environment import same_bits
+from station.sessions.journal_head import same_bits
 from station.sessions.session import SessionShot
 
 EXPOSURE = "exposure_ev"

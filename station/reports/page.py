@@ -1,4 +1,7 @@
-"""Pages: lists of sections, drawn by one template into one HTML file without scripts and without a network."""
+"""Pages: lists of sections, drawn by one template into one HTML file that needs no network.
+
+A page shows everything without scripts. The small scripts in it sort tables, and let one explore the numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,11 @@ from markupsafe import Markup, escape
 
 from procedures.outcome import Cause, Miss, Quantity, WithVerdict
 from procedures.raw import Exposure
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.comparison import measurement_words
+from station.results.plane_result import measurement_words
 from station.results.record_head import PartBeside
 
 Text = str
@@ -57,6 +60,10 @@ class KeyNumbers:
     kind: ClassVar[str] = "facts"
 
 
+SORTABLE = "sortable"
+"""Style of a table that a script sorts."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table.
@@ -65,7 +72,8 @@ class Table:
     ----------
     rows, head : cells
     columns : one letter per column: w word, n number, u unit, r long text; without a letter, number
-    style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print
+    style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print;
+        `SORTABLE`, each row with a heading, sorted by a column on a click
     boxed : on its own ground, and scrolled where it is wider than the page
     """
 
@@ -138,8 +146,11 @@ class Section:
 
 
 def page(title: str, sections: Iterable[Section]) -> str:
-    """The page of sections."""
-    return render("page.html", title=title, sections=list(sections))
+    """The page of sections, with the scripts that they use."""
+    shown = list(sections)
+    blocks = [block for one in shown for block in one.blocks]
+    scripts = ["sort.js"] if any(isinstance(one, Table) and one.style == SORTABLE for one in blocks) else []
+    return render("page.html", title=title, sections=shown, scripts=scripts)
 
 
 def render(template: str, **context: Any) -> str:
@@ -161,7 +172,7 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-# --- texts -------------------------------------------------------------------------------------------------------
+# --- texts ---
 
 
 def marked(text: Text) -> Markup:
@@ -240,7 +251,7 @@ def exposure_words(exposure: Exposure) -> str:
     return ", ".join(word for word in words if word)
 
 
-# --- blocks of several pages -------------------------------------------------------------------------------------
+# --- blocks of several pages ---
 
 
 def causes(judged: WithVerdict, before: Text = "") -> list[Block]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.numbers import Group, in_group
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.page import (
@@ -204,7 +204,7 @@ def _citation(report: Report) -> Section:
     return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
 
 
-# --- curves ------------------------------------------------------------------------------------------------------
+# --- curves ---
 
 
 def _curves(report: Report) -> list[str]:

@@ -1,7 +1,5 @@
 """Inner loops of the saddle detector: saddle points of a Gaussian scale space, and their similarity to x-corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -28,7 +28,7 @@ from station.app.widgets import (
     literal,
     verdict_words,
 )
-from station.bench.axis_text import label
+from station.bench.motions import label
 from station.drawing.diagrams import drawn, trend
 from station.guide.frontend import (
     MOVE,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from procedures.plan import Reading
     from station.app.background import Problem
     from station.app.screens.result_view import Plotted
-    from station.drawing.glyphs import Glyphs
+    from station.drawing.terminal_plots import Glyphs
 
 AT_WORK = "Please wait: the station is working."
 ENDINGS = {

@@ -3,8 +3,6 @@
 The program's restoration replaces it by joint Gauss-Newton steps; the rows compare both with the thesis's numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,25 +4,23 @@ Of the thesis's photographs one is published (`photograph_rows`). The others are
 simulated.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import Diffraction
-from procedures.sensor_model import SensorModel
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import WAVELENGTHS_UM
+from station.demo.digital_twin import align
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import RowValues, Setting
-from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
 

@@ -5,8 +5,6 @@ plane of its mosaic is a grey sensor with twice the pitch, rendered in a quarter
 are half as wide in pixels of that plane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -14,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from procedures.clipping import SensorModel
 from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
-from procedures.sensor_model import SensorModel
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
 from simulators.camera.sensor import Sensor

@@ -1,7 +1,5 @@
 """All rows in the order of the papers, and the parts of the papers that cannot be computed here: `rows.toml`."""
 
-from __future__ import annotations
-
 import tomllib
 from importlib.resources import files
 

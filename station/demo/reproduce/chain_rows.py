@@ -3,8 +3,6 @@
 The thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Data of the rows: photographs from the authors' public repositories, and films rendered by the program itself."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import urllib.error
@@ -18,7 +16,7 @@ from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import SCENES
-from station.common.atomic_files import write_whole
+from station.common.durable_files import write_whole
 from station.common.progress import Progress, silent
 
 TIMEOUT_S = 60

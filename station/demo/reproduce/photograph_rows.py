@@ -1,7 +1,5 @@
 """The published photograph of the noise chart, and the published program's results."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

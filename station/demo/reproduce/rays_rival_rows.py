@@ -3,8 +3,6 @@
 Films with other numbers of bins are rendered by the program's own path tracer.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product

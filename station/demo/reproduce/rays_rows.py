@@ -4,8 +4,6 @@ The films come from the path tracer that the method's authors published, at 250 
 256 x 256, are not published.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -4,8 +4,6 @@ The thesis's picture, an old map, is not published; a drawing replaces it (`scen
 grey levels of 256 and pixels of w; the thesis calls them MSE.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """The scene of Sorel's simulated experiments: a drawing like a map over a depth with slope, sphere and steep edge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -8,10 +8,9 @@ from functools import partial
 
 from markupsafe import Markup
 
-from procedures.budget import FREQUENCIES, TERMS
-from procedures.field.chromatic import LateralColour
+from procedures.choice import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.maps import FieldMap
+from procedures.field.maps import FieldMap, LateralColour
 from procedures.field.photosite import Photosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
 from station.drawing.plots import Figure
@@ -92,7 +91,7 @@ def _summary(whole: FieldParts) -> list[Block]:
     return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
 
 
-# --- one plane ---------------------------------------------------------------------------------------------------
+# --- one plane ---
 
 
 def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list[Block]:
@@ -188,7 +187,7 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
-# --- the whole field ---------------------------------------------------------------------------------------------
+# --- the whole field ---
 
 
 def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:

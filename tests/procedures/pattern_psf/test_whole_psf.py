@@ -189,7 +189,7 @@ def test_what_a_hand_leaves_of_the_chart_is_enough(rng: np.random.Generator) -> 
         assert abs(number.value - true) < 3.5 * number.uncertainty, name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_errors_are_those_that_the_uncertainties_tell() -> None:
     errors, shares = [], []
     for otf, seeds in ((F56, range(2, 6)), (F8, range(4))):

@@ -130,7 +130,7 @@ def test_curve_and_numbers_have_one_uncertainty(raw: bool, rng: np.random.Genera
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pitch", [1, 2])
+@pytest.mark.parametrize("pitch", [pytest.param(1, marks=pytest.mark.nightly), 2])
 def test_clean_photographs_pass(pitch: int, rng: np.random.Generator) -> None:
     # seven tests fail together on 2 % of clean photographs: of 60, five or more in one of a hundred trials
     light = edge(CAMERA, rows=120 * pitch, columns=80 * pitch, angle_deg=ANGLE)

@@ -27,7 +27,7 @@ from station.__main__ import main
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import owned, run_batch
-from station.batch.summary_table import _against
+from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
 
 SLOW_FIXTURES = {"done"}

@@ -13,7 +13,7 @@ from procedures.pattern import CELLS, Chart
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.results.result_files import ResultFolder, write_record
 
 CHART = Chart.from_seed()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from html.parser import HTMLParser
 
@@ -215,6 +213,14 @@ OF_SECONDS = {
     "rays-oracle",
     "restoration-gaussian",
     "restoration-direct",
+    "accuracy",
+    "gamma-table",
+    "bound-realised",
+    "two-photo-zoom-published",
+    "two-photo-zoom",
+    "two-photo-simulated",
+    "rays-cornell",
+    "apertures",
 }
 """Rows of the quick set that take four seconds of processor and more: nightly."""
 
