@@ -20,8 +20,7 @@ from scipy.optimize import brentq
 from procedures.correction.optics import COLOURS, wrapped
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
-from procedures.psf_field import PsfField
-from procedures.space_variant import SpaceVariantBlur
+from procedures.psf_field import PsfField, SpaceVariantBlur
 
 SIZE = 15
 """Side of a filter, pixels: of a Gaussian of 1.3 pixels, 21 leave 0.05 % less of the error, 9 leave 1 % more."""

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.interpolate import Interpolation, Recipe, rebuild, recipe_of
-from procedures.field.maps import FieldMap, grid, mesh
+from procedures.field.maps import DEGREES, FieldMap, LateralColour, grid, mesh
 from procedures.field.surfaces import fit_surface
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
@@ -27,7 +26,7 @@ from procedures.reading.arrays import LONGEST
 from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 
 if TYPE_CHECKING:
     import h5py

@@ -13,7 +13,7 @@ from procedures.field.field_file import read_camera, set_camera
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Exposure
 from station.calibration.exports.psf import field_path
-from station.common.atomic_files import written
+from station.common.durable_files import written
 
 ENVIRONMENT = "STATION_PROFILES"
 KEY = ("camera", "lens", "f_number")

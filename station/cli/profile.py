@@ -13,7 +13,7 @@ from station.cli.terminal.columns import columns
 from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import FiniteNumber
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.raw import Exposure
@@ -135,7 +135,7 @@ def profile_export(result: Path, form: str, noise_gain: float, columns: int, out
     from procedures.field.field_file import read_camera, read_field
     from station.calibration.exports.kernels import export_kernels
     from station.calibration.exports.psf import field_path
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     path = field_path(result)
     exposure = read_camera(path)

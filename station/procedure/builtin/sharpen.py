@@ -1,7 +1,5 @@
 """One sharp picture from whatever photographs there are: the way is chosen, stated with its reasons, and taken."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
