@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust
+from procedures.geometry.budget import VarianceParts, variance_parts
 from procedures.geometry.cameras import SPLINE, CameraModel, parameter_names
 from procedures.geometry.formulas import FittedFormula, fit_formulas, most_apt
 from procedures.geometry.misfit import Misfit, find_misfit
@@ -18,7 +20,7 @@ from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
 from procedures.geometry.shutter import Shutter, find_shutter, with_row_time
-from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
+from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
 from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
@@ -41,8 +43,8 @@ NEGLIGIBLE_PX = 0.005
 """A systematic residual below this, or below the stated uncertainty, is reported but does not affect the verdict."""
 LARGE_RESIDUAL = 2.0
 """Residual, in units of the stated covariances, above which camera, chart and noise do not explain the photographs."""
-MAP = (31, 21)
-"""Columns and rows of the maps over the frame."""
+MAP, COARSE = (31, 21), (15, 11)
+"""Columns and rows of the maps over the frame, and of the grid of a budget."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,38 @@ class Geometry:
             ROW_TIME: Quantity(1e6 * row, "us", 1e6 * sigma, method, self.points),
             READOUT_TIME: Quantity(1e3 * rows * row, "ms", 1e3 * rows * sigma, method, self.points),
         }
+
+    @cached_property
+    def _variances(self) -> VarianceParts:
+        return variance_parts(self.adjustment, with_shutter=self.shutter is not None)
+
+    def budgets(self) -> dict[str, dict[str, float]]:
+        """Terms of the uncertainty of each number."""
+        numbers, parts, p = self.numbers(), self._variances, len(self.camera.params)
+        formula = self.formula
+        names = self.camera.names if formula is None else formula.camera.names
+        response = np.eye(p) if formula is None else formula.response
+        budgets = {
+            name: parts.budget(numbers[name].uncertainty, lambda C, row=row: float(row @ C[:p, :p] @ row))
+            for name, row in zip(names, response, strict=True)
+        }
+        pixels = self.camera.frame_grid(*COARSE)
+        pixels = pixels[enclosed(self.region, pixels)]
+        for one in self.maps:
+            J = projection_derivative(self.adjustment, pixels, one.distance_mm)
+            J = J[np.isfinite(J).all(axis=(1, 2))]
+            name = projection_at(one.distance_mm)
+            budgets[name] = parts.budget(
+                numbers[name].value, lambda C, J=J: float(np.einsum("nai,ij,naj->", J, C, J, optimize=True)) / len(J)
+            )
+        return budgets
+
+    def distance_budget(self, i: int) -> dict[str, float]:
+        """Terms of the uncertainty of a view's distance."""
+        one, first = self.views[i], self.adjustment.shared + POSE * i + 3
+        sight, place = one.pose.t / one.distance.value, slice(first, first + 3)
+        scale = self.shape.scale_uncertainty * one.distance.value
+        return self._variances.budget(one.distance.uncertainty, lambda C: float(sight @ C[place, place] @ sight), scale)
 
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
         method = "root mean square over the part of the frame that the charts covered"
