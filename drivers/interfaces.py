@@ -4,8 +4,6 @@ Positions are given by the axis' name, which carries the unit (`z_mm`, `pan_deg`
 passed to the driver. Every method that waits has a deadline and ends in success or in a `DeviceError`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -348,8 +346,8 @@ class Parser(Protocol[E_co]):
         ...
 
 
-class Transport(Protocol[E_co]):
-    """A line to a device: requests under a lock and a deadline, and a path past both for emergencies."""
+class Line(Protocol):
+    """What a device is reached by: a port, a server, a controller or a box with several devices."""
 
     @property
     def address(self) -> str:
@@ -361,12 +359,16 @@ class Transport(Protocol[E_co]):
         """Whether the port is owned and has not been lost."""
         ...
 
-    def open(self, listen: Callable[[E_co, float], None]) -> None:
-        """Own the port; `listen(event, host_s)` is called for every event. Raises LineLost."""
-        ...
-
     def close(self) -> None:
         """Release the port and end the reader."""
+        ...
+
+
+class Transport(Line, Protocol[E_co]):
+    """A line to a device: requests under a lock and a deadline, and a path past both for emergencies."""
+
+    def open(self, listen: Callable[[E_co, float], None]) -> None:
+        """Own the port; `listen(event, host_s)` is called for every event. Raises LineLost."""
         ...
 
     def request(

@@ -4,8 +4,6 @@ This is the only place where a number's name is written. Estimators name their r
 tables, pages, terminals, limits, trends, certificates and the manual's reference are loops over `NUMBERS`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from enum import StrEnum

@@ -7,29 +7,28 @@ combines the photographs to a field.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import AxisTravel, facts_as
 from procedures.field.conclusion import SMALL_SHARE
-from procedures.field.facts import BASE, FieldFacts, TourStart
-from procedures.field.locations import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
+from procedures.field.measuring import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.scattered import hull_area
-from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
-from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES
+from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES, PatternFacts
+from procedures.pattern_psf.outline import points_of, present_outline
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.plan import (
     Advice,
     Ask,
+    AxisTravel,
     Decide,
     Estimate,
     Fact,
@@ -38,18 +37,22 @@ from procedures.plan import (
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
     Reading,
     Step,
     Tour,
     TourStop,
+    facts_as,
+    gathered,
+    number,
+    required,
 )
 from procedures.raw import Plane, RawFrame
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 BEFORE = ("print", "mount", "distance", "square", "focus")  # steps of the pattern PSF
 USUAL, FEWEST, MOST = 9, 6, 400  # numbers of positions: fewer than six do not determine a field
-SHEET = 1.3  # side of the chart with its marks and a white rim, over that of its noise region
 ROOM = 0.4  # largest half size of the chart, in fractions of the frame, that leaves room to move it
 NEAR = 0.03  # accepted distance of the chart from its position, in fractions of the frame's width
 LEAST_WHITE = 0.2  # minimum of white on the scale: a lens is darker towards the corners, and noise grows
@@ -93,7 +96,7 @@ def places_summary(facts: Facts) -> str:
     return "" if places is None else f"{places:.0f} places"
 
 
-# --- start of the tour -------------------------------------------------------------------------------------------
+# --- start of the tour ---
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
@@ -148,9 +151,7 @@ def small_frame(advice: Advice) -> Advice:
 
 def half_size(sighting: ChartSighting, plane: Plane) -> tuple[float, float]:
     """Half the width and height of the sheet, in fractions of the frame's."""
-    side = SHEET * CELLS / 2
-    corners = CELLS / 2 + side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
-    reach = np.abs(apply_homography(sighting.H_sensor_pattern, corners) - sighting.centre()).max(axis=0)
+    reach = np.abs(np.array(present_outline(sighting.H_sensor_pattern)) - sighting.centre()).max(axis=0)
     rows, columns = plane.samples.shape
     return float(reach[0]) / columns, float(reach[1]) / rows
 
@@ -161,7 +162,7 @@ def location_of(sighting: ChartSighting, plane: Plane) -> Location:
     return Location((float(x) + 0.5) / columns, (float(y) + 0.5) / rows)
 
 
-# --- the positions -----------------------------------------------------------------------------------------------
+# --- the positions ---
 
 
 def locations(facts: Facts) -> list[Location]:
@@ -221,7 +222,7 @@ def bring(now: Location, wanted: Location, at: Mapping[str, float], start: TourS
     return {}
 
 
-# --- a photograph at a position ----------------------------------------------------------------------------------
+# --- a photograph at a position ---
 
 
 def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
@@ -232,8 +233,11 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, f"This shot does not count: {changed}. Set it back.")
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        cut = find_charts(plane.samples)[0] if sighting.marks else None
-        return replace(sighting, by_hand={}, moves=correction(location, cut, plane, known) if cut else {})
+        if not sighting.marks:
+            return replace(sighting, by_hand={}, moves={})
+        cut = find_charts(plane.samples)[0]
+        moves, outline = correction(location, cut, plane, known), at_place(location, cut, plane)
+        return replace(sighting, by_hand={}, moves=moves, outline=outline)
     ratio = Reading("s/t", known.s_or_start * float(sighting.widths().max()) / CELLS, "", RATIO_LOW, RATIO_HIGH)
     return place_advice(location, sighting, frame, known, NEAR, (ratio,), f" {say_place(location, {})}")
 
@@ -251,13 +255,16 @@ def place_advice(
         *more,
         *light_readings(frame, sighting),
     )
+    outline = at_place(location, sighting, plane)
     bad = next((reading for reading in readings if not reading.good), None)
     if bad is None:
-        return Advice(True, "The chart is in its place.", readings, marks=marks)
+        return Advice(True, "The chart is in its place.", readings, marks=marks, outline=outline)
     if bad is readings[0]:
         say = f"The chart is {100 * off:.0f} % of the frame's width off its place.{hint}"
-        return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
-    return Advice(False, f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})", readings, marks=marks)
+        moves = correction(location, sighting, plane, known)
+        return Advice(False, say, readings, moves=moves, marks=marks, outline=outline)
+    say = f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})"
+    return Advice(False, say, readings, marks=marks, outline=outline)
 
 
 def light_readings(frame: RawFrame, sighting: ChartSighting) -> tuple[Reading, Reading]:
@@ -269,6 +276,13 @@ def light_readings(frame: RawFrame, sighting: ChartSighting) -> tuple[Reading, R
         Reading("white", 100 * white, "%", 100 * LEAST_WHITE, None),
         Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
     )
+
+
+def at_place(location: Location, sighting: ChartSighting, plane: Plane) -> Outline:
+    """The sheet as it is, and shifted to its required position."""
+    present = np.array(present_outline(sighting.H_sensor_pattern))
+    wanted = present + np.array(location.in_pixels(plane.samples.shape)) - sighting.centre()
+    return Outline(points_of(present), points_of(wanted))
 
 
 def off_place(location: Location, sighting: ChartSighting, plane: Plane) -> float:
@@ -283,3 +297,53 @@ def correction(location: Location, sighting: ChartSighting, plane: Plane, known:
     at = known.where()
     targets = bring(location_of(sighting, plane), location, at, known.begun())
     return {name: place - at[name] for name, place in targets.items()}
+
+
+# --- Facts of a tour over the frame, in addition to those of the chart: number of positions, and where it began ---
+
+TOUR = "tour_"
+BASE = f"{TOUR}from_"  # prefix of an axis' name: the fact of its position when the chart was in the middle
+
+
+@dataclass(frozen=True)
+class TourStart:
+    """The start of a tour, from which its moves are computed.
+
+    shape : rows and columns of the plane
+    principal_px : distance of the image from the lens, in pixels of the plane
+    distance_mm : distance of the chart along the optical axis
+    chart_at : position of the chart in the frame
+    half : half the width and height of the sheet, in fractions of the frame's
+    base : positions of the axes by name
+    """
+
+    shape: tuple[int, int]
+    principal_px: float
+    distance_mm: float
+    chart_at: Location
+    half: tuple[float, float]
+    base: Mapping[str, float]
+
+
+def start_of(facts: Facts) -> TourStart | None:
+    """Start of the tour; None before it. Raises BadParameter."""
+    if f"{TOUR}rows" not in facts:
+        return None
+    rows, columns, principal_px, distance_mm, x, y, half_x, half_y = (
+        number(facts, TOUR + name)
+        for name in ("rows", "columns", "principal_px", "distance_mm", "x", "y", "half_x", "half_y")
+    )
+    base = {name.removeprefix(BASE): number(facts, name) for name in facts if name.startswith(BASE)}
+    return TourStart((int(rows), int(columns)), principal_px, distance_mm, Location(x, y), (half_x, half_y), base)
+
+
+@dataclass(frozen=True)
+class FieldFacts(PatternFacts):
+    """Facts of the plan of a field: those of the chart, the number of `places`, and the start of the tour."""
+
+    places: float | None = None
+    start: TourStart | None = gathered(start_of, *SIZES, prefix=TOUR)
+
+    def begun(self) -> TourStart:
+        """Start of the tour. Raises BadParameter before it."""
+        return required(self.start, "where the tour begins", "take the step `places` again")

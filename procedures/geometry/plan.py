@@ -10,22 +10,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 
+import numpy as np
+
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as
 from procedures.field import plan as field_plan
-from procedures.field.facts import TourStart
-from procedures.field.locations import Location
-from procedures.field.plan import MOST_CLIPPED, correction, light_readings, off_place, to_place
+from procedures.field.measuring import Location
+from procedures.field.plan import MOST_CLIPPED, TourStart, correction, light_readings, off_place, to_place
 from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
-from procedures.geometry.next_view import COVER, NextView, corner_share, next_view_words, planned_view
+from procedures.geometry.next_view import COVER, NextView, chart_at, corner_share, next_view_words, planned_view
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
+from procedures.pattern import CELLS
+from procedures.pattern_psf.chart_finding.detection import ChartSighting
+from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown, to_match
 from procedures.pattern_psf.facts import SIZES
+from procedures.pattern_psf.outline import CORNERS, points_of
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import ChartPose, chart_pose
 from procedures.plan import (
@@ -35,14 +38,18 @@ from procedures.plan import (
     Estimate,
     Facts,
     Go,
+    Goal,
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
+    Points,
     Reading,
     Step,
     Tour,
     TourStop,
+    facts_as,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -119,7 +126,7 @@ START = (
     Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
-# --- the next view -----------------------------------------------------------------------------------------------
+# --- the next view ---
 
 
 def wanted_pose(number: int, known: GeometryFacts) -> NextView:
@@ -178,7 +185,7 @@ def say_view(number: int, facts: Facts) -> str:
     return f"Turn the camera, and the chart, until it appears in {words}."
 
 
-# --- a photograph of a view --------------------------------------------------------------------------------------
+# --- a photograph of a view ---
 
 
 def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
@@ -187,10 +194,35 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"This view does not count: {changed}. Set it back.")
+    wanted = wanted_pose(number, known)
+    outline, goal = wanted_outline(wanted, known), view_goal(number, wanted, known)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return replace(sighting, moves={})
-    wanted = wanted_pose(number, known)
+        return replace(sighting, moves={}, outline=Outline((), outline), goal=goal)
+    advice = pose_advice(number, wanted, sighting, frame, known)
+    return replace(advice, outline=to_match(sighting, outline), goal=goal)
+
+
+def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
+    """The chart's sheet in the wanted pose, by the nominal lens."""
+    start = known.begun()
+    camera = nominal_camera(start.shape, start.principal_px)
+    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
+    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
+    return points_of(camera.project(pose.apply(corners)))
+
+
+def view_goal(number: int, wanted: NextView, known: GeometryFacts) -> Goal:
+    """Predicted error of the projection over the frame before this view and with it."""
+    left = int(USUAL if known.views is None else known.views) - number + 1
+    return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
+
+
+def pose_advice(
+    number: int, wanted: NextView, sighting: ChartSighting, frame: RawFrame, known: GeometryFacts
+) -> Advice:
+    """Advice on a chart in the frame: its turn, then its place, then its light."""
+    plane = shown(frame)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
     location = Location(*wanted.at)
     white, clipped = light_readings(frame, sighting)
@@ -240,7 +272,7 @@ def turn_by(present_deg: float, wanted_deg: float) -> float:
     return turn if abs(present_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
 
 
-# --- estimate ----------------------------------------------------------------------------------------------------
+# --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:

@@ -3,8 +3,6 @@
 The prediction is `weights(points) @ values`, so its variance follows from that of the values; weights sum to 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
-from procedures.facts import facts_as
 from procedures.numbers import MTF50_RADIAL, MTF_NYQUIST, RADIAL, S_OVER_T
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
@@ -25,13 +24,12 @@ from procedures.pattern_psf.distance.ranging import (
 )
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
+from procedures.pattern_psf.outline import SHEET, frontal_outline, present_outline
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.pattern_psf.radiometry import LightLevels, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.plan import Advice, Facts, Reading
+from procedures.plan import Advice, Facts, Outline, Points, Reading, facts_as
 from procedures.raw import Plane, RawFrame
-
-Marks = tuple[tuple[float, float], ...]
 
 PREFERRED_PLANES = ("G1", "Y")
 """Planes used for geometry, in order of preference."""
@@ -79,7 +77,7 @@ def cut_off(cut: int, sighting: ChartSighting, plane: Plane, known: PatternFacts
     return Advice(False, say, moves=moves, by_hand={"aim": 1.0}, marks=marks_of(sighting))
 
 
-def marks_of(sighting: ChartSighting) -> Marks:
+def marks_of(sighting: ChartSighting) -> Points:
     """Visible marks, for the preview."""
     return tuple((float(x), float(y)) for x, y in sighting.corners[sighting.visible])
 
@@ -141,9 +139,10 @@ def uneven(light: LightLevels) -> Advice:
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     """Check s/t, the chart's centring, and that sizes and distances agree with lens, sensor and print."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
+    wanted = frontal_outline(plane.samples.shape, known.wanted_px_per_cell)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return sighting
+        return replace(sighting, outline=Outline((), wanted))
     optics = known.optics(plane.pitch)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
     look = look_now(float(sighting.widths().max()) / CELLS, known)
@@ -159,7 +158,12 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     new_facts = range_facts(look, optics, known)
     new_facts[S_OVER_T] = ratio
     draft = Advice(True, "", (*readings, *range_readings(new_facts)), facts=new_facts, marks=marks_of(sighting))
-    return distance_advice(draft, look, pose, known)
+    return replace(distance_advice(draft, look, pose, known), outline=to_match(sighting, wanted))
+
+
+def to_match(sighting: ChartSighting, wanted: Points) -> Outline:
+    """The chart's sheet as it is, and as it is wanted."""
+    return Outline(present_outline(sighting.H_sensor_pattern), wanted)
 
 
 def distance_advice(draft: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
@@ -200,7 +204,7 @@ def centre_readings(pose: ChartPose, plane: Plane, optics: ImagingGeometry) -> t
     )
 
 
-def aim(pose: ChartPose, readings: tuple[Reading, ...], facts: Facts, marks: Marks) -> Advice:
+def aim(pose: ChartPose, readings: tuple[Reading, ...], facts: Facts, marks: Points) -> Advice:
     """Advice to centre the chart by shifting the camera parallel to it."""
     x, y, _ = pose.centre_mm
     across = f"{abs(x):.0f} mm to the {'right' if x > 0 else 'left'}"
@@ -221,11 +225,17 @@ def check_square(frame: RawFrame, facts: Facts) -> Advice:
         grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
         H, limit = fit_homography(grid, estimate.registration.to_sensor(grid)), SQUARE_DEG
     pose = chart_pose(H, plane.samples.shape, optics)
-    return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
+    half_mm = SHEET * CELLS / 2 * optics.cell_mm
+    advice = square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit, half_mm)
+    wanted = frontal_outline(plane.samples.shape, float(sighting.widths().mean()) / CELLS)
+    return replace(advice, outline=Outline(present_outline(H), wanted))
 
 
-def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, limit_deg: float) -> Advice:
-    """Advice with one correction that squares the chart; roll first, which only the operator can correct."""
+def square_advice(
+    pose: ChartPose, centre: tuple[Reading, ...], marks: Points, limit_deg: float, half_mm: float
+) -> Advice:
+    """Advice with one correction that squares the chart, a sheet of half-width `half_mm`; roll first, which only the
+    operator can correct."""
     readings = (
         Reading("yaw", pose.yaw_deg, "°", -limit_deg, limit_deg),
         Reading("pitch", pose.pitch_deg, "°", -limit_deg, limit_deg),
@@ -237,7 +247,7 @@ def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, li
         say = f"Turn the chart {way} by {abs(pose.roll_deg):.1f}°."
         return Advice(False, say, readings, by_hand={"chart_roll_deg": -pose.roll_deg}, marks=marks)
     if not (readings[0].good and readings[1].good):
-        return square_up(pose, readings, marks)
+        return square_up(pose, readings, marks, half_mm)
     if not all(reading.good for reading in readings):
         return aim(pose, readings, {}, marks)
     say = f"The chart is square: yaw {pose.yaw_deg:+.1f}°, pitch {pose.pitch_deg:+.1f}°, roll {pose.roll_deg:+.1f}°."
@@ -245,17 +255,17 @@ def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, li
     return Advice(True, say, readings, facts={"tilt_deg": tilt_deg}, marks=marks)
 
 
-def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> Advice:
+def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Points, half_mm: float) -> Advice:
     """Advice to turn the chart, larger angle first; or to pan and tilt the head and shift the camera."""
     yaw, pitch = pose.yaw_deg, pose.pitch_deg
     if abs(yaw) >= abs(pitch):
-        side = "right" if yaw > 0 else "left"
-        say = f"Turn the chart by {abs(yaw):.1f}° about its upright axis: its {side} edge away from the camera."
-        by_hand = {"chart_yaw_deg": -yaw}
+        edge, by_hand = "right" if yaw > 0 else "left", {"chart_yaw_deg": -yaw}
     else:
-        edge = "upper" if pitch > 0 else "lower"
-        say = f"Tip the chart by {abs(pitch):.1f}°: its {edge} edge away from the camera."
-        by_hand = {"chart_pitch_deg": -pitch}
+        edge, by_hand = "upper" if pitch > 0 else "lower", {"chart_pitch_deg": -pitch}
+    ((name, angle),) = by_hand.items()
+    verb = "Turn" if name == "chart_yaw_deg" else "Tip"
+    by = f"{half_mm * float(np.sin(np.radians(abs(angle)))):.0f} mm ({abs(angle):.1f}°)"
+    say = f"{verb} the chart about its middle: its {edge} edge away from the camera by {by}."
     x, y, z = pose.centre_mm
     moves = {
         "pan_deg": yaw,

@@ -6,23 +6,21 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from math import ceil, inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from procedures.budget import COMMON, combined
-from procedures.choice import START_K
+from procedures.choice import COMMON, START_K, combined
 from procedures.drawings import steps as drawings
-from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.distance import LENGTH_MM
 from procedures.pattern_print.formats import encode
-from procedures.pattern_print.paper import PAPERS, Paper, papers_of_locale
-from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, SMALLEST_WIDTH_MM, Size
+from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, PAPERS, SMALLEST_WIDTH_MM, Paper, Size, papers_of_locale
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tiles import tiling_of
+from procedures.pattern_print.tile_sheets import tiling_of
 from procedures.pattern_psf.checks import (
     best_place,
     best_tried,
@@ -47,6 +45,7 @@ from procedures.plan import (
     Facts,
     Give,
     Go,
+    Goal,
     Home,
     Known,
     Look,
@@ -59,6 +58,9 @@ from procedures.plan import (
     Shoot,
     Show,
     Step,
+    axes_of,
+    facts_as,
+    required,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -343,18 +345,26 @@ def uncertainty(outcome: Outcome[Any]) -> float:
 def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     """Check whether the mean of the shots reaches the target uncertainty in every plane that is not always refused."""
     wanted = facts_as(PatternFacts, facts).wanted_mtf50 or TARGET_UNCERTAINTY
-    reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
+    by_plane = [_weights([result[name] for result in results if name in result]) for name in results[0]]
+    reached = max(1 / float(np.sqrt(sum(one))) if one else 0.0 for one in by_plane)
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
     say = f"Shots: {shots}. They leave {reached:.4f} cycles/pixel uncertainty of MTF50; the target is {wanted:g}."
     facts = {"mtf50_uncertainty": reached} if np.isfinite(reached) else {}
-    return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts)
+    goal = max((goal_of(one, wanted) for one in by_plane if one), key=lambda one: one.now, default=None)
+    return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts, goal=goal)
 
 
-def _reached(outcomes: Sequence[Outcome[Any]]) -> float:
-    """Expected uncertainty of the shots' mean, 1/u^2 = sum 1/u_i^2; 0 for a plane that every shot refuses."""
-    weights = [1 / uncertainty(one) ** 2 for one in outcomes if one.verdict is not Verdict.REFUSED]
-    return 1 / float(np.sqrt(sum(weights))) if weights else 0.0
+def _weights(outcomes: Sequence[Outcome[Any]]) -> list[float]:
+    """Weights 1/u_i^2 of the shots, whose sum is 1/u^2 of their mean; none for a plane that every shot refuses."""
+    return [1 / uncertainty(one) ** 2 for one in outcomes if one.verdict is not Verdict.REFUSED]
+
+
+def goal_of(weights: Sequence[float], wanted: float) -> Goal:
+    """Progress of the mean towards the target, if further shots have the mean weight of the present ones."""
+    total, usual = sum(weights), max(sum(weights) / len(weights), 1e-30)
+    left = max(ceil((wanted**-2 - total) / usual * (1 - 1e-9)), FEWEST - len(weights), 0)
+    return Goal(left, "MTF50", "cycles/pixel", total**-0.5 if total else inf, (total + usual) ** -0.5)
 
 
 SHOTS = (

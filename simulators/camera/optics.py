@@ -44,8 +44,6 @@ class Blur(Protocol):
 class CircularPupil:
     """Diffraction at a circular aperture, with aberrations if there are any.
 
-    Attributes
-    ----------
     f_number : float
         Working f-number: nothing passes beyond 1 / (wavelength f_number).
     wavefront : Wavefront
@@ -92,8 +90,6 @@ class PixelAperture:
 class LShapedAperture:
     """A photosite without one corner: a vertical bar and a shorter one next to it.
 
-    Attributes
-    ----------
     side : float
         Side of the complete square, in sensor pixels.
     notch : float
@@ -221,8 +217,6 @@ class ColourShift:
 class Optics:
     """All causes of blur between scene and photosite.
 
-    Attributes
-    ----------
     blurs : tuple of Blur
         Their transfer functions are multiplied.
     pitch_um : float

@@ -4,8 +4,6 @@ Run as `python -m simulators.devices.rpicam_still`. The variable RPICAM_TWIN of 
 JSON: `cameras` (2), `delay_s` (0), `fails` (the words of an error), `no_raw` (a version that writes no DNG).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -3,8 +3,6 @@
 Source: SCPI-99, volumes 1 and 2.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Protocol
 
@@ -98,5 +96,4 @@ class ScpiTwin(SerialDevice):
         self._world.set_lamp(min(self._current * self._on / self._full, 1.0), now_s)
 
     def advance(self, now_s: float) -> bytes:
-        """Its replies."""
         return drained(self._out)

@@ -2,8 +2,6 @@
 enable, and a bare RTS line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -359,7 +357,6 @@ class RtsLine(SerialDevice):
         self._closed = False
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """RTS controls the contact."""
         if rts and not self._closed:
             self.contacts.close(now_s)
         elif self._closed and not rts:
@@ -370,5 +367,4 @@ class RtsLine(SerialDevice):
         """Ignored."""
 
     def advance(self, now_s: float) -> bytes:
-        """Nothing."""
         return b""

@@ -5,8 +5,6 @@ reader has read everything due, it jumps to the next event of a device or deadli
 Waiting costs no real time, and slow machines miss no deadline.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -53,7 +51,6 @@ class FastClock:
         return (time.monotonic() - self._start) * self.speed
 
     def sleep(self, duration_s: float) -> None:
-        """Block this thread."""
         time.sleep(max(duration_s, 0.0) / self.speed)
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
@@ -103,7 +100,6 @@ class VirtualClock:
             self._sources.remove(source)
 
     def now_s(self) -> float:
-        """Seconds since its creation."""
         return self._now_s
 
     def real_s(self, moment_s: float) -> float | None:
@@ -111,7 +107,6 @@ class VirtualClock:
         return None
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass."""
         condition = threading.Condition()
         with condition:
             self.wait(condition, lambda: False, self._now_s + max(duration_s, 0.0))

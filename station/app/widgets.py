@@ -19,9 +19,9 @@ from textual.widget import Widget
 from textual.widgets import Static
 
 from station.common.sanitise import printable
-from station.drawing.colours import MARK_GROUND, MARK_TEXT
-from station.drawing.glyphs import Glyphs, big_lines
-from station.results.comparison import measurement_words
+from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
+from station.drawing.terminal_plots import Glyphs, big_lines
+from station.results.plane_result import measurement_words
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading
@@ -71,13 +71,16 @@ class Part(Static):
         self.display = bool(text)
 
 
-# --- pictures and curves -----------------------------------------------------------------------------------------
+# --- pictures and curves ---
 
 
-@lru_cache(maxsize=GREYS * GREYS)
+INK = (*(f"rgb({v},{v},{v})" for v in (round(i * 255 / (GREYS - 1)) for i in range(GREYS))), PRESENT_LINE, WANTED_LINE)
+"""Colours of a half block: greys, then the lines of the outlines."""
+
+
+@lru_cache(maxsize=len(INK) ** 2)
 def _half_block(upper: int, lower: int) -> Style:
-    bright, dark = (round(level * 255 / (GREYS - 1)) for level in (upper, lower))
-    return Style.parse(f"rgb({bright},{bright},{bright}) on rgb({dark},{dark},{dark})")
+    return Style.parse(f"{INK[upper]} on {INK[lower]}")
 
 
 class Drawn(Widget):
@@ -132,11 +135,12 @@ class Picture(Drawn):
         """The largest image that fits."""
         if self.picture is None:
             return tuple(_text_strip(line) for line in centred(self.words, width, height))
-        from station.app.terminal_images import in_letters, lay_out
+        from station.app.terminal_images import LEGEND, in_letters, lay_out
 
         cells = lay_out(self.picture, width, max(1, height - 1))
         rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
-        return (*rows, _text_strip(printable(self.picture.caption)))
+        words = self.picture.caption if self.picture.outline is None else LEGEND[self.glyphs.ascii]
+        return (*rows, _text_strip(printable(words)))
 
 
 def centred(text: str, width: int, height: int) -> list[str]:
@@ -148,6 +152,7 @@ def centred(text: str, width: int, height: int) -> list[str]:
 
 def _half_blocks(cells: Cells) -> list[Strip]:
     levels = cells.levels.astype(int) * GREYS // 256
+    levels[cells.lines > 0] = GREYS - 1 + cells.lines[cells.lines > 0]
     strips = []
     for row in range(len(levels) // 2):
         pairs = zip(levels[2 * row].tolist(), levels[2 * row + 1].tolist(), strict=True)
@@ -194,7 +199,7 @@ def _text_strip(text: str) -> Strip:
     return Strip([Segment(text, PLAIN)])
 
 
-# --- the guide's parts -------------------------------------------------------------------------------------------
+# --- the guide's parts ---
 
 
 class Rail(Part):
@@ -233,7 +238,30 @@ class Readings(Part):
         value = f"{one.value:.3g} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
-        return (first, literal(f"   {limits}", "dim")) if limits else (first,)
+        lines = (first, literal(f"   {limits}", "dim")) if limits else (first,)
+        if one.unit != "°" or one.low is None or one.high is None:
+            return lines
+        return (
+            *lines,
+            literal(f"   {angle_level(one.value, one.low, one.high, self.glyphs)}", "" if one.good else "bold"),
+        )
+
+
+LEVEL = 21
+"""Cells of a level that shows an angle."""
+
+
+def angle_level(value: float, low: float, high: float, glyphs: Glyphs) -> str:
+    """An angle as the bubble of a level with its tolerance in brackets; its scale holds the angle and 3 tolerances."""
+    end = max(3 * max(abs(low), abs(high)), abs(value)) or 1.0
+
+    def cell(angle: float) -> int:
+        return round((angle / end + 1) / 2 * (LEVEL - 1)) if angle == angle else 0
+
+    cells = ["-" if glyphs.ascii else "─"] * LEVEL
+    cells[cell(low)], cells[cell(high)] = "[", "]"
+    cells[cell(value)] = "O" if glyphs.ascii else "●"
+    return "".join(cells)
 
 
 def limits_in_words(one: Reading) -> str:

@@ -3,13 +3,11 @@
 Nothing moves without the operator's consent, requested before homing and before each axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drivers.clock import Clock
+from drivers.errors import Clock
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import HOME_FIRST, Controls, GrblEnvelope
 from drivers.interfaces import Stage, Travel

@@ -17,15 +17,12 @@ shutter = "shutter"
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NotConnected
+from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NotConnected, SystemClock
 from drivers.frames import ExposureMetadata
 from drivers.interfaces import (
     Camera,
@@ -50,7 +47,7 @@ from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_lines import key_lines
+from station.common.toml_text import key_lines
 
 
 @dataclass(frozen=True)

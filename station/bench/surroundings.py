@@ -13,6 +13,11 @@ if TYPE_CHECKING:
 class OperatorActions(Protocol):
     """Interface to an operator's actions and observations."""
 
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the bench's time passes as for a person, so that its moves can be watched."""
+        ...
+
     def knows(self, key: str) -> Fact | None:
         """The operator's answer; None if the question's default applies."""
         ...

@@ -1,7 +1,5 @@
 """Twins of stages: simulated controllers, each at the end of a cable, that `station conform` tries their drivers at."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

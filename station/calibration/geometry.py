@@ -16,8 +16,7 @@ from procedures.pattern import Chart
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.exposure import Exposure
 from procedures.reading.sensor_dump import DumpLayout
-from station.common.progress import Progress, silent
-from station.common.threads import threads
+from station.common.progress import Progress, silent, threads
 
 
 @dataclass(frozen=True)

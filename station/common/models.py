@@ -7,8 +7,6 @@ a list) and `kind` (of a named device, see `drivers.options`). A model may have 
 remedy if its values are inconsistent.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types
@@ -24,9 +22,8 @@ import msgspec
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.text import parse_toml, read_text
 from station.common.sanitise import printable
-from station.common.toml_lines import Path as KeyPath
-from station.common.toml_lines import key_lines, line_of
-from station.common.toml_text import toml_value
+from station.common.toml_text import Path as KeyPath
+from station.common.toml_text import key_lines, line_of, toml_value
 
 T = TypeVar("T")
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
@@ -206,7 +203,7 @@ def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
     return bare, (), False
 
 
-# --- reading ---------------------------------------------------------------------------------------------------------
+# --- reading ---
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 Exposure times compensate for the apertures, so that both photographs have the same mean.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -24,7 +22,7 @@ from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
 from simulators.camera.optics import Optics
-from simulators.camera.rendered import blur_and_sample, photograph_render
+from simulators.camera.render import blur_and_sample, photograph_render
 from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
 from simulators.rays.ray_scenes import leaves_in_depth
@@ -75,8 +73,6 @@ class DepthPlan:
 class RestoredDepth:
     """A restoration and its truth.
 
-    Attributes
-    ----------
     photographs : two of (rows, columns)
         The plane of both files, 1 = saturation.
     sharp, w : (rows, columns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.plots import Figure
 from station.reports import geometry_figures as figures
 from station.reports.page import Block, Figures, Heading, Table, quantity

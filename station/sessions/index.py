@@ -5,8 +5,6 @@ again, missing ones are removed. An index that is damaged, of another version, o
 replaced, in memory if necessary.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

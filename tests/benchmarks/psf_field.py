@@ -32,20 +32,20 @@ from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.maps import MAPS, FieldMap, derive, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames, measure, measure_frames
 from procedures.field.photosite import Photosite
-from procedures.field.plan import SHEET, locations
+from procedures.field.plan import locations
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.outline import SHEET
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import OPTICS, PITCH_UM
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, TruePsf, true_mtf, true_psf
 from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import TruePsf, true_mtf, true_psf
 from simulators.world.scene import Scene
-from station.demo.truth_comparison import align
+from station.demo.digital_twin import align
 
 S, K = 4, 17
 PIXELS = 102.4  # s/t = 1.6

@@ -33,17 +33,18 @@ from procedures.field.estimate import FIELD  # noqa: E402
 from procedures.field.interpolate import interpolate  # noqa: E402
 from procedures.field.maps import MAPS, numbers_of, radius_direction  # noqa: E402
 from procedures.field.measuring import measure_frames  # noqa: E402
-from procedures.field.plan import SHEET, locations  # noqa: E402
+from procedures.field.plan import locations  # noqa: E402
 from procedures.outcome import Quantity, Verdict  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
+from procedures.pattern_psf.outline import SHEET  # noqa: E402
 from procedures.psf import Psf  # noqa: E402
 from procedures.raw import Plane, RawFrame  # noqa: E402
 from procedures.reading.exposure import Exposure  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
 from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall  # noqa: E402
+from simulators.camera.camera import true_mtf, true_psf  # noqa: E402
 from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture  # noqa: E402
-from simulators.camera.truth import true_mtf, true_psf  # noqa: E402
 from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
 from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
 from tests.procedures.two_photo import endless as of_wall  # noqa: E402

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.protocols.grbl import GrblParser

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected
+from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected, SystemClock
 
 
 @pytest.fixture

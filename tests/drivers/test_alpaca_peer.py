@@ -7,10 +7,9 @@ import threading
 import pytest
 
 from drivers.alpaca.camera import AlpacaCamera
-from drivers.alpaca.link import AlpacaAddress
-from drivers.alpaca.probe import AlpacaProbe
+from drivers.alpaca.link import AlpacaAddress, AlpacaProbe
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
-from drivers.frame_files.dng_folder import DngFolder
+from drivers.frame_files.dng import DngFolder
 from station.bench.opening import inspect_raw
 from station.service.hosting import Hosting, listen
 

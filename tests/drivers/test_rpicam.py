@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
-from drivers.frame_files.dng_folder import DngFolder
+from drivers.frame_files.dng import DngFolder
 from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from procedures.raw import read_frame

@@ -21,12 +21,12 @@ from station.app.widgets import SPACE, Part, lines_of, literal
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
     from station.app.background import Finished
+    from station.guide.frontend import Consent
 
 
 DONE = "done: press Enter"
 MIN_READ_S = 0.4
 """Earlier answers to a question before a move are ignored: Enter may have been held down."""
-MOVES = "clear: press Enter to move; F12 stops"
 TYPE_AHEAD_S = 1.0
 """Digits typed within this time before a question belong to its answer."""
 NUMBER_CHARACTERS = "0123456789.,-"
@@ -265,11 +265,14 @@ class AnswerBox(Vertical):
                 box.action_select_all()  # typing replaces the default
         else:
             choices = self.query_one(Choices)
-            from station.guide.frontend import MOVE
+            from station.guide.frontend import BY_HAND, NOT_NOW
 
-            lines = ask.choices if ask.kind == "choice" else (MOVES if ask.key == MOVE else DONE,)
+            consent = _consent(ask)
+            lines = ask.choices if ask.kind == "choice" else (DONE, NOT_NOW) if ask.key == BY_HAND else (DONE,)
+            if consent is not None:
+                lines = (f"clear: press Enter to {consent.start}; F12 stops", NOT_NOW)
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
-            choices.set_lines(lines, at, by_enter_alone=ask.key == MOVE)
+            choices.set_lines(lines, at, by_enter_alone=consent is not None)
 
     def _note_shown(self) -> None:
         self._shown_s = Message().time
@@ -304,15 +307,14 @@ class AnswerBox(Vertical):
         if self._offers:
             self.screen.post_message(self._offers[event.index]())
             return
-        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else "")
+        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else ("yes", "no")[event.index])
 
     def _answer(self, text: str) -> None:
         if self._ask is None:
             return
         from station.guide.answers import parse
-        from station.guide.frontend import MOVE
 
-        if self._ask.key == MOVE and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
+        if _consent(self._ask) and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
             return  # the key was pressed before the question could be read
         try:
             fact = parse(self._ask, text)
@@ -323,8 +325,17 @@ class AnswerBox(Vertical):
         self.post_message(self.Given(fact))
 
 
+def _consent(ask: Ask) -> Consent | None:
+    """How a question for consent is asked; None for other questions."""
+    from station.guide.frontend import CONSENTS
+
+    return CONSENTS.get(ask.key)
+
+
 def _wanted(ask: Ask) -> str:
-    """Unit and limits of a number: " (50 to 2000 mm)"."""
+    """What must be checked before a consent; unit and limits of a number: " (50 to 2000 mm)"."""
+    if consent := _consent(ask):
+        return f" {consent.check}"
     if ask.kind != "number":
         return ""
     from station.guide.answers import plain

@@ -12,7 +12,7 @@ import click
 
 from station.cli.session.group import find_session, session_argument
 from station.cli.terminal.command import StationCommand, json_option
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from station.guide.recompute import RecomputedResult

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from drivers.protocols.tmcl import checksum
+from drivers.tmcl.link import checksum
 from drivers.tmcl.stage import TmclAxis
 
 STEP = 1 / 320

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.corruption.directions import GHOST_PX, filters, mask, mirrored
-from procedures.corruption.scores import SampleGroup, Strength, strengths
+from procedures.corruption.family import SampleGroup, Strength, strengths
 
 Array = np.ndarray
 

@@ -14,9 +14,8 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Shape
 
 SLOW_FIXTURES = {"shot"}

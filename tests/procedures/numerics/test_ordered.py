@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.ordered import distinct, quantile
+from procedures.numerics.arrays import distinct, quantile
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 100])

@@ -6,7 +6,12 @@ import scipy.optimize
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures.numerics.solvers import cholesky_inverse, cholesky_solve, non_negative_least_squares, solve_constrained
+from procedures.numerics.normal_equations import (
+    cholesky_inverse,
+    cholesky_solve,
+    non_negative_least_squares,
+    solve_constrained,
+)
 
 pytestmark = pytest.mark.delicate
 

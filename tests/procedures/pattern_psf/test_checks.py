@@ -92,7 +92,7 @@ def test_the_pose_is_that_of_the_homography(name, angle):
 @pytest.mark.parametrize(("name", "angle"), OTHER_WORDS)
 def test_words_tell_which_way(name, angle):
     pose = ChartPose((0.0, 0.0, FAR_MM), **{"yaw_deg": 0.0, "pitch_deg": 0.0, "roll_deg": 0.0, f"{name}_deg": angle})
-    assert OTHER_WORDS[name, angle] in square_advice(pose, (), (), 1.5).say
+    assert OTHER_WORDS[name, angle] in square_advice(pose, (), (), 1.5, 62.4).say
 
 
 def test_the_right_edge_is_nearer_where_yaw_is_positive(shoot):

@@ -9,7 +9,7 @@ import scipy.signal
 
 from procedures.psf import Psf
 from procedures.sensor.information import information
-from procedures.sensor.noise_power import measure_noise_power
+from procedures.sensor.spectrograms import measure_noise_power
 
 from .known_sensor import KnownSensor
 

@@ -9,8 +9,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused, Verdict
 from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um, shim_words
-from procedures.tilt.plane import Positions, behind_lens_um, fit_plane
-from procedures.tilt.screws import Screws, turns_for
+from procedures.tilt.plane import Positions, Screws, behind_lens_um, fit_plane, turns_for
 from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
 
 FRAME = (36.0, 24.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
-from simulators.camera.subjects import MOTIONS
+from simulators.camera.sheets import MOTIONS
 
 
 @pytest.fixture

@@ -72,7 +72,7 @@ def test_a_move_that_reaches_its_server_after_the_stop_is_halted(tmp_path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("driver", [*BUILT_IN, *TWINS])
 def test_a_stage_stands_every_fault(driver, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert soak(rig, np.random.default_rng(1), 60, FAULTS) == "60 operations"

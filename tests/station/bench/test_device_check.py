@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from drivers.errors import BadConfiguration
 from station.__main__ import main
 from station.bench.opening import make_bench, read_config
-from station.common.toml_lines import key_lines
+from station.common.toml_text import key_lines
 
 GOOD = {
     "stage": {

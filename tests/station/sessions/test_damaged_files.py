@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from procedures.outcome import ProcedureError
 from station.__main__ import main
-from station.results.result_seal import damage, is_sealed
+from station.results.result_files import damage, is_sealed
 from station.sessions import reader
 from station.sessions.index import Index
 from station.sessions.session import Session
