@@ -11,7 +11,6 @@ ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,23 +40,24 @@ class VarianceParts:
     flatness: Array
     shutter: Array
 
-    def budget(self, total: float, variance: Callable[[Array], float], scale: float = 0.0) -> dict[str, float]:
+    def budget(self, total: float, J: Array, count: int = 1, scale: float = 0.0) -> dict[str, float]:
         """Terms of a number's standard uncertainty.
 
         Parameters
         ----------
         total : float
             The stated standard uncertainty.
-        variance : callable
-            Variance of the number for a covariance of the unknowns.
+        J : (m, known) float64
+            Derivative by the unknowns.
+        count : int
+            The number is the root of the sum of the m squared components, divided by this count.
         scale : float
             Contribution of the chart's scale.
         """
-        row = np.outer(self.shutter, self.shutter) if self.shutter.any() else None
         squares = {
-            POINTS: variance(self.points),
-            FLATNESS: variance(self.flatness),
-            SHUTTER: 0.0 if row is None else variance(row),
+            POINTS: float(np.sum((J @ self.points) * J)) / count,
+            FLATNESS: float(np.sum((J @ self.flatness) * J)) / count,
+            SHUTTER: float(np.sum((J @ self.shutter) ** 2)) / count,
             SCALE: scale**2,
         }
         rest = sum(squares.values())

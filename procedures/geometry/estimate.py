@@ -19,7 +19,7 @@ from procedures.geometry.model_doubt import find_doubt
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
-from procedures.geometry.shutter import Shutter, find_shutter, with_row_time
+from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_time
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
@@ -164,7 +164,7 @@ class Geometry:
         The pose whose photograph would reduce the projection uncertainty most; None where none fits into the frame.
     adjustment : Adjustment
         The adjustment from which the other values derive.
-    shutter : Shutter or None
+    shutter : ShutterTiming or None
         Of a video: the row time.
     """
 
@@ -182,7 +182,7 @@ class Geometry:
     covered: float
     next_view: NextView | None
     adjustment: Adjustment
-    shutter: Shutter | None = None
+    shutter: ShutterTiming | None = None
 
     __repr__ = summary
 
@@ -231,13 +231,13 @@ class Geometry:
 
     def budgets(self) -> dict[str, dict[str, float]]:
         """Terms of the uncertainty of each number."""
-        numbers, parts, p = self.numbers(), self._variances, len(self.camera.params)
-        formula = self.formula
+        numbers, parts, formula = self.numbers(), self._variances, self.formula
+        p, known = len(self.camera.params), len(self.adjustment.covariance)
         names = self.camera.names if formula is None else formula.camera.names
-        response = np.eye(p) if formula is None else formula.response
+        response = np.zeros((len(names), known))
+        response[:, :p] = np.eye(p) if formula is None else formula.response
         budgets = {
-            name: parts.budget(numbers[name].uncertainty, lambda C, row=row: float(row @ C[:p, :p] @ row))
-            for name, row in zip(names, response, strict=True)
+            name: parts.budget(numbers[name].uncertainty, row[None]) for name, row in zip(names, response, strict=True)
         }
         pixels = self.camera.frame_grid(*COARSE)
         pixels = pixels[enclosed(self.region, pixels)]
@@ -245,17 +245,16 @@ class Geometry:
             J = projection_derivative(self.adjustment, pixels, one.distance_mm)
             J = J[np.isfinite(J).all(axis=(1, 2))]
             name = projection_at(one.distance_mm)
-            budgets[name] = parts.budget(
-                numbers[name].value, lambda C, J=J: float(np.einsum("nai,ij,naj->", J, C, J, optimize=True)) / len(J)
-            )
+            budgets[name] = parts.budget(numbers[name].value, J.reshape(-1, known), len(J))
         return budgets
 
     def distance_budget(self, i: int) -> dict[str, float]:
         """Terms of the uncertainty of a view's distance."""
         one, first = self.views[i], self.adjustment.shared + POSE * i + 3
-        sight, place = one.pose.t / one.distance.value, slice(first, first + 3)
+        sight = np.zeros((1, len(self.adjustment.covariance)))
+        sight[0, first : first + 3] = one.pose.t / one.distance.value
         scale = self.shape.scale_uncertainty * one.distance.value
-        return self._variances.budget(one.distance.uncertainty, lambda C: float(sight @ C[place, place] @ sight), scale)
+        return self._variances.budget(one.distance.uncertainty, sight, scale=scale)
 
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
         method = "root mean square over the part of the frame that the charts covered"
@@ -339,7 +338,7 @@ def is_too_simple(geometry: Geometry) -> bool:
 
 
 def _geometry(
-    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: Shutter | None
+    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: ShutterTiming | None
 ) -> Geometry:
     camera, views = fit.state.camera, fit.problem.views
     p = len(camera.params)

@@ -107,11 +107,12 @@ def _trials(
     """Splines over a formula fitted to halves of the points, smooth to rough, until the predictions become worse."""
     halves, trials = _halves(problem), list[SmoothnessTrial]()
     camera = SplineCamera.over(formula.camera, model)
+    size = camera.columns, camera.rows
     states = [replace(formula, camera=camera) for _ in halves]
     for one in roughness_px:
         try:
             states = [
-                adjust(replace(state, camera=replace(state.camera, roughness_px=one)), half).state
+                adjust(replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half).state
                 for state, half in zip(states, halves, strict=True)
             ]
             squares = [

@@ -53,9 +53,8 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         width_mm, known = self.width_mm, self.width_uncertainty_mm
         if (scale := self.chart_scale) is not None:
             width_mm, known = scale.used_width_mm, scale.uncertainty_mm
-        share = {} if known is None else {"scale_uncertainty": known / width_mm}
-        cell_mm = width_mm / (BLOCK * BLOCKS)
-        return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
+        share = GeometryParameters.scale_uncertainty if known is None else known / width_mm
+        return GeometryParameters(width_mm / (BLOCK * BLOCKS), share, self.model, self.at_mm)
 
     @property
     def chart_scale(self) -> ChartScale | None:
