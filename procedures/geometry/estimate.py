@@ -23,7 +23,7 @@ from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_ti
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
-from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -63,6 +63,8 @@ class GeometryParameters:
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
     is_video : bool
         Whether the views are frames of a video, with their times: the row time of the shutter is estimated.
+    advise_px : (x, y) or None
+        Pixel whose direction the next view shall improve; None: the whole frame.
     """
 
     cell_mm: float
@@ -70,6 +72,7 @@ class GeometryParameters:
     model: str | None = None
     distances_mm: tuple[float, ...] = ()
     is_video: bool = False
+    advise_px: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,6 +295,13 @@ def calibrate_geometry(
     """
     if parameters.model is not None:
         parameter_names(parameters.model)
+    if parameters.advise_px is not None and not all(
+        0 <= at <= side - 1 for at, side in zip(parameters.advise_px, size, strict=True)
+    ):
+        x, y = parameters.advise_px
+        raise BadParameter(
+            f"a pixel of a frame of {size[0]} x {size[1]} must lie in it; got {x:g}, {y:g}", "name another"
+        )
     nodes = chart_nodes(parameters.cell_mm) if nodes is None else nodes
     try:
         if len(views) < FEWEST_VIEWS:
@@ -362,7 +372,7 @@ def _geometry(
         maps=tuple(_map(fit, grid, distance) for distance in distances),
         region=region,
         covered=float(enclosed(region, grid).mean()),
-        next_view=next(iter(next_views(fit)), None),
+        next_view=next(iter(next_views(fit, parameters.advise_px)), None),
         adjustment=fit,
         shutter=shutter,
     )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from procedures.outcome import BadParameter
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartSettings, Inputs, Procedure
@@ -40,6 +41,10 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     frame_rate_hz: (
         Annotated[float, setting("The photographs are all frames of a video: measure the row time.", least=1e-3)] | None
     ) = None
+    advise: Annotated[
+        str | None,
+        setting("Propose the next view, for the direction of a pixel or the whole frame.", metavar="X,Y|frame"),
+    ] = None
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 
     @property
@@ -54,7 +59,21 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         if (scale := self.chart_scale) is not None:
             width_mm, known = scale.used_width_mm, scale.uncertainty_mm
         share = GeometryParameters.scale_uncertainty if known is None else known / width_mm
-        return GeometryParameters(width_mm / (BLOCK * BLOCKS), share, self.model, self.at_mm)
+        cell_mm = width_mm / (BLOCK * BLOCKS)
+        return GeometryParameters(cell_mm, share, self.model, self.at_mm, advise_px=self.pixel)
+
+    @property
+    def pixel(self) -> tuple[float, float] | None:
+        """The pixel of --advise. Raises BadParameter where it is none."""
+        if self.advise in (None, "frame"):
+            return None
+        try:
+            x, y = map(float, str(self.advise).split(","))
+        except ValueError:
+            raise BadParameter(
+                f"--advise must be frame or a pixel X,Y; got {self.advise!r}", "write --advise 120,80, for example"
+            ) from None
+        return x, y
 
     @property
     def chart_scale(self) -> ChartScale | None:
@@ -95,6 +114,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
         given = {
             "width_mm": BLOCK * BLOCKS * parameters.cell_mm, "scale_uncertainty": parameters.scale_uncertainty,
             "model": settings.model or "auto", "chart": source.origin, **({"raw": str(layout)} if layout else {}),
+            **({"advise": settings.advise} if settings.advise else {}),
             **({"frame_rate_hz": settings.frame_rate_hz} if settings.frame_rate_hz else {}),
         }  # fmt: skip
         read = [one for one in shoots[0].records if one.sha256]
@@ -106,6 +126,10 @@ class CameraGeometry(Procedure[GeometrySettings]):
         """Which camera model each plane has, from how many views, and which shutter."""
         cameras = [(one.name, one.estimate) for one in measurement.planes if one.estimate is not None]
         models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
+        if cameras and "advise" in measurement.head.parameters:
+            from procedures.geometry.next_view import advice
+
+            models += [f"{name}: {advice(one.next_view)}" for name, one in cameras if one.next_view is not None]
         return models + [f"{name}: {one.shutter.words}" for name, one in cameras if one.shutter is not None]
 
 
