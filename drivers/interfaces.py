@@ -316,7 +316,7 @@ class Parser(Protocol[E_co]):
 
 
 class Line(Protocol):
-    """What a device is reached by: a port, a server, a controller or a box with several devices."""
+    """A port, server, controller or box, by which one or several devices are reached."""
 
     @property
     def address(self) -> str:

@@ -73,7 +73,6 @@ class BatchProcedure:
 
     @property
     def name(self) -> str:
-        """The procedure's name."""
         return self.procedure.name
 
     def parameters(self) -> dict[str, Any]:

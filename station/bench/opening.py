@@ -114,7 +114,6 @@ class Bench:
 
     @property
     def camera(self) -> Camera:
-        """The camera."""
         return cast(Camera, self._find("camera"))
 
     @property

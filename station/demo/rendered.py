@@ -67,7 +67,6 @@ class RenderPlan:
 
     @property
     def rows(self) -> int:
-        """Height of the pictures."""
         return 3 * self.columns // 4
 
 

@@ -56,7 +56,6 @@ class DepthPlan:
 
     @property
     def sensor(self) -> Sensor:
-        """Sensor of the bench."""
         return Sensor(rows=self.rows, columns=self.columns)
 
     def camera(self, f_number: float) -> ThinLensCamera:

@@ -89,7 +89,6 @@ class Specification:
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Those that are named."""
         return tuple(dict.fromkeys(one.place for one in self.limits))
 
     def to_record(self) -> dict[str, Any]:

@@ -52,7 +52,6 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
 
     @property
     def parameters(self) -> CorrectionParameters:
-        """Those of the estimate."""
         from procedures.correction.deconvolve import Splitting
         from procedures.correction.estimate import CorrectionParameters
         from procedures.correction.priors import Prior
@@ -84,13 +83,11 @@ class Correct(Procedure[CorrectSettings]):
         return 100
 
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
-        """The field."""
         return [_field(paths, settings)]
 
     def measure(
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The corrected picture."""
         from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
             correct_photographs,

@@ -108,7 +108,6 @@ class Field(PsfProcedure[FieldSettings]):
     def measure(
         self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The field of every plane."""
         from procedures.field.conclusion import conclude
         from procedures.field.measuring import measure
         from procedures.pattern_psf.estimate import PatternParameters

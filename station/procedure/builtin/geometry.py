@@ -74,7 +74,6 @@ class CameraGeometry(Procedure[GeometrySettings]):
     def measure(
         self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The camera in every plane."""
         from station.calibration.geometry import conclude, measure_views
         from station.calibration.geometry_files import geometry_measurement
 

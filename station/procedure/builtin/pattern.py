@@ -47,7 +47,6 @@ class Pattern(PsfProcedure[PatternSettings]):
     def measure(
         self, paths: Sequence[Path], settings: PatternSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane."""
         source = settings.source
         frame = settings.read(paths[0])
         progress(f"read {paths[0]}")

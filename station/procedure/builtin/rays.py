@@ -194,7 +194,6 @@ class FilteredRender:
         return entries
 
     def files(self) -> dict[str, bytes | Callable[[Path], None]]:
-        """The pictures and the map."""
         result, spread = self.filtered, self.filtered.uncertainty
         layers = {"": result.picture, **({} if spread is None else {"uncertainty": spread})}
         return {
@@ -254,7 +253,6 @@ class Rays(Procedure[RaysSettings]):
     def measure(
         self, paths: Sequence[Path], settings: RaysSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The first film's picture."""
         return next(self.measurements(paths, settings, terms, progress))
 
     def measurements(

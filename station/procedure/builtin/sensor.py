@@ -56,7 +56,6 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     method = "EMVA Standard 1288, release 4.0"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """The pictures of the folder."""
         return sum(len(one.paths) for one in find_shots(paths[0], lambda miss: None))
 
     def measure(

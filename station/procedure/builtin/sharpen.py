@@ -75,7 +75,6 @@ class Sharpen(Procedure[SharpenSettings]):
         return 100
 
     def files(self, paths: Sequence[Path], settings: SharpenSettings) -> list[Path]:
-        """The field."""
         return [field_path(settings.field)] if settings.field else []
 
     def measure(

@@ -88,13 +88,11 @@ class TiltOfSensor(Procedure[TiltSettings]):
     method = "plane through the heights of best focus at the charts' places, by generalised least squares"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """The photographs of the folder."""
         return len(photographs(paths[0]))
 
     def measure(
         self, paths: Sequence[Path], settings: TiltSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The plane of a bracket."""
         from procedures.field.estimate import BRACKET
         from procedures.field.measuring import measure
         from station.calibration.tilt import check_known, measure_tilt, tilt_measurement

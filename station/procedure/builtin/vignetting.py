@@ -29,7 +29,6 @@ class Vignetting(Procedure[Settings]):
     def measure(
         self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The flats' vignetting."""
         return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
 
 
