@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
@@ -33,7 +33,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by views left out]"),
     ] = None
     frame_rate_hz: (
-        Annotated[float, setting("The photographs are all frames of a video: measure the shutter's row time.", least=1e-3)]
+        Annotated[float, setting("The frames are a video: measure the shutter's row time.", least=1e-3)]
         | None
     ) = None  # fmt: skip
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
@@ -47,7 +47,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         if self.model is not None:
             parameter_names(self.model)
         known = self.width_uncertainty_mm
-        share = {} if known is None else {"scale_uncertainty": known / self.width_mm}
+        share: dict[str, Any] = {} if known is None else {"scale_uncertainty": known / self.width_mm}
         cell_mm = self.width_mm / (BLOCK * BLOCKS)
         return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
 
