@@ -13,9 +13,8 @@ from procedures.numbers import OF_PLACES
 from procedures.outcome import Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
-from station.results.limits import Place, Specification, Spot
+from station.results.limits import Place, Specification, Spot, Terms
 from station.results.plane_result import PlaneResult
-from station.results.terms import Terms
 from station.results.units import Pixels
 
 
@@ -49,7 +48,7 @@ def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limi
     return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
 
 
-# --- places of a specification ---------------------------------------------------------------------------------------
+# --- places of a specification ---
 
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""

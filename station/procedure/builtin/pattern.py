@@ -8,11 +8,10 @@ from procedures.pattern_psf.estimate import PatternParameters
 from station.calibration.planes import calibrate
 from station.calibration.sensor_models import NO_SENSOR, read_sensor
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs
+from station.procedure.base import Inputs, setting
 from station.procedure.psf import ChartPsfSettings, PsfProcedure
-from station.procedure.settings import setting
+from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
-from station.results.terms import USUAL, Terms
 
 GRADE = "grade"
 """Key of the parameter that says what a PSF rests on."""

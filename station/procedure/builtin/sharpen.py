@@ -15,11 +15,10 @@ from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, PictureSettings, Procedure
-from station.procedure.registry import procedure_named
-from station.procedure.settings import setting, to_record
+from station.procedure.base import Inputs, PictureSettings, Procedure, setting, to_record
+from station.procedure.schema import procedure_named
+from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
-from station.results.terms import USUAL, Terms
 
 SCENES = {"flat": "whole", "deep": "auto"}
 """Scenes, and the part of each in which unknown motions are estimated; the first costs a quarter of the second."""
