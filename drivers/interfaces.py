@@ -316,7 +316,7 @@ class Parser(Protocol[E_co]):
 
 
 class Line(Protocol):
-    """A port, server, controller or box, by which one or several devices are reached."""
+    """The way to a device: a port, a server, a controller or a box with several devices."""
 
     @property
     def address(self) -> str:

@@ -17,7 +17,7 @@ from procedures.geometry.model_doubt import find_doubt
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
-from procedures.geometry.shutter import Shutter, find_shutter, with_row_time
+from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_time
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
@@ -162,7 +162,7 @@ class Geometry:
         The pose whose photograph would reduce the projection uncertainty most; None where none fits into the frame.
     adjustment : Adjustment
         The adjustment from which the other values derive.
-    shutter : Shutter or None
+    shutter : ShutterTiming or None
         Of a video: the row time.
     """
 
@@ -180,7 +180,7 @@ class Geometry:
     covered: float
     next_view: NextView | None
     adjustment: Adjustment
-    shutter: Shutter | None = None
+    shutter: ShutterTiming | None = None
 
     __repr__ = summary
 
@@ -191,7 +191,7 @@ class Geometry:
 
     @property
     def formula(self) -> FittedFormula | None:
-        """Of a spline, the formula whose parameters are reported; single control points have no meaning."""
+        """For a spline, the formula whose parameters are reported; single control points have no meaning."""
         return most_apt(self.formulas, max(self.noise_px, NEGLIGIBLE_PX)) if self.formulas else None
 
     def numbers(self) -> dict[str, Quantity]:
@@ -305,7 +305,7 @@ def is_too_simple(geometry: Geometry) -> bool:
 
 
 def _geometry(
-    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: Shutter | None
+    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: ShutterTiming | None
 ) -> Geometry:
     camera, views = fit.state.camera, fit.problem.views
     p = len(camera.params)

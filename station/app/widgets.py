@@ -20,8 +20,8 @@ from textual.widgets import Static
 
 from station.common.sanitise import printable
 from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
-from station.drawing.terminal_plots import Glyphs, big_lines
-from station.results.plane_result import measurement_words
+from station.drawing.glyphs import Glyphs, big_lines
+from station.results.comparison import measurement_words
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading

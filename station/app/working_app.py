@@ -29,7 +29,7 @@ from station.app.stopping_driver import stopping_first
 from station.common.errors import TRACEBACK
 from station.common.sanitise import printable
 from station.common.stop_signals import EXIT_DEVICE
-from station.drawing.terminal_plots import Glyphs, glyphs_for
+from station.drawing.glyphs import Glyphs, glyphs_for
 
 if TYPE_CHECKING:
     from pathlib import Path

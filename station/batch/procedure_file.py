@@ -37,8 +37,8 @@ from station.common.models import TableSource, fields_of, name_of, one_of, read_
 from station.common.toml_text import KeyPath, toml_value
 from station.procedure.base import Inputs, Procedure, Settings, to_record
 from station.procedure.schema import procedure_named, procedure_names
-from station.results.limits import USUAL, Terms
 from station.results.specification_file import PLANES, FrequencyValue, SpecificationTable, read_specification
+from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
 USUAL_PROCEDURE = "pattern"

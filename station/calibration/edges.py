@@ -14,10 +14,11 @@ from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge
 from procedures.slanted_edge.strip import Roi
 from station.drawing.plots import edge_picture
 from station.results.exports import csv_columns
-from station.results.limits import USUAL, Terms, place_of
+from station.results.limits import place_of
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
+from station.results.terms import USUAL, Terms
 from station.results.units import Pixels, convert_numbers, pixels_of
 
 SCHEMA = "station/mtf/1"

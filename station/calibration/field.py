@@ -13,8 +13,9 @@ from procedures.numbers import OF_PLACES
 from procedures.outcome import Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
-from station.results.limits import Place, Specification, Spot, Terms
+from station.results.limits import Place, Specification, Spot
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
 from station.results.units import Pixels
 
 

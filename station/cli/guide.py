@@ -18,8 +18,8 @@ from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
-from station.results.limits import specification_verdict
-from station.results.plane_result import Compliance
+from station.results.comparison import Compliance
+from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
     from station.guide.run import Run

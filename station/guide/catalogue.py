@@ -19,10 +19,10 @@ from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
-    from station.results.limits import Terms
     from station.results.measurement import Measurement
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
+    from station.results.terms import Terms
 
     Results = Callable[[Sequence[RawFrame], Outcomes, Terms, Facts], list[PlaneResult]]
     Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], RecordHead], str]

@@ -17,10 +17,10 @@ from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
 from station.reports.certificate import record_digest
 from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
-from station.results.limits import Terms
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
 from station.results.result_files import damage
+from station.results.terms import Terms
 from station.results.units import Unit
 
 STATED = re.compile(rb'record-sha256(?:" content="| )([0-9a-f]{64})')

@@ -21,11 +21,11 @@ from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
-from station.results.limits import USUAL, Terms
 from station.results.measurement import BY_PLANE, Measurement
 from station.results.overlay import read_overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from station.reports.report import Report

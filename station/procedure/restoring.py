@@ -53,9 +53,9 @@ from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.restore_settings import RestoreSettings
 from station.reports.restoration_files import Restored, restoration_measurement
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.restoration.joint.result import Restoration

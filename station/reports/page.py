@@ -20,7 +20,7 @@ from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.plane_result import measurement_words
+from station.results.comparison import measurement_words
 from station.results.record_head import PartBeside
 from station.results.units import Unit
 

@@ -11,10 +11,11 @@ from procedures.outcome import Miss, Verdict
 from procedures.reading.exposure import Exposure
 from station.common.versions import software
 from station.results.exports import numbers_table
-from station.results.limits import USUAL, Terms, compare
+from station.results.limits import compare
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, plane_record, write_record
+from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 NUMBERS = "numbers.csv"

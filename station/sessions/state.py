@@ -10,9 +10,9 @@ from procedures.choice import with_frequencies
 from procedures.outcome import ProcedureError
 from procedures.plan import Fact
 from station.common.models import TableSource
-from station.results.limits import USUAL, Terms
 from station.results.plane_result import PlaneResult, curves_of, numbers_of
 from station.results.specification_file import parse_specification, specification_text, unit_named
+from station.results.terms import USUAL, Terms
 from station.results.units import Pixels, Unit
 from station.sessions.journal import Damaged, JournalLine
 from station.sessions.layout import is_given, read_config

@@ -15,7 +15,7 @@ from station.cli.terminal.numbers import UNITS
 
 if TYPE_CHECKING:
     from station.reports.certificate_details import CertificateDetails
-    from station.results.limits import Terms
+    from station.results.terms import Terms
     from station.results.units import Unit
 
 Command = Callable[..., Any]
@@ -100,8 +100,9 @@ def terms_options(command: Command) -> Command:
 
 def terms_of(options: dict[str, Any]) -> Terms:
     """The terms of the options, which are removed from them. Raises BadParameter for an invalid specification."""
-    from station.results.limits import Specification, Terms
+    from station.results.limits import Specification
     from station.results.specification_file import read_specification
+    from station.results.terms import Terms
     from station.results.units import Frequency
 
     unit, file = chosen_unit(options.pop("unit", None), options.pop("config", None)), options.pop("specification")

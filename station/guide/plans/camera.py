@@ -28,11 +28,11 @@ from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
 from station.procedure.schema import procedure_named
-from station.results.limits import Terms
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
+from station.results.terms import Terms
 
 GEOMETRY, VIGNETTING, SENSOR = "geometry", "vignetting", "sensor"
 """Results of a session in addition to the planes' PSFs, and the names of their folders."""

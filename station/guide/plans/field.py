@@ -20,12 +20,12 @@ from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
 from station.procedure.schema import procedure_named
-from station.results.limits import Terms
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
+from station.results.terms import Terms
 
 
 @dataclass(frozen=True, eq=False)

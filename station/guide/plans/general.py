@@ -31,10 +31,10 @@ from station.common.models import ModelField, TableSource, fields_of, read_model
 from station.guide.dialogue import FILE_SEPARATOR
 from station.procedure.base import Inputs, Procedure
 from station.procedure.schema import procedure_named
-from station.results.limits import Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
+from station.results.terms import Terms
 from station.sessions.state import terms_of_session
 
 COUNTS = {Inputs.PHOTOGRAPH: 1, Inputs.PAIR: 2, Inputs.PHOTOGRAPHS: None}

@@ -8,10 +8,10 @@ from procedures.geometry.plan import plan as plan
 from procedures.plan import Facts, Outcomes
 from procedures.raw import RawFrame
 from station.calibration.geometry_files import geometry_measurement, session_plane
-from station.results.limits import Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
+from station.results.terms import Terms
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:

@@ -14,10 +14,10 @@ from procedures.restoration.known_blur import planes_of, rig_poses, split_ground
 from procedures.restoration.photograph_blur import Shape
 from procedures.restoration.plan import plan as restoration_plan
 from station.calibration.restoration.inputs import files_in, imu_table, poses_table, read_blur_shape, with_files
-from station.results.limits import Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
+from station.results.terms import Terms
 from station.sessions.layout import is_given
 
 

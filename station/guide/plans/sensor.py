@@ -12,10 +12,10 @@ from procedures.sensor.plan import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
-from station.results.limits import Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
+from station.results.terms import Terms
 
 
 def plan() -> Plan:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, RawLayout, setting, to_record
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.correction.estimate import CorrectionParameters

@@ -15,10 +15,10 @@ from station.calibration.field_photographs import check_noted, focus_positions
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, beside, setting
 from station.procedure.psf import INSIST, ChartPsfSettings, PsfProcedure
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay, read_height_overlays
 from station.results.record_head import InputFile, RecordHead
+from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartSettings, Inputs, Procedure, setting
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.geometry.estimate import GeometryParameters

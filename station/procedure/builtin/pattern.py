@@ -10,8 +10,8 @@ from station.calibration.sensor_models import NO_SENSOR, read_sensor
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, setting
 from station.procedure.psf import ChartPsfSettings, PsfProcedure
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
 
 GRADE = "grade"
 """Key of the parameter that says what a PSF rests on."""

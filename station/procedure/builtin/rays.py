@@ -37,11 +37,11 @@ from procedures.reading.exr import write_exr
 from station.common.progress import Progress, silent
 from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure, Settings, setting
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import npy
+from station.results.terms import USUAL, Terms
 
 Picture = npt.NDArray[np.float64]
 

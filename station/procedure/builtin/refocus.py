@@ -21,10 +21,10 @@ from station.common.progress import Progress, silent
 from station.common.sanitise import printable
 from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.reader import read_record
 from station.results.record_head import InputFile, RecordHead
+from station.results.terms import USUAL, Terms
 
 DESCRIPTION = "refocused picture, linear, 1 = white, first row uppermost; calibration-station"
 FILES = ("result.json", "sharp.tiff", "w.npy")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
-from station.results.limits import USUAL, Terms
 from station.results.measurement import RESTORATION, Measurement
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.restoration.joint.result import Restoration

@@ -16,10 +16,10 @@ from station.calibration.geometry_files import NODES, POINTS
 from station.calibration.stored_results import StoredRecord, plane_entry, stored_record, table_prefix
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record, upper_plane
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, npy
+from station.results.terms import USUAL, Terms
 
 
 class RigSettings(Settings, frozen=True, kw_only=True):

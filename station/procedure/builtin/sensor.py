@@ -11,9 +11,9 @@ from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import find_shots
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, Settings, setting, upper_plane
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead
+from station.results.terms import USUAL, Terms
 
 
 class SensorSettings(Settings, frozen=True, kw_only=True):

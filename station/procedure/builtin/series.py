@@ -11,8 +11,8 @@ from station.calibration.series import PAGE, TABLE, best_apertures, points_of, s
 from station.common.progress import Progress, silent
 from station.procedure.base import BatchSummary, Inputs, setting
 from station.procedure.builtin.pattern import Pattern, PatternSettings
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
 
 
 class SeriesSettings(PatternSettings, frozen=True, kw_only=True):

@@ -17,8 +17,8 @@ from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, PictureSettings, Procedure, setting, to_record
 from station.procedure.schema import procedure_named
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
 
 SCENES = {"flat": "whole", "deep": "auto"}
 """Scenes, and the part of each in which unknown motions are estimated; the first costs a quarter of the second."""

@@ -10,9 +10,9 @@ from procedures.raw import default_plane
 from station.calibration.field_photographs import focus_positions, photographs
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartSettings, Inputs, Procedure, beside, setting, to_record
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
+from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.tilt.estimate import TiltParameters

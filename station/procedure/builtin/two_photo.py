@@ -8,8 +8,8 @@ from station.calibration.planes import calibrate_wall
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs
 from station.procedure.psf import PsfProcedure, PsfSettings
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
 
 
 class TwoPhotoSettings(PsfSettings, frozen=True, kw_only=True):

@@ -6,8 +6,8 @@ from pathlib import Path
 from station.calibration.vignetting import measure_flats, vignetting_measurement
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, Settings
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
 
 
 class Vignetting(Procedure[Settings]):

@@ -14,10 +14,10 @@ from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, setting
 from station.procedure.builtin.pattern import GRADE, PatternSettings
 from station.procedure.psf import PsfProcedure
-from station.results.limits import USUAL, Terms
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.result_files import number_record
+from station.results.terms import USUAL, Terms
 
 ROLES = ("SHORT", "LONG", "NEAR", "DEFOCUSED")
 

@@ -6,7 +6,8 @@ import pytest
 from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import Chart
 from station.batch.procedure_file import read_procedure
-from station.results.limits import USUAL, Limit
+from station.results.limits import Limit
+from station.results.terms import USUAL
 
 WHOLE = """
 procedure = "pattern"

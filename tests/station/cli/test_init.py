@@ -14,8 +14,8 @@ from station.bench.opening import make_bench, read_config
 from station.common.signature import public_key
 from station.procedure.builtin.pattern import PatternSettings
 from station.reports.certificate_details import CertificateDetails
-from station.results.limits import USUAL
 from station.results.specification_file import read_specification
+from station.results.terms import USUAL
 
 SETTING = re.compile(r"^#(?=\[|\w+ = )", re.MULTILINE)
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from procedures.raw import RawFrame
 from station.reports.report import Report, measurement_report
-from station.results.limits import USUAL, Terms
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import psf_measurement
 from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
 
 
 def report_of(

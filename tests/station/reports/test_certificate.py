@@ -17,8 +17,9 @@ from station.reports.certificate import CODE, certificate_page, number_table, re
 from station.reports.certificate_details import CertificateDetails
 from station.reports.certificate_print import certificate_files, certificate_pdf
 from station.reports.report import METHODS, Report, ReportLine, ReportShot
-from station.results.limits import Limit, Specification, Terms
+from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
 from station.results.units import Pixels
 
 

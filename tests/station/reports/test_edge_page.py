@@ -15,8 +15,9 @@ from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.edges import PhotographEdges, measure_edges
 from station.reports.certificate import certificate_page, number_table
 from station.reports.edges.edge_page import edge_page
-from station.results.limits import Limit, Specification, Terms
+from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
+from station.results.terms import Terms
 from station.results.units import Unit
 
 from .measured import report_of

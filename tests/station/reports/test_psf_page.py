@@ -25,9 +25,10 @@ from station.reports.otf_figures import mtf_figure
 from station.reports.psf_page import budget_terms, psf_page
 from station.reports.report import Report, ReportLine, ReportShot, numbers_of_page
 from station.reports.report_page import curves_over
-from station.results.limits import Limit, Specification, Terms
+from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
 
 from .measured import report_of

@@ -10,11 +10,12 @@ import pytest
 from procedures.outcome import Cause, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.results.limits import Limit, Place, Specification, Terms
+from station.results.limits import Limit, Place, Specification
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder
+from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
 
 from .schemas import check, schema

@@ -10,8 +10,9 @@ from procedures.psf import Psf
 from procedures.quality import assess
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
-from station.results.limits import USUAL
-from station.results.plane_result import Comparison, Compliance, PlaneResult
+from station.results.comparison import Comparison, Compliance
+from station.results.plane_result import PlaneResult
+from station.results.terms import USUAL
 from station.results.units import Pixels
 from station.sessions.session import Session
 from station.sessions.state import KEY, UNIT, frozen, in_terms, terms_of_session
