@@ -112,7 +112,6 @@ class OneFrame:
         self._lock.release()
 
     def stop(self) -> None:
-        """Record a stop, without waiting."""
         self._stops += 1
 
     def check(self) -> None:

@@ -6,8 +6,6 @@ power: an ESP301 then reports its motors off, an SMC100 that it is not reference
 Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +18,7 @@ from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import StepQuestion
+from drivers.wire.connection import StepQuestion, anything, roll_call
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
 POWER = 1 << 4

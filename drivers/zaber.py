@@ -4,8 +4,6 @@ Every command carries a checksum and a message id, so a late or damaged answer i
 ended when the axis reports IDLE, found by polling and alerts, and succeeded if its position is the target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -46,11 +44,9 @@ class ZaberAxis:
         return PRECISION_STEPS * abs(self.unit_per_step)
 
     def to_steps(self, value: float) -> int:
-        """The nearest microstep."""
         return round((value - self.zero) / self.unit_per_step)
 
     def to_unit(self, steps: float) -> float:
-        """The position of a microstep."""
         return self.zero + steps * self.unit_per_step
 
 

@@ -1,7 +1,5 @@
 """Advice on light and exposure for every procedure, as pure functions of levels."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 

@@ -5,8 +5,6 @@ and energies, and remains as noise in the residual. k is raised until the trunca
 its noise. The subject limits s: the grid must not have frequencies that the subject lacks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -195,7 +193,9 @@ TERMS = {
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-COMMON = ("mismatch", "processing", "variation", "print blur")
+UNSEEN = ("processing", "variation", "print blur")
+"""Terms by corruptions that a photograph of the chart does not exclude."""
+COMMON = ("mismatch", *UNSEEN)
 """Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
 """Prefixes of the numbers that are frequencies."""

@@ -5,8 +5,6 @@ samples have one value where noise would spread them over several. A uniform are
 there must be noise elsewhere, or an approach to that value more abrupt than any lens allows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Transfer function of a PSF: phase along a direction, modulus over the band, numbers of an MTF curve."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 Source: ASCOM Alpaca API reference, and its error numbers.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math
@@ -22,10 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, NoReading, Rejected
-from drivers.interfaces import PROBE_UNITS, Condition, Identity, ProbeReading
+from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import Count, Uncertainty, option
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import LineDevice, not_connected
 
 CLIENT = os.getpid() & 0xFFFF
 """The client number of this program."""
@@ -82,11 +80,9 @@ class AlpacaLink:
 
     @property
     def address(self) -> str:
-        """Device and server."""
         return f"{self.kind} {self.number} at {self._host}:{self._port}"
 
     def open(self) -> Identity:
-        """Connect the device. Raises DeviceError."""
         password = self._server.password()
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
@@ -239,7 +235,6 @@ class ServerOptions(DriverOptions):
 
     @property
     def at(self) -> AlpacaAddress:
-        """Its address."""
         return AlpacaAddress(self.server, self.password_variable)
 
 
@@ -256,18 +251,14 @@ QUANTITIES = ("temperature", "humidity", "pressure")
 """Members of the standard, which has them in the units of `PROBE_UNITS`."""
 
 
-class AlpacaProbe:
+class AlpacaProbe(LineDevice[AlpacaLink]):
     """A Probe; `uncertainties` by quantity, as stated by the sensors' makers."""
 
     def __init__(self, server: AlpacaAddress, number: int, uncertainties: Mapping[str, float | None]) -> None:
         self._link = AlpacaLink(server, "observingconditions", number)
+        super().__init__(self._link)
         self._uncertainties = uncertainties
         self._quantities: tuple[str, ...] = ()
-
-    @property
-    def address(self) -> str:
-        """Device and server."""
-        return self._link.address
 
     def connect(self) -> Identity:
         """Connect, and see which quantities the device has. Raises DeviceError."""
@@ -284,14 +275,6 @@ class AlpacaProbe:
         except Rejected as error:
             return error.code != "0x400"  # not implemented; a value may come later
         return True
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._link.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._link.is_open)
 
     def read(self) -> Mapping[str, ProbeReading]:
         """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
@@ -317,5 +300,4 @@ class AlpacaProbeOptions(NumberedOptions):
     pressure_uncertainty: Uncertainty | None = None
 
     def make(self, parts: MakerContext) -> AlpacaProbe:
-        """The probe."""
         return AlpacaProbe(self.at, self.device, {name: getattr(self, f"{name}_uncertainty") for name in QUANTITIES})

@@ -1,7 +1,5 @@
 """A GenICam camera: software trigger, one frame at a time, each written as a DNG with its exposure and gain."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -41,8 +39,6 @@ REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool
 class GenicamSettings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     pixel_format : the camera's name of it; "" takes the deepest grey or raw one offered
     gain_db : None keeps the camera's gain
     patience_s : time limit of a frame after its exposure
@@ -84,7 +80,6 @@ class GenicamCamera:
 
     @property
     def address(self) -> str:
-        """The camera's name or address."""
         return self._name or "first GenICam camera"
 
     # --- connecting
@@ -175,7 +170,6 @@ class GenicamCamera:
         self._stream = None
 
     def close(self) -> None:
-        """Give the camera back."""
         self._stop()
         if self._listening is not None:
             device, number = self._listening
@@ -183,7 +177,6 @@ class GenicamCamera:
         self._listening, self._camera, self._lost = None, None, False
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         if self._camera is None:
             return Condition("not connected", False, "connect it")
         if self._lost:
@@ -224,7 +217,6 @@ class GenicamCamera:
             raise not_connected(self.address)
 
     def expose(self) -> ExposedFile:
-        """Trigger and return one photograph. Raises DeviceError."""
         with self._one_frame:
             self._require()
             if self._stream is None:
@@ -288,7 +280,6 @@ class GenicamOptions(GenicamSettings, FrameOptions):
     camera: Annotated[str, text('"192.168.1.20"', "a camera's name or address in quotes")] = ""
 
     def make(self, parts: MakerContext) -> GenicamCamera:
-        """The camera."""
         return GenicamCamera(self.frames(parts), self.camera, self, clock=parts.clock)
 
 

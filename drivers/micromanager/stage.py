@@ -4,8 +4,6 @@ The core reports no travel, so station.toml gives it. If an adapter cannot home,
 only if station.toml says so (`homes = false`: absolute encoders, piezos).
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -17,7 +15,7 @@ from typing import Annotated, Any, Literal
 from drivers.errors import Clock, EmergencyStopped, MoveFailed, NoAnswer, SystemClock
 from drivers.interfaces import Caveat, Condition, Identity, Travel
 from drivers.making import MakerContext
-from drivers.micromanager.core import (
+from drivers.micromanager.camera import (
     STAGE,
     XY_STAGE,
     Core,
@@ -42,8 +40,6 @@ STOP_S = 0.1
 class MicroManagerAxis:
     """One axis: its name with the unit, the label of its device, its travel in the unit.
 
-    Attributes
-    ----------
     part : "x" or "y" of an XY table, "" of a single axis
     zero : the value at the device's position 0
     unit_per_um : in the name's unit
@@ -108,7 +104,6 @@ class MicroManagerStage:
         return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
-        """Leave the configuration."""
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         self._core = None
@@ -135,7 +130,6 @@ class MicroManagerStage:
         return {axis.name: Travel(*axis.travel) for axis in self._axes}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError."""
         core = self._open()
         with self._asked():
             return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
@@ -175,7 +169,6 @@ class MicroManagerStage:
                 )
 
     def move_to(self, **target: float) -> None:
-        """Move and return when still. Raises DeviceError."""
         with self._one_mover as stops:
             self._open()
             self.trust.require()
@@ -279,5 +272,4 @@ class MicroManagerStageOptions(CoreOptions):
     patience_s: Patience = 60.0
 
     def make(self, parts: MakerContext) -> MicroManagerStage:
-        """The stage."""
         return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)

@@ -1,7 +1,5 @@
 """Message boundaries: lines, and frames recognised by their first bytes and checksum."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass

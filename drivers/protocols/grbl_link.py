@@ -3,14 +3,11 @@
 Trust is whether the position is reliable: homing establishes it; reset, alarm and emergency stop revoke it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
-from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
-from drivers.grbl_envelope import Controls
+from drivers.errors import Alarm, Clock, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
 from drivers.interfaces import Identity, Transport
 from drivers.move_checks import HOME, UNHOMED, Trust
 from drivers.protocols.grbl import (
@@ -21,6 +18,7 @@ from drivers.protocols.grbl import (
     AlarmRaised,
     Banner,
     ConfigItem,
+    Controls,
     Event,
     Failed,
     Feedback,
@@ -30,7 +28,7 @@ from drivers.protocols.grbl import (
     alarm_text,
     error_text,
 )
-from drivers.wire.connection import URGENT_S, anything, not_connected, opened
+from drivers.wire.connection import URGENT_S, LineDevice, anything, not_connected, opened
 
 T = TypeVar("T")
 REPLY_S = 1.0
@@ -86,7 +84,6 @@ class GrblLink:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     @property
@@ -120,16 +117,6 @@ class GrblLink:
                 self._read_configuration()
         self._ready, self.trust.why = True, UNHOMED
         return identity
-
-    def connect_output(self, name: str, alone: bool) -> Identity:
-        """Open the line for a lamp or a relay, unless a stage does. Raises DeviceError."""
-        if alone:
-            identity = self.connect(reset=True)
-            self.command("$X")  # there is nothing to home
-            return identity
-        if not self.is_open:
-            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
-        return Identity(name, "", "", self.address)
 
     def close(self) -> None:
         """Release the line; the position is not trusted afterwards."""
@@ -350,6 +337,31 @@ class GrblLink:
             self._banner = event
             self.resets += 1
             self.trust.lose(self._restarted())
+
+
+class GrblOutput(LineDevice[GrblLink]):
+    """A lamp or a relay on an output, `name`, of a controller: a stage may own its link."""
+
+    name: ClassVar[str]
+
+    def __init__(self, link: GrblLink, *, clock: Clock | None = None, owns_link: bool = True) -> None:
+        super().__init__(link, clock)
+        self.link, self._owns_link = link, owns_link
+
+    def connect(self) -> Identity:
+        """Open the line, unless it belongs to a stage. Raises DeviceError."""
+        if self._owns_link:
+            identity = self.link.connect(reset=True)
+            self.link.command("$X")  # there is nothing to home
+            return identity
+        if not self.link.is_open:
+            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
+        return Identity(self.name, "", "", self.address)
+
+    def close(self) -> None:
+        """Release the line, unless it belongs to a stage."""
+        if self._owns_link:
+            self.link.close()
 
 
 # --- Configuration of FluidNC that has no numbered settings, read item by item ---

@@ -5,8 +5,6 @@ minus the sum of the bytes between the first one and the colon.
 Source: Zaber ASCII protocol manual.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

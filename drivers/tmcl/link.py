@@ -7,8 +7,6 @@ stop, the version is requested until it comes, shifted by one byte each time. Mo
 follows all older ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,8 +15,7 @@ from typing import Any
 
 from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
-from drivers.wire.connection import URGENT_S, anything
-from drivers.wire.in_step import OutOfStep
+from drivers.wire.connection import URGENT_S, OutOfStep, anything
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
@@ -53,7 +50,6 @@ class TmclLink:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     @property
@@ -68,7 +64,6 @@ class TmclLink:
         self._transport.open(lambda event, host_s: None)
 
     def close(self) -> None:
-        """Release the port."""
         self._transport.close()
 
     def host(self, allowed: Callable[[], None] = anything, tries: int = 1) -> Any:

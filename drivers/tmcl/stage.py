@@ -45,8 +45,6 @@ TRIES = 3
 class TmclAxis:
     """One axis: its name with the unit, its motor and module, its travel in the unit, units per microstep.
 
-    Attributes
-    ----------
     zero : the value at the reference, where the search sets 0
     direction : -1 if microsteps count in the opposite direction
     """
@@ -60,11 +58,9 @@ class TmclAxis:
     direction: Literal[1, -1] = 1
 
     def to_steps(self, value: float) -> int:
-        """The nearest microstep."""
         return round((value - self.zero) / (self.direction * self.unit_per_step))
 
     def to_unit(self, steps: float) -> float:
-        """The position of a microstep."""
         return self.zero + steps * self.direction * self.unit_per_step
 
 
@@ -97,7 +93,6 @@ class TmclStage:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._link.address
 
     def connect(self) -> Identity:
@@ -136,7 +131,6 @@ class TmclStage:
         self._link.close()
 
     def condition(self) -> Condition:
-        """Whether it may move."""
         return self.trust.refusal(self._link.is_open) or Condition("idle", caveat=self._caveat())
 
     def _caveat(self) -> Caveat | None:
@@ -172,7 +166,6 @@ class TmclStage:
         return there
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         return any(self._parameter(axis, SPEED) or self._searching(axis) for axis in self._axes)
 
     def _parameter(self, axis: TmclAxis, number: int) -> int:

@@ -6,8 +6,6 @@ A nuisance is a strength that is not negative, with a half-normal prior: its pos
 the budget.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -68,6 +66,12 @@ SCATTER = Corruption(
     "the edge scatters by {} more than the noise of its plains explains: it is rough or moved, or a filter spared it",
     "take a cut edge or a finer print, keep the camera still, and take the RAW file",
     "take a cut edge or a finer print, and keep the camera still",
+)
+PERIODIC = Corruption(
+    "period",
+    "the MTF rises to {} near 1 cycle/pixel, as no lens makes it: the edge moved, or was printed, with the period at "
+    "which it crosses the pixels",
+    *2 * ("keep the camera still, turn the chart by 2 degrees, and photograph it again",),
 )
 FILTERED = _processing("filter", "edges look unlike any image by a lens ({}): the photograph was denoised")
 SELECTIVE = _processing("sharpening", "strong detail is sharpened more than faint detail ({})")

@@ -1,7 +1,5 @@
 """The PSF between the nodes: components, a model of their coefficients, and its choice by cross-validation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -68,7 +66,6 @@ class Recipe:
 
     @property
     def name(self) -> str:
-        """Description for reports."""
         if self.kind == "thin plate":
             return "thin plate" if self.setting == 0 else "thin plate, stiff"
         return f"{self.kind}, degree {self.setting:.0f}"

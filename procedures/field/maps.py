@@ -4,15 +4,14 @@ Sagittal and meridional refer to the frame's centre: meridional detail repeats a
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.surfaces import Surface, WithoutPhotosite, fit_surface
+from procedures.field.photosite import WithoutPhotosite
+from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import (
     ENERGY_ABOVE_NYQUIST,
     ENERGY_OUTSIDE_SUPPORT,

@@ -1,7 +1,5 @@
 """Nodes of many photographs, measured in parallel; a photograph that fails does not stop the others."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor

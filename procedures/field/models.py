@@ -1,7 +1,5 @@
 """Models of the coefficients of a PSF field: separate smooth functions, or all coupled by the lens's symmetry."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -136,7 +134,6 @@ class AxialSymmetry:
 
     @property
     def name(self) -> str:
-        """Description for reports."""
         return f"symmetric lens, degree {self.degree}"
 
     def predict(self, points: Array, values: Array) -> Array:

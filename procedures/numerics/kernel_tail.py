@@ -6,8 +6,6 @@ is that tail. The others model deviations from it: an excess close to the suppor
 and variation with direction (spikes of a polygonal iris, astigmatism).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

@@ -4,8 +4,6 @@ SciPy's transforms take as long to import as estimating a PSF; NumPy's take six 
 picture in single precision.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Plane-to-plane maps: homographies with polynomial displacements."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, Self
 

@@ -1,7 +1,5 @@
 """Encoding of the chart as a file, by its suffix."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

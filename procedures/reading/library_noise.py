@@ -1,7 +1,5 @@
 """Capture of messages that C libraries print to standard error, for the reader instead of the terminal."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

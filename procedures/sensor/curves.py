@@ -4,8 +4,6 @@ Every number of the temporal part is a function of these curves, so one computat
 over the measured curves and over draws with the errors of pictures of finite size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@ NPS includes aliasing, as the picture does.
 Source: Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -22,7 +20,7 @@ from procedures.numbers import DSNU, GENERAL_DYNAMIC_RANGE, GENERAL_SNR_MAX, GEN
 from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import IntervalNumber, from_draws, measured
+from procedures.sensor.defects import IntervalNumber, from_draws, measured
 from procedures.sensor.photon_transfer import Transfer
 from procedures.sensor.spectrograms import NEIGHBOURS, NoisePower
 

@@ -4,8 +4,6 @@ The levels of the ladder are set by a light panel at one exposure time, or by th
 controls no panel.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ EMVA 1288 release 4.0 linear, section 8.3: every line is transformed, and the po
 is drawn over frequency. A pattern common to all lines is most significant in their average.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +11,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from procedures.numerics.arrays import Array
-from procedures.sensor.measured import IntervalNumber, measured
+from procedures.sensor.defects import IntervalNumber, measured
 from procedures.sensor.stacks import FrameStack, Numbers
 
 FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise

@@ -4,8 +4,6 @@ EMVA 1288 release 4.0 linear, sections 4 and 8.2. The numbers describe this sens
 due to temporal noise in the mean pictures, not to differences between sensors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,8 +11,7 @@ import numpy as np
 
 from procedures.numbers import DSNU, PRNU
 from procedures.numerics.arrays import Array, Mask
-from procedures.sensor.defects import find_defects
-from procedures.sensor.measured import IntervalNumber, root, with_share
+from procedures.sensor.defects import IntervalNumber, find_defects, root, with_share
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, unrounded
 from procedures.sensor.stacks import FrameStack, least_spread
 

@@ -1,7 +1,5 @@
 """The sensor's plane from the PSFs of a focus bracket: tilt, backfocus, curvature, and the correcting turns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

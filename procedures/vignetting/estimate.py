@@ -1,7 +1,5 @@
 """Vignetting and colour shading from flats: verdict, numbers and maps of each plane."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 The renderer gives the contents of the file; this module models its time, its name and its faults.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -104,7 +102,6 @@ class CameraBody(EventSource):
             self._agenda.sort(key=lambda entry: entry[0])
 
     def next_event_s(self) -> float | None:
-        """Time of the next write."""
         with self._lock:
             return self._agenda[0][0] if self._agenda else None
 

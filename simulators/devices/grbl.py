@@ -4,8 +4,6 @@ Its motors move axes of the world, its relay and spindle outputs close contacts 
 answers are recorded in tests/conformance/grbl_1.1h.txt; `variant` selects the behaviour of grblHAL or FluidNC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from simulators.devices.grbl_motion import NEVER, Activity, Outputs
@@ -60,7 +58,6 @@ class GrblController:
 
     @property
     def axes(self) -> dict[str, Axis]:
-        """The axes it moves."""
         return self.motion.axes
 
     @property

@@ -3,8 +3,6 @@
 Lines begin and end at rest: there is no look-ahead at corners. The switch of an axis is at the end of its travel.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Mapping

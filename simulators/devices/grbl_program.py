@@ -1,7 +1,5 @@
 """Execution of lines by a GRBL controller: `$` commands and G-code, on its settings, modes, offsets and motion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from simulators.devices import grbl_settings

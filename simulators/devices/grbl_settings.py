@@ -1,7 +1,5 @@
 """The `$` settings of GRBL 1.1 and its derivatives: which exist, and which values are accepted."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Everything is flat polygons in planes, painted from back to front, each with its exact outline.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -61,8 +59,6 @@ class Illumination:
 class PlacedChart:
     """A printed chart in space.
 
-    Attributes
-    ----------
     pose : Pose
         Of the chart's centre, cell (128, 128), and of its plane.
     cell_mm : float

@@ -1,7 +1,5 @@
 """Distribution of a batch by Dask: to processes of this machine, or to workers that share its folders."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os

@@ -6,8 +6,6 @@ the same as `summary.parquet`, and `result.json`. Results of earlier runs with t
 again. Rows stay on the disk: memory does not grow with what is measured.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

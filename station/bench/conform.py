@@ -4,8 +4,6 @@ A driver is tried at its twin, where the truth is known and the line fails on re
 Time at a twin is virtual, so hundreds of operations take seconds.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

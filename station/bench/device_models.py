@@ -4,8 +4,6 @@ Built-in drivers and those of installed packages (entry-point group `station.dri
 their options, imported when it is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache

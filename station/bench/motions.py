@@ -1,7 +1,5 @@
 """Current motions of a bench: every move and homing passes here, so that observers can display it."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -74,6 +72,12 @@ class Motions:
 def label(axis: str) -> str:
     """An axis without its unit: "z" of "z_mm"."""
     return axis.rpartition("_")[0] or axis
+
+
+def axis_words(axis: str) -> str:
+    """An axis with its unit: "z in mm", "focus in steps"."""
+    unit = axis.rpartition("_")[2]
+    return f"{label(axis)} in {'°' if unit == 'deg' else unit}"
 
 
 def position_text(axis: str, place: float, digits: int = 1) -> str:

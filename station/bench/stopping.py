@@ -1,14 +1,12 @@
 """Emergency stop: each device in a thread of its own, so that none waits for another's port; with times on the line."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.interfaces import Device
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 
 PATIENCE_S = 0.25
 """How long a stop waits for blocked ports; their threads continue trying."""

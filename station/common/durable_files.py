@@ -3,8 +3,6 @@
 A small class of primitives, so that tests can make any of them fail or be the last operation.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

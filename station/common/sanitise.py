@@ -1,7 +1,5 @@
 """Escaping of external text (file names, EXIF, TOML) for terminals, file names and spreadsheets."""
 
-from __future__ import annotations
-
 import math
 import re
 import unicodedata

@@ -1,7 +1,5 @@
 """The demonstration: photographs of the chart by a simulated camera; PSFs of its files are compared with the truth."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,6 +36,8 @@ CHART = "chart.pdf"
 PAGE = "index.html"
 SHOWN_PLANE = "G1"
 """Plane whose photograph and residual are drawn."""
+PRINT_BLUR = 0.075
+"""Standard deviation of the print's blur, in cells: that of a fine print."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
@@ -51,7 +51,6 @@ class ComparedPlane:
 
     @property
     def name(self) -> str:
-        """Name of the plane."""
         return self.result.name
 
 
@@ -135,15 +134,13 @@ def run_demo(
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives chart, photographs, results, record and page, all at once at the end.
     seed : int
         Seed of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed().with_edges(), PatternParameters()
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters(print_blur=PRINT_BLUR)
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")

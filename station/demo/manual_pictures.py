@@ -37,9 +37,9 @@ from simulators.world.scene import Scene
 from station.calibration.tilt import tilt_measurement
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
-from station.demo.demo import SHOWN_PLANE, compared_planes
+from station.demo.demo import PRINT_BLUR, SHOWN_PLANE, compared_planes
 from station.demo.guided_demo import run_guided
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.reports import otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
 from station.reports.certificate_figure import curves_figure
@@ -105,7 +105,7 @@ def _pattern(folder: Path) -> Pictures:
     taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
     frame = read_frame(path)
     frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
-    (plane,) = compared_planes(frame, taken, chart, PatternParameters(), SETUP, silent)
+    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, silent)
     estimate, truth = plane.result.estimate, plane.comparison
     assert estimate is not None  # the simulated photograph is a good one
     assert truth is not None

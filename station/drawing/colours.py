@@ -3,8 +3,6 @@
 Figures have a softer ink than text, which is read at smaller sizes.
 """
 
-from __future__ import annotations
-
 # --- figures -----------------------------------------------------------------------------------------------------
 
 INK, FAINT = "#2b3036", "#9aa3ad"
@@ -43,3 +41,5 @@ TERMINAL_COLOURS = {
 """Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
 """Colours of a mark in a thumbnail and of its background."""
+PRESENT_LINE, WANTED_LINE = "rgb(230,126,34)", "rgb(52,172,224)"
+"""Outlines of a pose on a terminal: as it is, and as it is wanted."""

@@ -1,7 +1,5 @@
 """Pictures as files: colour planes as image channels, 8-bit levels, false colours, PNG in sRGB, float32 TIFF."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

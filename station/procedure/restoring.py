@@ -26,7 +26,7 @@ from procedures.restoration.masks.checks import check_photographs, trust_of
 from procedures.restoration.masks.mask_fields import MaskField, Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import Distances, ambiguity, distances_of, unexplained
+from procedures.restoration.metres import CameraUncertainty, Distances, ambiguity, distances_of, unexplained
 from procedures.restoration.photograph_blur import (
     AdditionalDefocus,
     BlurSpec,
@@ -51,10 +51,9 @@ from station.calibration.restoration.inputs import (
 )
 from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
-from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
 from station.reports.restoration_files import Restored, restoration_measurement
-from station.results.measurement import RESTORATION, Measurement
+from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
@@ -86,7 +85,7 @@ def restored(
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if lenses and outcome.value is not None:
-        distances = _distances(outcome.value, photographs, blur.masks, lenses[0], str(settings.metres))
+        distances = _distances(outcome.value, photographs, blur.masks, lenses[0], settings)
         outcome = _judged(outcome, distances)
     outcome = developed.judged(outcome, frames)
     if truth is not None:
@@ -249,15 +248,17 @@ def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
 
 
 def _distances(
-    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting, side: str
-) -> Distances:
+    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting,
+    settings: RestoreSettings,
+) -> Distances:  # fmt: skip
     """Depth in metres."""
     z = np.stack(photographs)
     aligned = register(z, trust_of(z), masks).z
     w, noise = restoration.w.astype(np.float64), restoration.diagnostics.noise
     spread = np.hypot(restoration.w_std, ambiguity(list(aligned), masks, w, noise))
     spread[unexplained(restoration.residual.astype(np.float64), noise)] = np.inf
-    return distances_of(w, spread, lens, side)
+    known = CameraUncertainty(settings.camera_uncertainty, settings.camera_uncertainty)
+    return distances_of(w, spread, lens, str(settings.metres), known)
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
@@ -279,6 +280,7 @@ def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
         "focus_m": [one.focus_mm / 1000 for one in lenses],
         "focal_length_mm": lenses[0].focal_length_mm,
         "pixel_pitch_um": settings.pixel_pitch_um,
+        "camera_uncertainty": settings.camera_uncertainty,
     }
 
 
@@ -335,52 +337,3 @@ def _source_record(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
         for one in _measured(spec)
     ]
     return {**entries, "measured": measured} if measured else entries
-
-
-# --- The sharp picture and the depth map from two or more photographs blurred by depth ---
-
-
-class Restore(Procedure[RestoreSettings]):
-    """Photographs of one scene that differ in blur."""
-
-    name = "restore"
-    title = "sharp picture and depth"
-    help = """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene.
-
-    --plane all restores RAW photographs in colour, on the sensor's grid."""
-    inputs = Inputs.SCENE
-    Settings = RestoreSettings
-    schema = RESTORATION
-    results_key = "result"
-    drawn_by = "restoration_page:restoration_page"
-    method = "joint estimation of picture and depth by regularized least squares over the blur's masks"
-
-    def steps(self, paths: Sequence[Path]) -> int:
-        """Hundredths of the work."""
-        return 100
-
-    def files(self, paths: Sequence[Path], settings: RestoreSettings) -> list[Path]:
-        """Shapes, measured PSFs, records of motion, and the ground truth."""
-        return settings.of(paths).files
-
-    def measure(
-        self, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
-        """Picture and depth of the photographs."""
-
-        return restored(self.name, paths, settings, terms, progress)
-
-    def lines(self, measurement: Measurement) -> list[str]:
-        """The comparison with the ground truth."""
-        restoration: Restoration | None = measurement.result and measurement.result.outcome.value
-        if restoration is None or restoration.ground_truth is None:
-            return []
-        truth = restoration.ground_truth
-        before = ", ".join(f"{db:.1f}" for db in truth.before_db)
-        return [
-            f"compared with the ground truth {truth.psnr_db:.1f} dB, the photographs {before} dB; "
-            f"error {truth.error:.2%} of white, estimated {truth.stated_error:.2%}"
-        ]
-
-
-PROCEDURE = Restore()

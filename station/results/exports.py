@@ -1,7 +1,5 @@
 """A plane's PSF for other programs: FITS, float TIFF, its numbers as a table; its profile is `radial_profile`'s."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Entries of records besides results: procedure, inputs, parameters, verdict with its causes."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,12 +18,10 @@ class ReadFile(Protocol):
     @property
     def path(self) -> Path:
         """Path of the file."""
-        ...
 
     @property
     def sha256(self) -> str:
         """SHA-256 of its bytes."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ configuration. An incomplete last line was being written during a power failure:
 A chain cannot detect that the last lines are missing; `journal.head` does (see `station.sessions.journal_head`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -134,7 +132,6 @@ class Journal:
 
     @property
     def lines(self) -> Sequence[JournalLine]:
-        """All lines so far."""
         return self._lines
 
     def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> JournalLine:
@@ -165,7 +162,6 @@ class Journal:
             self._disk.sync(self._descriptor)
 
     def close(self) -> None:
-        """Close the files."""
         os.close(self._descriptor)
         self._head.close()
 

@@ -1,7 +1,5 @@
 """Reading of a session on the disk: verified, without lock and without writing."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets

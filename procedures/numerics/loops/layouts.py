@@ -1,7 +1,5 @@
 """Saddles in square bins: the neighbours of a place, and triples and sides in the layout of a chart's x-corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Figure 2.9 of the thesis: noise pattern, Joshi et al. and slanted edge, on a known kernel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

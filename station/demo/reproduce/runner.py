@@ -1,7 +1,5 @@
 """Rows computed one after the other; an error in one does not stop the others."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence
@@ -47,7 +45,6 @@ class RowResult:
 
     @property
     def lines(self) -> list[tuple[ClaimCheck, float]]:
-        """Every check with its value."""
         return list(zip(self.row.checks, self.computed.values, strict=False))
 
     @property

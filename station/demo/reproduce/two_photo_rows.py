@@ -1,7 +1,5 @@
 """Chapter 3 of the thesis: the PSF from two photographs of a wall at different distances."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

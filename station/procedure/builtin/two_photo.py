@@ -1,7 +1,5 @@
 """The PSF of each plane from two photographs of a wall at different distances."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,7 +37,6 @@ class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
     def measure(
         self, paths: Sequence[Path], settings: TwoPhotoSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane."""
         frames = []
         for path in paths:
             frames.append(settings.read(path))

@@ -13,7 +13,7 @@ import numpy as np
 from procedures.field import field_file
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.maps import FieldMap, HeightCurve, LateralColour, over_height
-from procedures.field.surfaces import Photosite, WithoutPhotosite
+from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface

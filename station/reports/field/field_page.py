@@ -11,7 +11,7 @@ from markupsafe import Markup
 from procedures.choice import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.maps import FieldMap, LateralColour
-from procedures.field.surfaces import Photosite
+from procedures.field.photosite import Photosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
 from station.drawing.plots import Figure
 from station.reports.field import field_figures

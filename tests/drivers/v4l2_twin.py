@@ -4,8 +4,6 @@ Structures are read and written at the byte offsets of `linux/videodev2.h` on 64
 definitions. A sensor's new settings take effect in the third frame of a stream, as in UVC cameras.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import mmap
@@ -89,7 +87,6 @@ class FakeCamera:
     # --- the calls of `drivers.v4l2.kernel.Kernel`
 
     def open(self, path: str) -> int:
-        """A new file number."""
         self._check()
         file = next(self._files)
         self._open.add(file)

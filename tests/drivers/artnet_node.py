@@ -3,8 +3,6 @@
 Source: Artistic Licence, Art-Net 4 specification.
 """
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading
