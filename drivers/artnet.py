@@ -6,8 +6,6 @@ is there shows its reply to a poll.
 Source: Artistic Licence, Art-Net 4 specification.
 """
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading
@@ -16,13 +14,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated
 
-from drivers.clock import Clock
-from drivers.errors import LineLost, NoAnswer
-from drivers.interfaces import Condition, Identity
+from drivers.errors import Clock, LineLost, NoAnswer
+from drivers.interfaces import Identity
 from drivers.light import Channels, Lamp, LampProperties, check_level
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import option
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import not_connected
 
 ID, VERSION, PORT = b"Art-Net\0", 14, 6454
 DMX, POLL, POLL_REPLY = 0x5000, 0x2000, 0x2100
@@ -43,8 +40,8 @@ def dmx_packet(universe: int, slots: bytes, sequence: int = 0) -> bytes:
     return packet(DMX, struct.pack("<BBH", sequence, 0, universe) + struct.pack(">H", len(slots)) + slots)
 
 
-class ArtNetLight(Lamp):
-    """A Light on some channels of a universe of an Art-Net node."""
+class ArtNetLight(Lamp["ArtNetLight"]):
+    """A Light on some channels of a universe of an Art-Net node, which is its own line."""
 
     def __init__(
         self,
@@ -55,7 +52,7 @@ class ArtNetLight(Lamp):
         panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(panel, clock)
+        super().__init__(self, clock, panel)
         name, _, port = host.partition(":")
         self._node = (name, int(port or PORT))
         self._channels, self._universe = tuple(channels), universe
@@ -67,7 +64,6 @@ class ArtNetLight(Lamp):
 
     @property
     def address(self) -> str:
-        """Node and universe."""
         return f"artnet://{self._node[0]}:{self._node[1]}/{self._universe}"
 
     def connect(self) -> Identity:
@@ -128,9 +124,9 @@ class ArtNetLight(Lamp):
             self._socket.close()
             self._socket = None
 
-    def condition(self) -> Condition:
-        """Level, and whether it has warmed up."""
-        return line_condition(self._socket is not None, self._word)
+    @property
+    def is_open(self) -> bool:
+        return self._socket is not None
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the node still answers. Raises DeviceError."""
@@ -159,5 +155,4 @@ class ArtNetOptions(DriverOptions, LampProperties):
     channels: Channels = (1,)
 
     def make(self, parts: MakerContext) -> ArtNetLight:
-        """The lamp."""
         return ArtNetLight(self.host, self.channels, universe=self.universe, panel=self, clock=parts.clock)

@@ -3,9 +3,10 @@
 Every class is a situation that an operator meets, not a layer of the program.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 
 class DeviceError(Exception):
@@ -93,3 +94,33 @@ class NoReading(DeviceError):
     def __init__(self, reason: str, remedy: str, code: int = -1) -> None:
         super().__init__(reason, remedy)
         self.code = code
+
+
+# --- Time as an argument: drivers use a clock object, so that tests and simulated benches need not wait ---
+
+
+class Clock(Protocol):
+    """Seconds since a fixed moment, and waiting."""
+
+    def now_s(self) -> float:
+        """Seconds; monotonic."""
+
+    def sleep(self, duration_s: float) -> None:
+        """Return after `duration_s` seconds."""
+
+    def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
+        """Wait, holding `condition`, until `ready()` or the deadline; returns the last value of `ready()`."""
+
+
+class SystemClock:
+    """The machine's monotonic clock."""
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def sleep(self, duration_s: float) -> None:
+        time.sleep(max(duration_s, 0.0))
+
+    def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
+        """Wait, holding `condition`, until `ready()` or the deadline."""
+        return condition.wait_for(ready, max(deadline_s - time.monotonic(), 0.0))

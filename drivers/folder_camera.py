@@ -4,14 +4,11 @@ A file is accepted when its size and time are stable, it decodes, and it did not
 that does not decode yet is examined again, as it may still grow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
+from drivers.errors import Clock, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, SystemClock
 from drivers.frames import (
     ExposureMetadata,
     Inspect,
@@ -83,7 +80,6 @@ class FolderCamera:
 
     @property
     def address(self) -> str:
-        """The folder."""
         return str(self._folder)
 
     def connect(self) -> Identity:
@@ -95,11 +91,9 @@ class FolderCamera:
         return Identity("folder camera", "", "", self.address)
 
     def close(self) -> None:
-        """Forget the folder."""
         self._connected = False
 
     def condition(self) -> Condition:
-        """Whether the folder is there."""
         if not self._connected:
             return Condition("not connected", False, "connect it")
         if not self._folder.is_dir():
@@ -230,7 +224,6 @@ class FolderOptions(Tether, DriverOptions):
     sensor: SensorText | None = None
 
     def make(self, parts: MakerContext) -> FolderCamera:
-        """The camera."""
         box, place = parts.other(self.shutter), parts.folder / self.folder
         sensor = sensor_format(self.sensor)
         return FolderCamera(place, box, parts.inspect, tether=self, sensor=sensor, clock=parts.clock)

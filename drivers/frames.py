@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.errors import FrameWrong
+from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.options import option
 
@@ -88,3 +89,32 @@ def check_settings(path: Path, facts: ExposureMetadata, wanted: CameraSettings) 
             raise FrameWrong(
                 f"{path.name} was taken at {actual:g}{unit} instead of {target:g}{unit}", "set the body, repeat"
             )
+
+
+# --- Rule of all cameras that wait for their frames: one exposure at a time, and a stop ends it ---
+
+
+class OneFrame:
+    """Context of an exposure of the camera at `address()`; a second one is refused at once."""
+
+    def __init__(self, address: Callable[[], str]) -> None:
+        self._address = address
+        self._lock = threading.Lock()
+        self._stops = self._since = 0
+
+    def __enter__(self) -> OneFrame:
+        if not self._lock.acquire(blocking=False):
+            raise Rejected(f"{self._address()} is already exposing", "wait for the frame")
+        self._since = self._stops
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def stop(self) -> None:
+        self._stops += 1
+
+    def check(self) -> None:
+        """Raises EmergencyStopped if a stop came since the exposure began."""
+        if self._stops != self._since:
+            raise EmergencyStopped(f"emergency stop at {self._address()}", "make it safe, then expose again")

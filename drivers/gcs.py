@@ -5,23 +5,20 @@ query repeats the axis before its value. An axis that was switched off reports t
 Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from drivers.errors import NoAnswer, Rejected
-from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import anything
+from drivers.wire.connection import URGENT_S, anything
 from drivers.wire.in_step import StepQuestion
-from drivers.wire.outgoing import URGENT_S
 
 TRIES = 3
 MOTION, STOP_ALL = b"\x05", b"\x18"

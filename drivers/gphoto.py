@@ -4,8 +4,6 @@ All of libgphoto2 runs in one thread: it is not thread-safe, and may block for s
 produce several files (RAW and JPEG) in any order, so files are collected until the body has been quiet for a while.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -17,12 +15,20 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Annotated, Any, TypeVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frames import Inspect, KnownSensor, SensorText, check_settings, is_raw, sensor_format, sha256_of
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    DeviceError,
+    EmergencyStopped,
+    FrameMissing,
+    LineLost,
+    NoAnswer,
+    Rejected,
+    SystemClock,
+)
+from drivers.frames import Inspect, KnownSensor, OneFrame, SensorText, check_settings, is_raw, sensor_format, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import SHUTTER, FolderName, device, text
 from drivers.wire.connection import line_condition, not_connected
 
@@ -82,7 +88,6 @@ class _Owner:
             raise NoAnswer(f"the camera did not answer within {timeout_s:g} s", "switch it off and on") from None
 
     def end(self) -> None:
-        """End the thread."""
         self._calls.put(None)
         self._thread.join(timeout=2.0)
 
@@ -121,7 +126,6 @@ class GphotoCamera:
 
     @property
     def address(self) -> str:
-        """Model and port."""
         return f"{self._model or 'first body'} at {self._port or 'any port'}"
 
     def connect(self) -> Identity:
@@ -181,7 +185,6 @@ class GphotoCamera:
             ) from error
 
     def condition(self) -> Condition:
-        """Whether the body is open."""
         return line_condition(self._camera is not None)
 
     def sensor(self) -> FrameFormat | None:
@@ -397,7 +400,6 @@ class GphotoOptions(DriverOptions):
     sensor: SensorText | None = None
 
     def make(self, parts: MakerContext) -> GphotoCamera:
-        """The camera."""
         box, sensor = parts.other(self.shutter) if self.shutter else None, sensor_format(self.sensor)
         return GphotoCamera(
             parts.folder / self.folder, parts.inspect, model=self.model, port=self.port, shutter=box, sensor=sensor,

@@ -4,8 +4,6 @@ All motion is `$J=G53 G90` : absolute in machine space, refused outside the trav
 `ok` means planned; a move has ended when two reports in a row say Idle, and succeeded if it is at the target.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -13,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, ClassVar, Literal
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     BadConfiguration,
+    Clock,
     DeviceError,
     EmergencyStopped,
     Held,
@@ -23,13 +21,13 @@ from drivers.errors import (
     NoAnswer,
     NotHomed,
     Rejected,
+    SystemClock,
     WasReset,
 )
 from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
-from drivers.homing_state import HOME
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.making import LineOptions, MakerContext
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
+from drivers.move_checks import HOME, OneMover, check_arrival, check_target, in_turn, left_still
 from drivers.options import ENABLED_STAGE, GRBL_STAGE, PollInterval, axes
 from drivers.protocols.grbl import (
     DOOR_MESSAGE,
@@ -78,7 +76,6 @@ class GrblStage:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self.link.address
 
     def connect(self) -> Identity:
@@ -117,11 +114,9 @@ class GrblStage:
         return dict(self._envelopes)
 
     def close(self) -> None:
-        """Release the line."""
         self.link.close()
 
     def travel(self) -> Mapping[str, Travel]:
-        """The range of each axis."""
         return {name: one.travel for name, one in self._envelopes.items()}
 
     def condition(self) -> Condition:
@@ -162,11 +157,9 @@ class GrblStage:
         return there
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         return not self.link.report().still
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Home at the limit switches. Raises DeviceError."""
         with self._one_mover:
             epoch = self.link.recover()
             self._homing = True
@@ -348,7 +341,6 @@ class GrblOptions(LineOptions):
     reset_on_open: Literal["expect", "avoid"] = "expect"
 
     def make(self, parts: MakerContext) -> GrblStage:
-        """The stage."""
         dtr = False if self.reset_on_open == "avoid" else None
         wire = parts.wire(self.port, GrblParser, baud=self.baud, dtr=dtr)
         return GrblStage(wire, self.axes, clock=parts.clock, reset_on_open=self.reset_on_open, poll_s=self.poll_s)

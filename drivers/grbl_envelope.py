@@ -4,8 +4,6 @@ Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` amon
 grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC reports its ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -135,7 +133,6 @@ class GrblEnvelope:
 
     @property
     def travel(self) -> Travel:
-        """The allowed range."""
         ends = (self.to_user(self.low + self.margins[0]), self.to_user(self.high - self.margins[1]))
         return Travel(*sorted(ends))
 

@@ -6,24 +6,22 @@ its adapter take. The delivery with the least delay gives the offset of the cloc
 between zero and the shortest round trip; an event seen by two units (`station devices --tap`) measures it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
-from drivers.interfaces import ClockOffset, Condition, Identity, ImuBlock, Transport
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, NoAnswer, Rejected
+from drivers.interfaces import ClockOffset, Identity, ImuBlock, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext
 from drivers.options import STRIG_BOX, device, option, positive
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser
-from drivers.shutter import DRIFT, Sample, StrigShutter
-from drivers.wire.connection import line_condition, opened
+from drivers.shutter import DRIFT, BoxDevice, Sample, StrigShutter
+from drivers.wire.connection import LineDevice, opened
 
+E = TypeVar("E")
 G_M_S2 = 9.80665
 RATES_HZ = {0.2: 1, 0.5: 2, 1.0: 3, 2.0: 4, 5.0: 5, 10.0: 6, 20.0: 7, 50.0: 8, 100.0: 9, 200.0: 0x0B}
 NO_OUTPUT = 0x0D
@@ -130,29 +128,44 @@ def scale_of(full_scale_g: float, full_scale_deg_s: float) -> list[float]:
     return [full_scale_g * G_M_S2 / 32768] * 3 + [math.radians(full_scale_deg_s) / 32768] * 3
 
 
-class WitImu:
-    """A WitMotion module in WIT standard protocol."""
+class CableImu(LineDevice[Transport[E]], Generic[E]):
+    """A unit on a cable of its own."""
 
-    def __init__(
-        self, transport: Transport[WitFrame], *, clock: Clock | None = None, latency: CableLatency | None = None
-    ) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
-        self._stream = _Stream(1e-3, latency)
-        self._device_s: float | None = None
-        self._before_s: float | None = None
-        self._acceleration: tuple[float, ...] | None = None
-        self._version = ""
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
+    def __init__(self, transport: Transport[E], clock: Clock | None, stream: _Stream) -> None:
+        super().__init__(transport, clock)
+        self._stream = stream
 
     @property
     def latency(self) -> CableLatency:
         """The delay assumed of its samples."""
         return self._stream.latency
+
+    @property
+    def _word(self) -> str:
+        """The rate at which it streams."""
+        return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
+
+    def read_block(self, duration_s: float) -> ImuBlock:
+        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
+        self._transport.wait(lambda: False, duration_s)
+        return self._stream.take(self.address, duration_s)
+
+    def emergency_stop(self) -> None:
+        """Harmless: only ends the waits."""
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
+
+
+class WitImu(CableImu[WitFrame]):
+    """A WitMotion module in WIT standard protocol."""
+
+    def __init__(
+        self, transport: Transport[WitFrame], *, clock: Clock | None = None, latency: CableLatency | None = None
+    ) -> None:
+        super().__init__(transport, clock, _Stream(1e-3, latency))
+        self._device_s: float | None = None
+        self._before_s: float | None = None
+        self._acceleration: tuple[float, ...] | None = None
+        self._version = ""
 
     def connect(self) -> Identity:
         """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
@@ -160,16 +173,6 @@ class WitImu:
             if self._register(RATE) != NO_OUTPUT:
                 self.stop()
         return Identity("WitMotion", self._version, "", self.address)
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(
-            self._transport.is_open, f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
-        )
 
     def _register(self, number: int) -> int:
         """Read a register; retried, because the answer is sometimes lost in a fast stream."""
@@ -191,7 +194,6 @@ class WitImu:
         self._stream.start(rate_hz, self.clock, lambda: self._register(RATE))
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._write_registers({RATE: NO_OUTPUT})
 
@@ -225,17 +227,8 @@ class WitImu:
             return 0
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)
 
-    def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
-        self._transport.wait(lambda: False, duration_s)
-        return self._stream.take(self.address, duration_s)
 
-    def emergency_stop(self) -> None:
-        """Harmless: only ends the waits."""
-        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
-
-
-class FastImu:
+class FastImu(CableImu[SampleBatch | TextMessage]):
     """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(
@@ -247,24 +240,11 @@ class FastImu:
         full_scale_deg_s: float = 500.0,
         latency: CableLatency | None = None,
     ) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
+        super().__init__(transport, clock, _Stream(1e-6, latency))
         self._scale = scale_of(full_scale_g, full_scale_deg_s)
-        self._stream = _Stream(1e-6, latency)
         self._seq: int | None = None
 
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
-
-    @property
-    def latency(self) -> CableLatency:
-        """The delay assumed of its samples."""
-        return self._stream.latency
-
     def connect(self) -> Identity:
-        """Open and identify the device. Raises DeviceError."""
         with opened(self._transport, self._hear):
             model, firmware, serial = (*self._ask("ID?").split(" "), "", "", "")[:3]
         return Identity(model, firmware, serial, self.address)
@@ -274,24 +254,12 @@ class FastImu:
             f"{line}\n".encode(), lambda e: e.text if isinstance(e, TextMessage) else None, REPLY_S, tries=3
         )
 
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(
-            self._transport.is_open, f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
-        )
-
     def start(self, rate_hz: float) -> None:
-        """Stream at this rate. Raises DeviceError."""
         self._seq = None
         self._stream.start(rate_hz, self.clock, lambda: self._ask("ID?"))
         self._expect(f"START {rate_hz:g}")
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._expect("STOP")
 
@@ -310,53 +278,29 @@ class FastImu:
             values = tuple(number * scale for number, scale in zip(row, self._scale, strict=True))
             self._stream.put(ImuSample(device_s, host_s, values), gap * len(event.rows) if i == 0 else 0)
 
-    def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
-        self._transport.wait(lambda: False, duration_s)
-        return self._stream.take(self.address, duration_s)
 
-    def emergency_stop(self) -> None:
-        """Harmless: only ends the waits."""
-        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
-
-
-class StrigImu:
+class StrigImu(BoxDevice):
     """An inertial unit on a box that a StrigShutter has connected: on the clock of shutter, flash and shaker."""
 
+    what, since = "inertial unit", 4
+
     def __init__(self, box: StrigShutter, *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._box = box
+        super().__init__(box, clock)
         self._scale = scale_of(8.0, 500.0)
         self._samples: list[Sample] = []
         self._rate_hz = 0.0
 
-    @property
-    def address(self) -> str:
-        """The box's port."""
-        return self._box.address
-
     def connect(self) -> Identity:
         """Check that the box has a unit. Raises BadConfiguration, LineLost, Rejected."""
-        self._require()
-        if self._box.version < 4:
-            raise BadConfiguration(
-                f"the box at {self.address} speaks STRIG/{self._box.version}, which has no inertial unit",
-                "load the firmware of drivers/firmware",
-            )
+        identity = super().connect()
         self._box.on_sample = self._samples.append
         self.stop()
-        return Identity("STRIG/4 inertial unit", "", "", self.address)
+        return identity
 
-    def _require(self) -> None:
-        if not self._box.is_open:
-            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
-
-    def close(self) -> None:
-        """No-op: the line belongs to the shutter."""
-
-    def condition(self) -> Condition:
-        """Whether it streams."""
-        return line_condition(self._box.is_open, f"{self._rate_hz:g} Hz" if self._rate_hz else "ready")
+    @property
+    def _word(self) -> str:
+        """The rate at which it streams."""
+        return f"{self._rate_hz:g} Hz" if self._rate_hz else "ready"
 
     def start(self, rate_hz: float) -> None:
         """Stream at this rate, a whole number up to 200 Hz. Raises DeviceError."""
@@ -369,7 +313,6 @@ class StrigImu:
         self._rate_hz = round(rate_hz)
 
     def stop(self) -> None:
-        """Stop streaming. Raises DeviceError."""
         self._rate_hz = 0.0
         self._require()
         self._box.command("IMU 0")
@@ -419,7 +362,6 @@ class StrigImuOptions(DriverOptions):
     box: Annotated[str, device(STRIG_BOX, '"shutter"')]
 
     def make(self, parts: MakerContext) -> StrigImu:
-        """The IMU."""
         return StrigImu(parts.other(self.box), clock=parts.clock)
 
 
@@ -428,7 +370,6 @@ class WitOptions(CableOptions):
     """Options of driver "wit"."""
 
     def make(self, parts: MakerContext) -> WitImu:
-        """The IMU."""
         return WitImu(parts.wire(self.port, WitParser, baud=self.baud), clock=parts.clock, latency=self.latency)
 
 
@@ -440,7 +381,6 @@ class FastOptions(CableOptions):
     full_scale_deg_s: Annotated[float, positive("500")] = 500.0
 
     def make(self, parts: MakerContext) -> FastImu:
-        """The IMU."""
         wire = parts.wire(self.port, FastParser, baud=self.baud)
         scale = {"full_scale_g": self.full_scale_g, "full_scale_deg_s": self.full_scale_deg_s}
         return FastImu(wire, clock=parts.clock, latency=self.latency, **scale)

@@ -4,8 +4,6 @@ Enttec: `7E label lenLSB lenMSB data E7`; label 6 sends DMX and must begin with 
 parameters, 10 the serial number.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +11,13 @@ from typing import Annotated
 
 import msgspec
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped
 from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
-from drivers.protocols.grbl_link import GrblLink
-from drivers.wire.connection import line_condition, opened
+from drivers.protocols.grbl_link import GrblLink, GrblOutput
+from drivers.wire.connection import L, LineDevice, opened
 
 PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
@@ -95,11 +92,11 @@ class LampProperties:
         )
 
 
-class Lamp:
+class Lamp(LineDevice[L]):
     """Common part of lamps: their properties, the level last set, and whether they have warmed up since."""
 
-    def __init__(self, panel: LampProperties | None, clock: Clock | None) -> None:
-        self.clock = clock or SystemClock()
+    def __init__(self, line: L, clock: Clock | None = None, panel: LampProperties | None = None) -> None:
+        super().__init__(line, clock)
         self.panel = panel or LampProperties()
         self._level, self._since_s = 0.0, -float("inf")
 
@@ -109,7 +106,6 @@ class Lamp:
             self._level, self._since_s = level, self.clock.now_s()
 
     def level(self) -> float:
-        """The level last set."""
         return self._level
 
     def steady(self) -> bool:
@@ -118,15 +114,15 @@ class Lamp:
 
     def flicker(self, exposure_s: float) -> Caveat | None:
         """The caveat about exposures that are too short for its modulation."""
-        return self.panel.flicker(exposure_s) if self._level > 0 else None
+        return self.panel.flicker(exposure_s) if self.level() > 0 else None
 
     @property
     def _word(self) -> str:
         """The level, and whether it has warmed up."""
-        return f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up")
+        return f"{100 * self.level():.0f} %" + ("" if self.steady() else ", warming up")
 
 
-class DmxLight(Lamp):
+class DmxLight(Lamp[Transport[DmxFrame]]):
     """A Light on some channels of a DMX line."""
 
     def __init__(
@@ -137,14 +133,8 @@ class DmxLight(Lamp):
         panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(panel, clock)
-        self._transport = transport
+        super().__init__(transport, clock, panel)
         self._channels = tuple(channels)
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open, and read firmware and serial number. Raises DeviceError."""
@@ -158,14 +148,6 @@ class DmxLight(Lamp):
         return self._transport.request(
             frame(label, data), lambda message: message.data if message.label == label else None, REPLY_S, tries=3
         )
-
-    def close(self) -> None:
-        """Release the line; the panel keeps its level."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Level, and whether it has warmed up."""
-        return line_condition(self._transport.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the widget still answers. Raises DeviceError."""
@@ -182,46 +164,31 @@ class DmxLight(Lamp):
         self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "set the level again"))
 
 
-class GrblLight:
+class GrblLight(GrblOutput, Lamp[GrblLink]):
     """A Light on the spindle output of a GRBL controller (M3 S), which a stage may own."""
+
+    name = "GRBL spindle output"
 
     def __init__(
         self, link: GrblLink, *, panel: LampProperties | None = None, clock: Clock | None = None, owns_link: bool = True
     ) -> None:
-        self.clock = clock or SystemClock()
+        super().__init__(link, clock=clock, owns_link=owns_link)
         self.panel = panel or LampProperties()
-        self.link = link
-        self._owns_link = owns_link
-        self._level = 0.0
         self._resets = 0
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self.link.address
-
-    def connect(self) -> Identity:
-        """Open the line, unless it belongs to a stage. Raises DeviceError."""
-        return self.link.connect_output("GRBL spindle output", self._owns_link)
-
-    def close(self) -> None:
-        """Release the line, unless it belongs to a stage."""
-        if self._owns_link:
-            self.link.close()
 
     def condition(self) -> Condition:
         """The level; off after a reset of the controller, whatever caused it."""
         if self.link.is_open and self._level and self._resets != self.link.resets:
             reason = f"off: a reset of the controller ended its {100 * self._level:.0f} %"
             return Condition(reason, False, "set the level again")
-        return line_condition(self.link.is_open, f"{100 * self.level():.0f} %")
+        return super().condition()
 
     def set_level(self, level: float) -> None:
-        """Set the duty cycle. Raises DeviceError."""
         full = self.link.setting(30, 1000.0) or 1000.0
         resets = self.link.resets
         self.link.command(f"M3 S{full * check_level(level):.1f}", 5.0)
-        self._level, self._resets = level, resets
+        self._remember(level)
+        self._resets = resets
 
     def level(self) -> float:
         """The level last set; 0 after a reset of the controller, which switches its outputs off."""
@@ -241,7 +208,6 @@ class DmxOptions(LampProperties, DriverOptions):
     channels: Channels = (1,)
 
     def make(self, parts: MakerContext) -> DmxLight:
-        """The lamp."""
         return DmxLight(parts.wire(self.port, DmxParser), self.channels, panel=self, clock=parts.clock)
 
 
@@ -250,6 +216,5 @@ class GrblLightOptions(LampProperties, OutputOptions):
     """Options of driver "grbl_light"."""
 
     def make(self, parts: MakerContext) -> GrblLight:
-        """The lamp."""
         link, own = self.link(parts)
         return GrblLight(link, panel=self, clock=parts.clock, owns_link=own)

@@ -10,15 +10,13 @@ class JrtOptions(LineOptions):          # port, baud
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from drivers.clock import Clock
-from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
+from drivers.errors import Clock
+from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.frames import Inspect
 from drivers.interfaces import Device, Parser
 from drivers.options import GRBL_STAGE, Baud, FolderName, Port, device
@@ -63,8 +61,6 @@ class MakerContext:
 class DriverOptions:
     """Options of a driver, checked by their annotations.
 
-    Attributes
-    ----------
     provides : kinds of device that others may name it as
     twin : makes its simulation for `station conform`, see `station.bench.conform.Twin`
     """
@@ -73,7 +69,6 @@ class DriverOptions:
     twin: ClassVar[Callable[[], Any] | None] = None
 
     def make(self, parts: MakerContext) -> Device:
-        """The device, not yet connected."""
         raise NotImplementedError
 
     def problem(self) -> tuple[str, str] | None:
@@ -95,7 +90,6 @@ class LineOptions(DriverOptions):
     baud: Baud = 115200
 
     def make(self, parts: MakerContext) -> Device:
-        """The device, not yet connected."""
         options = {one.name: getattr(self, one.name) for one in fields(self)}
         line = parts.wire(options.pop("port"), type(self).parser, baud=options.pop("baud"))
         axes = [options.pop("axes")] if "axes" in options else []
@@ -110,7 +104,6 @@ class OutputOptions(DriverOptions):
     port: Port | None = None
 
     def problem(self) -> tuple[str, str] | None:
-        """Where neither is given."""
         if self.on is None and self.port is None:
             return "has neither port nor on", 'write on = "stage", or a port'
         return None

@@ -6,17 +6,15 @@ power: an ESP301 then reports its motors off, an SMC100 that it is not reference
 Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from drivers.errors import Alarm, BadConfiguration, Rejected
-from drivers.homing_state import HOME
 from drivers.interfaces import Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter

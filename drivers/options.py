@@ -1,7 +1,5 @@
 """Annotations of a driver's options: allowed values, an example, and what an error says they must be."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Any
 

@@ -4,8 +4,6 @@ A move has ended when every axis reports twice that it stands at the same positi
 one reading may be damaged. A stop is repeated until the axes stand. An axis that has lost its reference ends all trust.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -13,15 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, MoveFailed, NoAnswer, Rejected, WasReset
-from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.errors import Clock, DeviceError, EmergencyStopped, MoveFailed, NoAnswer, Rejected, SystemClock, WasReset
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, interval, option, positive
-from drivers.wire.connection import anything, not_connected, opened
+from drivers.wire.connection import URGENT_S, anything, not_connected, opened
 from drivers.wire.in_step import InStepLine
-from drivers.wire.outgoing import URGENT_S
 
 
 class StageAxis(Protocol):
@@ -30,12 +25,10 @@ class StageAxis(Protocol):
     @property
     def name(self) -> str:
         """Its name with the unit."""
-        ...
 
     @property
     def tolerance(self) -> float:
         """The largest error of a move."""
-        ...
 
 
 E = TypeVar("E")
@@ -59,8 +52,6 @@ class AxisState(NamedTuple):
 class PolledAxis:
     """One axis: its name with the unit, and its number or identifier at the controller.
 
-    Attributes
-    ----------
     scale : the axis' unit per unit of the controller, negative if that counts in the opposite direction
     zero : the value where the controller has 0
     travel : the range; None asks the controller

@@ -4,18 +4,14 @@ JRT: `AA addr regHi regLo cntHi cntLo payload CS`, count in 16-bit words, CS the
 that begins with EE carries a status instead. Bosch: `status length payload CRC8`, CRC start 0xAA, polynomial 0xA6.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
-from drivers.interfaces import Condition, Distance, Identity, Transport
+from drivers.interfaces import Distance, Identity, Transport
 from drivers.making import LineOptions
 from drivers.options import Baud
-from drivers.protocols.codes import numbered
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
-from drivers.wire.connection import line_condition, opened
+from drivers.protocols.framing import BAD, MORE, FrameSplitter, numbered
+from drivers.wire.connection import LineDevice, opened
 
 RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A
 MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex("AA0000200001000122")
@@ -58,17 +54,8 @@ class JrtParser:
         return [JrtFrame(f[0] == 0xEE, int.from_bytes(f[2:4], "big"), f[6:-1]) for f in self._frames.feed(data)]
 
 
-class JrtRangefinder:
+class JrtRangefinder(LineDevice[Transport[JrtFrame]]):
     """A Rangefinder of the JRT/Meskernel/M88 family."""
-
-    def __init__(self, transport: Transport[JrtFrame], *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open, let the module detect the baud rate, read its version. Raises DeviceError."""
@@ -77,14 +64,6 @@ class JrtRangefinder:
             self.clock.sleep(0.1)
             version = self._read(VERSION)
         return Identity("JRT/Meskernel module", version.hex(), "", self.address)
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._transport.is_open)
 
     def _read(self, register: int) -> bytes:
         command = bytes((0x80, register >> 8, register & 0xFF))
@@ -118,7 +97,6 @@ class JrtRangefinder:
         return Distance(float(distance), self.clock.now_s(), quality)
 
     def laser(self, on: bool) -> None:
-        """Switch the laser spot. Raises DeviceError."""
         payload = bytes((0x00, 0x01, 0xBE, 0x00, 0x01, 0x00, int(on)))
         self._ask(b"\xaa" + payload + bytes((sum(payload) & 0xFF,)), LASER, REPLY_S)
 
@@ -168,31 +146,14 @@ class BoschParser:
         return [BoschFrame(frame[0], frame[2:-1]) for frame in self._frames.feed(data)]
 
 
-class BoschRangefinder:
+class BoschRangefinder(LineDevice[Transport[BoschFrame]]):
     """A Rangefinder for Bosch GLM and PLR instruments."""
-
-    def __init__(self, transport: Transport[BoschFrame], *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open and switch the laser spot on, which any GLM answers. Raises DeviceError."""
         with opened(self._transport):
             self.laser(True)
         return Identity("Bosch GLM", "", "", self.address)
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._transport.is_open)
 
     def _ask(self, command: int, payload_bytes: int, timeout_s: float) -> bytes:
         request = bytes((0xC0, command, 0x00))
@@ -212,11 +173,9 @@ class BoschRangefinder:
         return Distance(int.from_bytes(payload, "little") * 0.05, self.clock.now_s())
 
     def laser(self, on: bool) -> None:
-        """Switch the laser spot. Raises DeviceError."""
         self._ask(0x41 if on else 0x42, 0, REPLY_S)
 
     def emergency_stop(self) -> None:
-        """Switch the laser off."""
         self._transport.preempt(
             b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
         )

@@ -3,8 +3,6 @@
 The program is started for each photograph; exposure and gain are fixed, so that it photographs at once.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -14,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, FrameMissing, LineLost, NoAnswer, Rejected
-from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
+from drivers.errors import BadConfiguration, Clock, FrameMissing, LineLost, NoAnswer, Rejected, SystemClock
+from drivers.frame_files.dng import DngFolder, OpticsMetadata
+from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import DriverOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 
@@ -39,8 +36,6 @@ SIZE = re.compile(r"(\d+)x(\d+) \[")
 class RpicamSettings:
     """Settings of every photograph.
 
-    Attributes
-    ----------
     exposure_s : exposure time until another is configured
     gain : analogue gain until an ISO is configured, which is 100 times the gain
     bits : of the raw mode; None takes the deepest one
@@ -131,7 +126,6 @@ class RpicamCamera:
         self._sensor = None
 
     def condition(self) -> Condition:
-        """Whether it was found."""
         return line_condition(self._sensor is not None)
 
     def sensor(self) -> FrameFormat:
@@ -149,7 +143,6 @@ class RpicamCamera:
         self.settings = CameraSettings(exposure_s, iso, settings.f_number)
 
     def expose(self) -> ExposedFile:
-        """Take one photograph. Raises DeviceError."""
         with self._one_frame:
             return self._expose()
 
@@ -224,7 +217,6 @@ class RpicamOptions(RpicamSettings, DriverOptions):
     pixel_pitch_um: Annotated[float, positive("1.55")] | None = None
 
     def make(self, parts: MakerContext) -> RpicamCamera:
-        """The camera."""
         optics = OpticsMetadata(pixel_pitch_um=self.pixel_pitch_um)
         frames = DngFolder(parts.folder / self.folder, parts.inspect, optics, clock=parts.clock)
         return RpicamCamera(frames, self.camera, self, program=self.program, clock=parts.clock)

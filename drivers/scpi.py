@@ -5,21 +5,18 @@ order.
 Source: SCPI-99, volumes 1 and 2.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from drivers.clock import Clock
-from drivers.errors import NoReading, Rejected
-from drivers.interfaces import PROBE_UNITS, Condition, Identity, ProbeReading, Transport
+from drivers.errors import Clock, NoReading, Rejected
+from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading, Transport
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import LineOptions, MakerContext
 from drivers.options import Baud, Uncertainty, option, positive, text
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import line_condition, opened
+from drivers.wire.connection import LineDevice, opened
 from drivers.wire.in_step import InStepLine, StepQuestion
 from drivers.wire.visa import VISA, VisaTransport
 
@@ -42,18 +39,13 @@ class ScpiParser:
         return [line.decode("ascii", "replace").strip() for line in self._lines.feed(data)]
 
 
-class ScpiInstrument:
+class ScpiInstrument(LineDevice[Transport[str]]):
     """Common part of these instruments: identity, queries, orders with their errors."""
 
-    def __init__(self, transport: Transport[str]) -> None:
-        self._transport = transport
+    def __init__(self, transport: Transport[str], clock: Clock | None = None) -> None:
+        super().__init__(transport, clock)
         self._line = InStepLine(transport, REPLY_S, QUESTIONS)
         self._question = StepQuestion[str](b"*IDN?\n", lambda line: line if line.count(",") >= 3 else None)
-
-    @property
-    def address(self) -> str:
-        """The port, URL or resource."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open, identify, and forget errors from before. Raises DeviceError."""
@@ -64,10 +56,6 @@ class ScpiInstrument:
                 if self._error()[0] == 0:
                     break
         return Identity(f"{maker.strip()} {model.strip()}", firmware.strip(), serial.strip(), self.address)
-
-    def close(self) -> None:
-        """Release the line; the instrument keeps its settings."""
-        self._transport.close()
 
     def _ask(self, query: str, pattern: str = ".*") -> str:
         def answer(line: str) -> str | None:
@@ -113,7 +101,7 @@ class SupplySettings:
     tolerance: Annotated[float, positive("0.02")] = 0.02
 
 
-class ScpiLight(Lamp, ScpiInstrument):
+class ScpiLight(ScpiInstrument, Lamp[Transport[str]]):
     """A Light on a power supply, or a lamp of its own: its setting is read back, and so is its output."""
 
     def __init__(
@@ -124,13 +112,9 @@ class ScpiLight(Lamp, ScpiInstrument):
         panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
-        Lamp.__init__(self, panel, clock)
-        ScpiInstrument.__init__(self, transport)
+        super().__init__(transport, clock)
+        self.panel = panel or LampProperties()
         self._supply = supply
-
-    def condition(self) -> Condition:
-        """Level, and whether it has warmed up."""
-        return line_condition(self._transport.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set a fraction of full, and compare with the setting that the instrument reports. Raises DeviceError."""
@@ -165,10 +149,6 @@ class ScpiProbe(ScpiInstrument):
         super().__init__(transport)
         self._channels = channels
 
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._transport.is_open)
-
     def read(self) -> Mapping[str, ProbeReading]:
         """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         return {
@@ -197,7 +177,6 @@ class ScpiLightOptions(InstrumentOptions, SupplySettings, LampProperties):
     """Options of driver "scpi_light"."""
 
     def make(self, parts: MakerContext) -> ScpiLight:
-        """The lamp."""
         return ScpiLight(self.line(parts), self, panel=self, clock=parts.clock)
 
 
@@ -225,11 +204,9 @@ class ScpiProbeOptions(InstrumentOptions):
         )
 
     def problem(self) -> tuple[str, str] | None:
-        """Where it measures nothing."""
         if self._channels():
             return None
         return f"measures none of {', '.join(PROBE_UNITS)}", 'write temperature = "MEAS:TEMP?", for example'
 
     def make(self, parts: MakerContext) -> ScpiProbe:
-        """The probe."""
         return ScpiProbe(self.line(parts), self._channels())

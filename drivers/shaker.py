@@ -4,20 +4,16 @@ Path and shot share the box's clock: the phase at which the shutter opened is kn
 in `firmware/STRIG.md`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
-from drivers.interfaces import AxisResponse, Condition, Identity, ShakePath
+from drivers.errors import BadConfiguration, Clock, MoveFailed, NoAnswer, OutsideTravel
+from drivers.interfaces import AxisResponse, Identity, ShakePath
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive
-from drivers.shutter import KEEP_ALIVE_S, StrigShutter
-from drivers.wire.connection import line_condition
+from drivers.shutter import KEEP_ALIVE_S, BoxDevice, StrigShutter
 
 REST, DEEPEST = 2048, 2047
 """In steps of a channel (0 to 4095): its rest position, and its amplitude."""
@@ -45,7 +41,6 @@ class ShakerAxis:
 
     @property
     def response(self) -> AxisResponse:
-        """How it follows its channel."""
         return AxisResponse(self.gain, self.frequency_hz, self.damping, self.within_s, self.gain_uncertainty)
 
     def to_steps(self, offset: float) -> int:
@@ -57,40 +52,21 @@ class ShakerAxis:
         return self.direction * (steps - REST) * self.stroke / DEEPEST
 
 
-class StrigShaker:
+class StrigShaker(BoxDevice):
     """A Shaker on a box that a StrigShutter has connected."""
 
-    def __init__(self, box: StrigShutter, axes: Sequence[ShakerAxis], *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._box, self._axes = box, tuple(axes)
-        self._round_s = 0.0
+    what, since = "shaker", 2
 
-    @property
-    def address(self) -> str:
-        """The box's port."""
-        return self._box.address
+    def __init__(self, box: StrigShutter, axes: Sequence[ShakerAxis], *, clock: Clock | None = None) -> None:
+        super().__init__(box, clock)
+        self._axes = tuple(axes)
+        self._round_s = 0.0
 
     def connect(self) -> Identity:
         """Check that the box has channels. Raises BadConfiguration, LineLost, Rejected."""
-        self._require()
-        if self._box.version < 2:
-            raise BadConfiguration(
-                f"the box at {self.address} speaks STRIG/1, which has no shaker",
-                "load the firmware of drivers/firmware",
-            )
+        identity = super().connect()
         self.stop()
-        return Identity("STRIG/2 shaker", "", "", self.address)
-
-    def close(self) -> None:
-        """No-op: the line belongs to the shutter."""
-
-    def condition(self) -> Condition:
-        """Whether the line is there."""
-        return line_condition(self._box.is_open)
-
-    def _require(self) -> None:
-        if not self._box.is_open:
-            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
+        return identity
 
     def strokes(self) -> Mapping[str, float]:
         """Amplitude of each axis from rest, in both directions."""
@@ -168,5 +144,4 @@ class ShakerOptions(DriverOptions):
     axes: Annotated[tuple[ShakerAxis, ...], axes("channel")]
 
     def make(self, parts: MakerContext) -> StrigShaker:
-        """The shaker."""
         return StrigShaker(parts.other(self.box), self.axes, clock=parts.clock)

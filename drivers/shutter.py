@@ -4,8 +4,6 @@ The protocol and its firmware are described in `firmware/STRIG.md`. Only the box
 contact; the others report the time of the command.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable
@@ -15,14 +13,21 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
-from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    EmergencyStopped,
+    LineLost,
+    MoveFailed,
+    NoAnswer,
+    Rejected,
+)
+from drivers.interfaces import Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
 from drivers.options import SHUTTER, STRIG_BOX, Port
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine
-from drivers.protocols.grbl_link import GrblLink
-from drivers.wire.connection import anything, line_condition, opened
+from drivers.protocols.grbl_link import GrblLink, GrblOutput
+from drivers.wire.connection import L, LineDevice, anything, opened
 
 REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
@@ -156,12 +161,11 @@ def _time_of(tag: int | None, event: Event) -> BoxTime | None:
     return event if isinstance(event, BoxTime) and event.tag == tag else None
 
 
-class StrigShutter:
+class StrigShutter(LineDevice[Transport[Event]]):
     """A Shutter on a STRIG box; `version` is that of its protocol, 0 before `connect`."""
 
     def __init__(self, transport: Transport[Event], *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
+        super().__init__(transport, clock)
         self._contacts: dict[tuple[int, str], int] = {}
         self._flash_us: int | None = None
         self._offset_s = self._within_s = 0.0
@@ -172,11 +176,6 @@ class StrigShutter:
         self.motion: dict[str, Contact] = {}
         """The last event of each kind concerning a shaker or the motors on this box."""
         self._stopped: EmergencyStopped | None = None
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open, identify the box once it has booted, and synchronise the clocks. Raises DeviceError."""
@@ -222,21 +221,12 @@ class StrigShutter:
             if event.kind == "FLASH":
                 self._flash_us = event.t_us
 
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._transport.is_open)
-
     def focus(self, pressed: bool) -> None:
         """Half-press or release. Raises DeviceError."""
         self.command(f"FOCUS {int(pressed)}")
 
     @property
     def is_open(self) -> bool:
-        """Whether the line is there."""
         return self._transport.is_open
 
     def within_s(self, t_us: int) -> float:
@@ -304,7 +294,6 @@ class StrigShutter:
         return ShutterTimes(closed_s, released_s, flash_s, self.within_s(self._contacts[seq, "DONE"]))
 
     def abort(self) -> None:
-        """Open the contacts now. Raises DeviceError."""
         self.command("ABORT")
 
     def emergency_stop(self) -> None:
@@ -313,47 +302,62 @@ class StrigShutter:
         self._transport.preempt(b"\nABORT\n", error)
 
 
+class BoxDevice(LineDevice[StrigShutter]):
+    """A device on a box that a StrigShutter has connected: `what` it is, and the version of STRIG that has it."""
+
+    what: ClassVar[str]
+    since: ClassVar[int]
+
+    def __init__(self, box: StrigShutter, clock: Clock | None = None) -> None:
+        super().__init__(box, clock)
+        self._box = box
+
+    def connect(self) -> Identity:
+        """Check that the box has the device. Raises BadConfiguration, LineLost."""
+        self._require()
+        if self._box.version < self.since:
+            reason = f"the box at {self.address} speaks STRIG/{self._box.version}, which has no {self.what}"
+            raise BadConfiguration(reason, "load the firmware of drivers/firmware")
+        return Identity(f"STRIG/{self.since} {self.what}", "", "", self.address)
+
+    def _require(self) -> None:
+        if not self._box.is_open:
+            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
+
+    def close(self) -> None:
+        """No-op: the line belongs to the shutter."""
+
+
 class NullParser:
     """A parser for lines without incoming data."""
 
     def feed(self, data: bytes) -> list[UnrecognisedLine]:
-        """Nothing."""
         return []
 
 
-class RtsShutter:
+class OneContact(LineDevice[L]):
+    """Common part of shutters without a focus contact."""
+
+    def focus(self, pressed: bool) -> None:
+        """Not supported. Raises Rejected."""
+        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+
+
+class RtsShutter(OneContact[Transport[UnrecognisedLine]]):
     """A Shutter wired to the RTS line of a bare adapter: no firmware, no focus contact, no confirmation.
 
     Its transport must be opened with `rts=False`; otherwise opening the port takes a photograph.
     """
 
     def __init__(self, transport: Transport[UnrecognisedLine], *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._transport = transport
+        super().__init__(transport, clock)
         self._aborted = False
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self._transport.address
 
     def connect(self) -> Identity:
         """Open the port with the contact open. Raises LineLost."""
         with opened(self._transport):
             self._transport.set_lines(rts=False)
         return Identity("RTS line", "", "", self.address)
-
-    def close(self) -> None:
-        """Release the line."""
-        self._transport.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._transport.is_open)
-
-    def focus(self, pressed: bool) -> None:
-        """Not supported: there is one wire. Raises Rejected."""
-        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Close for `pulse_s`; the times are the host's. Raises LineLost, MoveFailed."""
@@ -370,7 +374,6 @@ class RtsShutter:
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact now. Raises LineLost."""
         self._aborted = True
         self._transport.set_lines(rts=False)
 
@@ -382,35 +385,10 @@ class RtsShutter:
         self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
 
 
-class RelayShutter:
+class RelayShutter(GrblOutput, OneContact[GrblLink]):
     """A Shutter on the coolant relay of a GRBL controller (M8, M9), which switches after preceding motion."""
 
-    def __init__(self, link: GrblLink, *, clock: Clock | None = None, owns_link: bool = True) -> None:
-        self.clock = clock or SystemClock()
-        self.link = link
-        self._owns_link = owns_link
-
-    @property
-    def address(self) -> str:
-        """The port or URL."""
-        return self.link.address
-
-    def connect(self) -> Identity:
-        """Open the line, unless it belongs to a stage. Raises DeviceError."""
-        return self.link.connect_output("GRBL relay", self._owns_link)
-
-    def close(self) -> None:
-        """Release the line, unless it belongs to a stage."""
-        if self._owns_link:
-            self.link.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self.link.is_open)
-
-    def focus(self, pressed: bool) -> None:
-        """Not supported: there is one relay. Raises Rejected."""
-        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+    name = "GRBL relay"
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Close for `pulse_s`; the times are those of the controller's responses. Raises DeviceError."""
@@ -424,7 +402,6 @@ class RelayShutter:
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact. Raises DeviceError."""
         self.link.command("M9", 2.0)
 
     def emergency_stop(self) -> None:
@@ -449,7 +426,6 @@ class RtsOptions(DriverOptions):
     port: Port
 
     def make(self, parts: MakerContext) -> RtsShutter:
-        """The shutter."""
         return RtsShutter(parts.wire(self.port, NullParser, rts=False), clock=parts.clock)
 
 
@@ -460,6 +436,5 @@ class RelayOptions(OutputOptions):
     provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
 
     def make(self, parts: MakerContext) -> RelayShutter:
-        """The shutter."""
         link, own = self.link(parts)
         return RelayShutter(link, clock=parts.clock, owns_link=own)

@@ -6,17 +6,15 @@ marks the beginning of a message, so stops are sent at every offset by which a c
 Source: Thorlabs, APT communications protocol, issue 29.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from drivers.errors import Alarm, NoAnswer
-from drivers.homing_state import HOME
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter

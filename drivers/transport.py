@@ -6,8 +6,6 @@ more when its turn comes is not written. A lost line is reopened only by its dri
 during a motion.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -16,11 +14,9 @@ from typing import Any, Generic, TypeVar
 import serial
 from serial.tools import list_ports
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, LineLost, NoAnswer
+from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import anything
-from drivers.wire.outgoing import WRITE_S, Outgoing
+from drivers.wire.connection import WRITE_S, Outgoing, anything
 from drivers.wire.transcript import Transcript
 
 E = TypeVar("E")

@@ -5,21 +5,17 @@ the motors: after 100 ms while an axis moves, after a second while all rest, as 
 longer than 100 ms. The protocol is described in `firmware/STRIG.md`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from threading import Lock, Thread
 from typing import Annotated, Protocol
 
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, LineLost, NotHomed
-from drivers.homing_state import HOME
-from drivers.interfaces import Condition, Identity
+from drivers.errors import DeviceError, EmergencyStopped, NotHomed
 from drivers.making import DriverOptions, MakerContext
+from drivers.move_checks import HOME
 from drivers.options import ENABLED_STAGE, STRIG_BOX, device, distinct, option
-from drivers.shutter import StrigShutter
-from drivers.wire.connection import line_condition
+from drivers.shutter import BoxDevice, StrigShutter
 
 HEARTBEAT_S = 0.025
 """Interval between heartbeats."""
@@ -40,7 +36,6 @@ class Released(Protocol):
 
     def lose_position(self, error: DeviceError) -> None:
         """Stop, and refuse to move with `error` until homed; never raises."""
-        ...
 
 
 def in_background(work: Work) -> Thread:
@@ -50,17 +45,20 @@ def in_background(work: Work) -> Thread:
     return thread
 
 
-class StrigWatchdog:
+class StrigWatchdog(BoxDevice):
     """The motor enable output of a box connected by a StrigShutter.
 
     The motors are enabled when one of the stages homes, and stay so until `close`. After a release by the box,
     every stage has lost its position, and homing enables them again.
     """
 
+    what, since = "watchdog", 3
+
     def __init__(
         self, box: StrigShutter, stages: Sequence[Released], *, begin: Callable[[Work], Thread] = in_background
     ) -> None:
-        self._box, self._stages, self._begin = box, tuple(stages), begin
+        super().__init__(box)
+        self._stages, self._begin = tuple(stages), begin
         self._lock = Lock()
         self._holding = False
         self._moving = 0
@@ -69,27 +67,9 @@ class StrigWatchdog:
             stage.power = self.power
 
     @property
-    def address(self) -> str:
-        """The box's port."""
-        return self._box.address
-
-    def connect(self) -> Identity:
-        """Check that the box has a watchdog. Raises BadConfiguration, LineLost."""
-        self._require()
-        if self._box.version < 3:
-            raise BadConfiguration(
-                f"a watchdog needs STRIG/3, and the box at {self.address} speaks STRIG/{self._box.version}",
-                "load the firmware of drivers/firmware",
-            )
-        return Identity("STRIG/3 watchdog", "", "", self.address)
-
-    def _require(self) -> None:
-        if not self._box.is_open:
-            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
-
-    def condition(self) -> Condition:
-        """Whether it is connected, and the motors are enabled."""
-        return line_condition(self._box.is_open, "motors enabled" if self._holding else "motors released")
+    def _word(self) -> str:
+        """Whether the motors are enabled."""
+        return "motors enabled" if self._holding else "motors released"
 
     @contextmanager
     def power(self) -> Iterator[None]:
@@ -168,5 +148,4 @@ class WatchdogOptions(DriverOptions):
     ]
 
     def make(self, parts: MakerContext) -> StrigWatchdog:
-        """The watchdog."""
         return StrigWatchdog(parts.other(self.box), [parts.other(stage) for stage in self.stages])

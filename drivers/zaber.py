@@ -4,17 +4,14 @@ Every command carries a checksum and a message id, so a late or damaged answer i
 ended when the axis reports IDLE, found by polling and alerts, and succeeded if its position is the target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from drivers.clock import Clock
-from drivers.errors import Alarm, NoAnswer, Rejected, WasReset
-from drivers.homing_state import HOME
+from drivers.errors import Alarm, Clock, NoAnswer, Rejected, WasReset
 from drivers.interfaces import Identity, Transport, Travel
 from drivers.making import LineOptions
+from drivers.move_checks import HOME
 from drivers.options import AxisName, PollInterval, axes, option, positive
 from drivers.polled_stage import AxisStage, AxisState
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, ZaberParser, checksum
@@ -47,11 +44,9 @@ class ZaberAxis:
         return PRECISION_STEPS * abs(self.unit_per_step)
 
     def to_steps(self, value: float) -> int:
-        """The nearest microstep."""
         return round((value - self.zero) / self.unit_per_step)
 
     def to_unit(self, steps: float) -> float:
-        """The position of a microstep."""
         return self.zero + steps * self.unit_per_step
 
 
@@ -144,14 +139,11 @@ class ZaberStage(AxisStage[Event, ZaberAxis]):
     def _hear(self, event: Event, host_s: float) -> None:
         self._alerts += isinstance(event, Alert)
 
-    def _reading(self, axis: ZaberAxis) -> float:
-        return axis.to_unit(self._number(axis, "pos"))
-
     def _state(self, axis: ZaberAxis) -> AxisState:
         return self._state_of(axis, self._status(axis))
 
     def _state_of(self, axis: ZaberAxis, status: Reply) -> AxisState:
-        return AxisState(self._reading(axis), status.busy, status.flag != INTERRUPTED)
+        return AxisState(axis.to_unit(self._number(axis, "pos")), status.busy, status.flag != INTERRUPTED)
 
     def _status(self, axis: ZaberAxis) -> Reply:
         return self._send(axis.device, axis.axis, "", tries=3)

@@ -8,8 +8,6 @@ The public API for scripts and notebooks is in `__init__.pyi`, stable between re
 is loaded on first use, to keep imports fast.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

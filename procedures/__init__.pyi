@@ -25,9 +25,7 @@ from .restoration.masks.blur_models import gaussian, pillbox
 from .restoration.masks.camera_motion import poses_at
 from .restoration.photograph_blur import BlurSpec, KnownShapes, RecordedMotion, UnknownMotion, blur_of
 from .sensor.estimate import characterise
-from .sensor.levels import measure_level
-from .sensor.recording import SensorRecording
-from .sensor.stacks import measure_stack
+from .sensor.stacks import SensorRecording, measure_level, measure_stack
 from .slanted_edge.estimate import estimate_edge, estimate_edges
 from .slanted_edge.strip import Roi
 from .two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair

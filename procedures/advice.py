@@ -1,15 +1,12 @@
 """Advice on light and exposure for every procedure, as pure functions of levels."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 
 import numpy as np
 
 from procedures.clipping import NOMINAL
-from procedures.facts import CameraFacts
-from procedures.plan import Advice, Fact, Reading
+from procedures.plan import Advice, CameraFacts, Fact, Reading
 from procedures.raw import Exposure, Plane
 
 WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9

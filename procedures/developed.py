@@ -7,8 +7,6 @@ Their samples are decoded to light by the tone curve that the file's ICC profile
 decoded is what the development did besides: noise reduction, sharpening, local contrast.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from io import BytesIO
@@ -20,12 +18,11 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.raw import GREY_PLANE, Plane, RawFrame, linear_colours, read_photograph
-from procedures.reading.development import Development
+from procedures.reading.development import LINEAR, SRGB, Development, ToneCurve, curve_of_profile, named_curve
 from procedures.reading.exposure import read_exposure
 from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, read_levels
 from procedures.reading.guard import Room, decoding
 from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
-from procedures.reading.tone_curve import LINEAR, SRGB, ToneCurve, curve_of_profile, named_curve
 
 _AGAIN = "copy it again, or export it as TIFF or PNG"
 BYTES = 16
@@ -41,17 +38,12 @@ def is_developed(data: bytes) -> bool:
 def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes | None = None) -> RawFrame:
     """Read planes R, G and B, or Y, of a developed picture.
 
-    Parameters
-    ----------
+    Raises BadInput if it is no such file, or cannot be decoded completely.
+
     encoding : str, optional
         "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none.
     data : bytes, optional
         Content of the file, if already read.
-
-    Raises
-    ------
-    BadInput
-        If it is no such file, or cannot be decoded completely.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
@@ -85,7 +77,7 @@ def _profiled(icc: bytes) -> ToneCurve | None:
         return None
 
 
-# --- formats -----------------------------------------------------------------------------------------------------
+# --- formats ---
 
 LOSSY, RAW = ("JPEG", "WEBP", "HEIF"), "RAW"
 USUAL_CODING = 0.01
@@ -107,7 +99,7 @@ def _format(data: bytes, path: Path) -> str:
 
 def _read_8(data: bytes, name: str) -> tuple[npt.NDArray[np.uint8], float, bytes, bytes]:
     """Levels (H, W, C) of a file with block coding, its coding error, profile and metadata."""
-    from procedures.reading.block_coding import coding_error  # here: scipy.fft, slow to load
+    from procedures.reading.development import coding_error  # here: scipy.fft, slow to load
 
     with pillow(heif=data[4:8] == b"ftyp", name=name).open(BytesIO(data)) as image:
         Room(name).take(BYTES * image.width * image.height, f"{image.width} x {image.height} pixels")

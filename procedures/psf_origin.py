@@ -4,8 +4,6 @@ The image of an asymmetric PSF has no natural centre: the chart's marks, the cen
 does not depend on the origin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal

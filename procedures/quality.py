@@ -26,10 +26,10 @@ from procedures.numbers import (
     name_at,
 )
 from procedures.numerics.arrays import Array, Complex
-from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
+from procedures.numerics.transforms import j1
 from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
-from procedures.psf import Psf
+from procedures.psf import Psf, curve_model_error, tail_energy_uncertainty
 from procedures.psf_origin import Origin, about, about_origin
 from procedures.spatial_numbers import (
     CIRCLES,
@@ -42,7 +42,6 @@ from procedures.spatial_numbers import (
     section_widths,
     whole_numbers,
 )
-from procedures.stray_tail import curve_model_error, tail_energy_uncertainty
 from procedures.transfer_function import NYQUIST, curve_numbers, first_crossing
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ class Quality:
     otf_horizontal, otf_vertical : (n,) complex128 OTF relative to the PSF's centre
     gradients : derivative of each number by the PSF's parameters, and of the curves at the frequencies `KNOTS`
     budgets : uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and
-        band; see `procedures.budget`
+        band; see `procedures.choice`
     at : requested frequencies of the MTF
     origin : "centre", "marks", "centroid" or "peak"; the point about which widths, encircled energies and the Strehl
         ratio are taken

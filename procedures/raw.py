@@ -27,10 +27,9 @@ from procedures.reading.grey_image import (
     read_tiff,
 )
 from procedures.reading.guard import Room, decoding, open_file, read_file
-from procedures.reading.library_noise import captured_noise
+from procedures.reading.library_noise import captured_noise, no_pixels, stuck_pixels
 from procedures.reading.motion_records import ImuRecord, ShakerPath, ShakerResponse, measured_path
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
-from procedures.reading.stuck_pixels import no_pixels, stuck_pixels
 from procedures.reading.tiff_tags import (
     BLACK_LEVEL,
     CFA_PATTERN,
@@ -242,7 +241,7 @@ def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[...,
     return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
-# --- kinds of file -----------------------------------------------------------------------------------------------
+# --- kinds of file ---
 
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
@@ -285,7 +284,7 @@ def _is_text(head: bytes) -> bool:
     return all(letter.isprintable() or letter.isspace() for letter in text)
 
 
-# --- grey images -------------------------------------------------------------------------------------------------
+# --- grey images ---
 
 
 def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
@@ -313,7 +312,7 @@ def _read_dump(
     }, Exposure()
 
 
-# --- mosaics -----------------------------------------------------------------------------------------------------
+# --- mosaics ---
 
 
 def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
@@ -461,7 +460,7 @@ def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tupl
     return np.array(raw.black_level_per_channel[raw.raw_color(*first)], dtype=np.float32)
 
 
-# --- shared ------------------------------------------------------------------------------------------------------
+# --- shared ---
 
 
 def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Path) -> None:

@@ -4,8 +4,6 @@ All refer to the band-limited PSF between its samples and to its total energy, i
 Lengths are in pixels of the plane.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

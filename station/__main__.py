@@ -28,6 +28,7 @@ COMMANDS = {
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
     "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that correct it."),
     "export": ("export", "export", "Write a result as a file of another program."),
+    "profile": ("profile", "profile", "Keep measured fields by lens and settings; export filters for other programs."),
     "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
     "mtf": ("groups", "mtf", "Measure a modulation transfer function."),
     "sharpen": ("procedure_command", "sharpen", "Sharpen photographs: the way is chosen, stated and taken."),

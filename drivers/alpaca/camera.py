@@ -1,7 +1,5 @@
 """A camera of an Alpaca server: its exposures are fetched and written as DNGs, so later stages see one format."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Annotated
@@ -9,14 +7,13 @@ from typing import Annotated
 import numpy as np
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, FrameMissing, FrameWrong, Rejected
-from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
+from drivers.errors import BadConfiguration, Clock, FrameMissing, FrameWrong, Rejected
+from drivers.frame_files.dng import Body, DngFolder, Frame
+from drivers.frames import OneFrame
+from drivers.interfaces import CameraSettings, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import Patience, option, positive
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import LineDevice, not_connected
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
@@ -32,8 +29,6 @@ LARGEST = np.iinfo(np.uint16).max
 class AlpacaCameraSettings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     exposure_s : exposure time until another is configured
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
     gain, offset : in the camera's own unit, the offset being its black level; None keeps the camera's
@@ -45,7 +40,7 @@ class AlpacaCameraSettings:
     offset: Annotated[int, option("0", least=0)] | None = None
 
 
-class AlpacaCamera:
+class AlpacaCamera(LineDevice[AlpacaLink]):
     """A Camera of an Alpaca server; frames are saved by `frames`."""
 
     def __init__(
@@ -57,22 +52,16 @@ class AlpacaCamera:
         *,
         clock: Clock | None = None,
     ) -> None:
-        self.clock = clock or SystemClock()
+        self._link = AlpacaLink(server, "camera", number)
+        super().__init__(self._link, clock)
         self._wanted = settings or AlpacaCameraSettings()
         self.settings = CameraSettings(exposure_s=self._wanted.exposure_s)
         self._frames = frames
-        self._link = AlpacaLink(server, "camera", number)
         self._one_frame = OneFrame(lambda: self.address)
         self._state = IDLE
         self._body = Body("", "")
 
-    @property
-    def address(self) -> str:
-        """Device and server."""
-        return self._link.address
-
     def connect(self) -> Identity:
-        """Connect the device. Raises DeviceError."""
         self.close()
         self._frames.check()
         identity = self._link.open()
@@ -92,14 +81,6 @@ class AlpacaCamera:
         there = int(self._link.number_of(name.lower()))
         if there != value:
             raise Rejected(f"{self.address} has {name} {there} after {value} was set", "write one that it offers")
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._link.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._link.is_open)
 
     def sensor(self) -> FrameFormat | None:
         """The camera's size and colours, None if its server does not know them yet. Raises DeviceError."""
@@ -206,5 +187,4 @@ class AlpacaCameraOptions(AlpacaCameraSettings, FrameOptions, NumberedOptions):
     """Options of driver "alpaca_camera"."""
 
     def make(self, parts: MakerContext) -> AlpacaCamera:
-        """The camera."""
         return AlpacaCamera(self.at, self.device, self.frames(parts), self, clock=parts.clock)

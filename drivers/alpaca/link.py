@@ -3,8 +3,6 @@
 Source: ASCOM Alpaca API reference, and its error numbers.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math
@@ -21,11 +19,11 @@ from urllib.parse import urlencode, urlsplit
 import numpy as np
 import numpy.typing as npt
 
-from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, Rejected
-from drivers.interfaces import Identity
-from drivers.making import DriverOptions
-from drivers.options import Count, option
-from drivers.wire.connection import not_connected
+from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, NoReading, Rejected
+from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading
+from drivers.making import DriverOptions, MakerContext
+from drivers.options import Count, Uncertainty, option
+from drivers.wire.connection import LineDevice, not_connected
 
 CLIENT = os.getpid() & 0xFFFF
 """The client number of this program."""
@@ -82,11 +80,9 @@ class AlpacaLink:
 
     @property
     def address(self) -> str:
-        """Device and server."""
         return f"{self.kind} {self.number} at {self._host}:{self._port}"
 
     def open(self) -> Identity:
-        """Connect the device. Raises DeviceError."""
         password = self._server.password()
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
@@ -239,7 +235,6 @@ class ServerOptions(DriverOptions):
 
     @property
     def at(self) -> AlpacaAddress:
-        """Its address."""
         return AlpacaAddress(self.server, self.password_variable)
 
 
@@ -248,3 +243,61 @@ class NumberedOptions(ServerOptions):
     """A device of a server, by its number."""
 
     device: Count = 0
+
+
+# --- Weather sensors of an Alpaca server (ObservingConditions) as a Probe of the room ---
+
+QUANTITIES = ("temperature", "humidity", "pressure")
+"""Members of the standard, which has them in the units of `PROBE_UNITS`."""
+
+
+class AlpacaProbe(LineDevice[AlpacaLink]):
+    """A Probe; `uncertainties` by quantity, as stated by the sensors' makers."""
+
+    def __init__(self, server: AlpacaAddress, number: int, uncertainties: Mapping[str, float | None]) -> None:
+        self._link = AlpacaLink(server, "observingconditions", number)
+        super().__init__(self._link)
+        self._uncertainties = uncertainties
+        self._quantities: tuple[str, ...] = ()
+
+    def connect(self) -> Identity:
+        """Connect, and see which quantities the device has. Raises DeviceError."""
+        identity = self._link.open()
+        self._quantities = tuple(name for name in QUANTITIES if self._has(name))
+        if not self._quantities:
+            self.close()
+            raise BadConfiguration(f"{self.address} measures none of {', '.join(QUANTITIES)}", "name another device")
+        return identity
+
+    def _has(self, name: str) -> bool:
+        try:
+            self._link.number_of(name)
+        except Rejected as error:
+            return error.code != "0x400"  # not implemented; a value may come later
+        return True
+
+    def read(self) -> Mapping[str, ProbeReading]:
+        """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
+        try:
+            values = {name: self._link.number_of(name) for name in self._quantities}
+        except Rejected as error:
+            raise NoReading(error.reason, error.remedy) from error
+        return {
+            name: ProbeReading(value, PROBE_UNITS[name], self._uncertainties.get(name))
+            for name, value in values.items()
+        }
+
+    def emergency_stop(self) -> None:
+        """Nothing moves."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlpacaProbeOptions(NumberedOptions):
+    """Options of driver "alpaca_probe"."""
+
+    temperature_uncertainty: Uncertainty | None = None
+    humidity_uncertainty: Uncertainty | None = None
+    pressure_uncertainty: Uncertainty | None = None
+
+    def make(self, parts: MakerContext) -> AlpacaProbe:
+        return AlpacaProbe(self.at, self.device, {name: getattr(self, f"{name}_uncertainty") for name in QUANTITIES})

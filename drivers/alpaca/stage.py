@@ -3,8 +3,6 @@
 The standard has no homing: the reported position is trusted, unless station.toml names an action that homes.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,12 +11,10 @@ from functools import partial
 from typing import Annotated, Literal
 
 from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, ServerOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
-from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NoAnswer, Rejected, SystemClock
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.making import MakerContext
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, Count, Patience, axes, option, positive, text
 from drivers.wire.connection import anything, not_connected
 
@@ -33,8 +29,6 @@ HALT, HALTED_S = "halt", 0.25
 class AlpacaAxis:
     """One axis: its name with the unit, and the number of its focuser.
 
-    Attributes
-    ----------
     unit_per_step : None uses the step size in micrometres that the focuser reports
     zero : the value at step 0
     direction : -1 if steps count in the opposite direction
@@ -58,11 +52,9 @@ class Scale:
     last: int
 
     def to_step(self, value: float) -> int:
-        """The nearest step."""
         return round((value - self.axis.zero) / (self.axis.direction * self.unit_per_step))
 
     def to_unit(self, step: float) -> float:
-        """The position of a step."""
         return self.axis.zero + step * self.axis.direction * self.unit_per_step
 
     @property
@@ -95,7 +87,6 @@ class AlpacaStage:
 
     @property
     def address(self) -> str:
-        """The focusers and their server."""
         return ", ".join(part.link.address for part in self._parts.values())
 
     def connect(self) -> Identity:
@@ -124,7 +115,6 @@ class AlpacaStage:
         return identity
 
     def close(self) -> None:
-        """Disconnect the focusers."""
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         for part in self._parts.values():
@@ -136,7 +126,6 @@ class AlpacaStage:
         return all(part.link.is_open for part in self._parts.values())
 
     def condition(self) -> Condition:
-        """Whether it may move."""
         return self.trust.refusal(self._open) or Condition("idle")
 
     def _require_open(self) -> None:
@@ -148,12 +137,10 @@ class AlpacaStage:
         return {name: part.scale.travel for name, part in self._parts.items()} if self._open else {}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError."""
         self._require_open()
-        return {name: part.scale.to_unit(_position(part)) for name, part in self._parts.items()}
+        return {name: part.scale.to_unit(int(part.link.number_of("position"))) for name, part in self._parts.items()}
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         self._require_open()
         return any(_moving(part) for part in self._parts.values())
 
@@ -261,10 +248,6 @@ class AlpacaStage:
             thread.join(HALTED_S / len(threads))
 
 
-def _position(part: FocuserAxis) -> int:
-    return int(part.link.number_of("position"))
-
-
 def _moving(part: FocuserAxis) -> bool:
     return bool(part.link.get("ismoving"))
 
@@ -277,5 +260,4 @@ class AlpacaStageOptions(ServerOptions):
     patience_s: Patience = 60.0
 
     def make(self, parts: MakerContext) -> AlpacaStage:
-        """The stage."""
         return AlpacaStage(self.at, self.axes, patience_s=self.patience_s, clock=parts.clock)

@@ -1,35 +1,37 @@
 """Switches of an Alpaca server: one as a Light, one as a Shutter timed by the host."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from typing import ClassVar
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, NumberedOptions
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
-from drivers.interfaces import Condition, Identity, ShutterTimes
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, MoveFailed
+from drivers.interfaces import Identity, ShutterTimes
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import MakerContext
 from drivers.options import SHUTTER, Count
-from drivers.wire.connection import line_condition, not_connected
+from drivers.shutter import OneContact
+from drivers.wire.connection import LineDevice, not_connected
 
 SET = "setswitch"
 
 
-class AlpacaSwitch:
+class AlpacaSwitch(LineDevice[AlpacaLink]):
     """One switch, by its number on the device: connected and checked to be writable."""
 
     def __init__(self, server: AlpacaAddress, device: int, switch: int) -> None:
         self.link = AlpacaLink(server, "switch", device)
+        super().__init__(self.link)
         self.switch = switch
         self.low, self.high = 0.0, 1.0
 
     @property
     def address(self) -> str:
-        """Switch, device and server."""
         return f"number {self.switch} of {self.link.address}"
+
+    @property
+    def is_open(self) -> bool:
+        return self.link.is_open
 
     def connect(self) -> Identity:
         """Connect, and read name and range. Raises DeviceError."""
@@ -57,31 +59,18 @@ class AlpacaSwitch:
         self.link.preempt(SET, Id=self.switch, State=False)
 
 
-class AlpacaLight(Lamp):
+class AlpacaLight(Lamp[AlpacaSwitch]):
     """A Light on a switch of an Alpaca server."""
 
     def __init__(
         self, switch: AlpacaSwitch, *, panel: LampProperties | None = None, clock: Clock | None = None
     ) -> None:
-        super().__init__(panel, clock)
+        super().__init__(switch, clock, panel)
         self._switch = switch
-
-    @property
-    def address(self) -> str:
-        """Switch, device and server."""
-        return self._switch.address
 
     def connect(self) -> Identity:
         """Connect, and read name and range. Raises DeviceError."""
         return self._switch.connect()
-
-    def close(self) -> None:
-        """Disconnect; the lamp keeps its level."""
-        self._switch.link.close()
-
-    def condition(self) -> Condition:
-        """Level, and whether it has warmed up."""
-        return line_condition(self._switch.link.is_open, self._word)
 
     def set_level(self, level: float) -> None:
         """Set a fraction of its range. Raises DeviceError."""
@@ -94,23 +83,17 @@ class AlpacaLight(Lamp):
         """Light is harmless, and people need it: it stays on."""
 
 
-class AlpacaShutter:
+class AlpacaShutter(OneContact[AlpacaSwitch]):
     """A Shutter on a switch of an Alpaca server; its times are the host's times of the server's answers."""
 
     def __init__(self, switch: AlpacaSwitch, *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
+        super().__init__(switch, clock)
         self._switch = switch
         self._end = threading.Condition()
         self._aborts = 0
         self._stopped: EmergencyStopped | None = None
 
-    @property
-    def address(self) -> str:
-        """Switch, device and server."""
-        return self._switch.address
-
     def connect(self) -> Identity:
-        """Connect, and open the contact. Raises DeviceError."""
         identity = self._switch.connect()
         try:
             self._switch.set(False)
@@ -119,20 +102,7 @@ class AlpacaShutter:
             raise
         return identity
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._switch.link.close()
-
-    def condition(self) -> Condition:
-        """Whether it is connected."""
-        return line_condition(self._switch.link.is_open)
-
-    def focus(self, pressed: bool) -> None:
-        """Not supported: there is no focus contact. Raises Rejected."""
-        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
-
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Close the contact for `pulse_s`. Raises DeviceError."""
         if not self._switch.link.is_open:
             raise not_connected(self.address)
         self._stopped = None
@@ -156,7 +126,6 @@ class AlpacaShutter:
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:
-        """Open the contact now. Raises DeviceError."""
         self._interrupt()
         if self._switch.link.is_open:
             self._switch.set(False)
@@ -195,7 +164,6 @@ class AlpacaLightOptions(LampProperties, SwitchOptions):
     """Options of driver "alpaca_light"."""
 
     def make(self, parts: MakerContext) -> AlpacaLight:
-        """The lamp."""
         return AlpacaLight(self.line, panel=self, clock=parts.clock)
 
 
@@ -206,5 +174,4 @@ class AlpacaShutterOptions(SwitchOptions):
     provides: ClassVar[tuple[str, ...]] = (SHUTTER,)
 
     def make(self, parts: MakerContext) -> AlpacaShutter:
-        """The shutter."""
         return AlpacaShutter(self.line, clock=parts.clock)

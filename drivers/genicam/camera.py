@@ -1,20 +1,26 @@
 """A GenICam camera: software trigger, one frame at a time, each written as a DNG with its exposure and gain."""
 
-from __future__ import annotations
-
 import json
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
-from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.genicam.aravis import load, translated_errors
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    DeviceError,
+    FrameMissing,
+    FrameWrong,
+    LineLost,
+    Rejected,
+    SystemClock,
+)
+from drivers.frame_files.dng import Body, DngFolder, Frame
+from drivers.frames import OneFrame
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import option, positive, text
 from drivers.wire.connection import not_connected
 
@@ -33,8 +39,6 @@ REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool
 class GenicamSettings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     pixel_format : the camera's name of it; "" takes the deepest grey or raw one offered
     gain_db : None keeps the camera's gain
     patience_s : time limit of a frame after its exposure
@@ -76,7 +80,6 @@ class GenicamCamera:
 
     @property
     def address(self) -> str:
-        """The camera's name or address."""
         return self._name or "first GenICam camera"
 
     # --- connecting
@@ -167,7 +170,6 @@ class GenicamCamera:
         self._stream = None
 
     def close(self) -> None:
-        """Give the camera back."""
         self._stop()
         if self._listening is not None:
             device, number = self._listening
@@ -175,7 +177,6 @@ class GenicamCamera:
         self._listening, self._camera, self._lost = None, None, False
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         if self._camera is None:
             return Condition("not connected", False, "connect it")
         if self._lost:
@@ -216,7 +217,6 @@ class GenicamCamera:
             raise not_connected(self.address)
 
     def expose(self) -> ExposedFile:
-        """Trigger and return one photograph. Raises DeviceError."""
         with self._one_frame:
             self._require()
             if self._stream is None:
@@ -280,5 +280,44 @@ class GenicamOptions(GenicamSettings, FrameOptions):
     camera: Annotated[str, text('"192.168.1.20"', "a camera's name or address in quotes")] = ""
 
     def make(self, parts: MakerContext) -> GenicamCamera:
-        """The camera."""
         return GenicamCamera(self.frames(parts), self.camera, self, clock=parts.clock)
+
+
+# --- Aravis, loaded on first use, with its errors converted to device errors ---
+
+INSTALL = (
+    "install it: Aravis with its introspection data (Debian: gir1.2-aravis-0.8), and PyGObject "
+    "(pip install 'calibration-station[genicam]', or Debian's python3-gi in an environment that sees system packages)"
+)
+
+
+def load() -> Any:
+    """The library. Raises BadConfiguration if it or PyGObject is not installed."""
+    try:
+        import gi
+    except ImportError as error:
+        raise BadConfiguration("PyGObject is not installed", INSTALL) from error
+    try:
+        gi.require_version("Aravis", "0.8")
+        from gi.repository import Aravis
+    except (ValueError, ImportError) as error:
+        raise BadConfiguration(f"Aravis 0.8 is not installed: {error}", INSTALL) from error
+    return Aravis
+
+
+@contextmanager
+def translated_errors(address: str, remedy: str, kind: type[DeviceError] = Rejected) -> Iterator[None]:
+    """Context that converts errors of Aravis and the camera to `kind`, and to LineLost if the camera is gone."""
+    from gi.repository import GLib
+
+    try:
+        yield
+    except GLib.Error as error:
+        gone = error.matches(GLib.quark_from_string("arv-device-error-quark"), TIMEOUT)
+        if gone:
+            raise LineLost(f"{address} does not answer: {error.message}", "check its power and cable") from error
+        raise kind(f"{address}: {error.message}", remedy) from error
+
+
+TIMEOUT = 4
+"""Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)."""

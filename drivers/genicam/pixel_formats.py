@@ -4,8 +4,6 @@ Reference: EMVA, GenICam Pixel Format Naming Convention 2.4 (names, `p`: the lea
 GigE Vision 2.0, pixel formats (`Packed`: two pixels in three bytes, their high bits in the outer ones).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -75,10 +73,7 @@ def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int
 
     padding : bytes between rows; if 0, packed rows follow each other without a gap, also in mid-byte.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer bytes than the picture takes.
+    Raises ValueError if there are fewer bytes than the picture takes.
     """
     lines, pixels = (rows, columns) if padding or form.packing == "csi2" else (1, rows * columns)
     each = form.octets(pixels)

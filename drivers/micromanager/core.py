@@ -1,7 +1,5 @@
 """One Micro-Manager configuration, loaded while any of its devices is connected, and shared by them."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -4,8 +4,6 @@ The core reports no travel, so station.toml gives it. If an adapter cannot home,
 only if station.toml says so (`homes = false`: absolute encoders, piezos).
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -14,9 +12,7 @@ from functools import partial
 from operator import methodcaller
 from typing import Annotated, Any, Literal
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
-from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.errors import Clock, EmergencyStopped, MoveFailed, NoAnswer, SystemClock
 from drivers.interfaces import Caveat, Condition, Identity, Travel
 from drivers.making import MakerContext
 from drivers.micromanager.core import (
@@ -29,7 +25,7 @@ from drivers.micromanager.core import (
     identity_text,
     translated_errors,
 )
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, Patience, axes, interval, option, positive
 from drivers.wire.connection import anything, not_connected
 
@@ -44,8 +40,6 @@ STOP_S = 0.1
 class MicroManagerAxis:
     """One axis: its name with the unit, the label of its device, its travel in the unit.
 
-    Attributes
-    ----------
     part : "x" or "y" of an XY table, "" of a single axis
     zero : the value at the device's position 0
     unit_per_um : in the name's unit
@@ -110,7 +104,6 @@ class MicroManagerStage:
         return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
-        """Leave the configuration."""
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
         self._core = None
@@ -137,7 +130,6 @@ class MicroManagerStage:
         return {axis.name: Travel(*axis.travel) for axis in self._axes}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError."""
         core = self._open()
         with self._asked():
             return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
@@ -177,7 +169,6 @@ class MicroManagerStage:
                 )
 
     def move_to(self, **target: float) -> None:
-        """Move and return when still. Raises DeviceError."""
         with self._one_mover as stops:
             self._open()
             self.trust.require()
@@ -281,5 +272,4 @@ class MicroManagerStageOptions(CoreOptions):
     patience_s: Patience = 60.0
 
     def make(self, parts: MakerContext) -> MicroManagerStage:
-        """The stage."""
         return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)

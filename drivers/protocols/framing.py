@@ -1,9 +1,10 @@
 """Message boundaries: lines, and frames recognised by their first bytes and checksum."""
 
-from __future__ import annotations
-
+import csv
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 BAD = -1
 MORE = 0
@@ -61,3 +62,21 @@ class FrameSplitter:
             at += length
         self._rest = buffer[at:]
         return frames
+
+
+# --- Codes that devices send, with reason and remedy: the tables of `codes.csv` ---
+
+
+@cache
+def _rows() -> list[list[str]]:
+    return list(csv.reader(files(__package__).joinpath("codes.csv").read_text("utf-8").splitlines()))
+
+
+def codes(table: str) -> dict[str, tuple[str, str]]:
+    """Reason and remedy by code."""
+    return {code: (reason, remedy) for name, code, reason, remedy in _rows() if name == table}
+
+
+def numbered(table: str) -> dict[int, tuple[str, str]]:
+    """Reason and remedy by number."""
+    return {int(code): words for code, words in codes(table).items()}

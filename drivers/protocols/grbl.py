@@ -4,13 +4,10 @@ Every command line is answered by exactly one `Ok` or `Failed`; all other messag
 Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core errors.h, alarms.h.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 
-from drivers.protocols.codes import numbered
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine, numbered
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 

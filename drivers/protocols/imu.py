@@ -7,8 +7,6 @@ Fast: `COBS(ver u8 | seq u16 | n u8 | t0_us u64 | dt_ns u32 | n x (ax ay az gx g
 CRC-16/CCITT-FALSE over all bytes before it; ver 1 carries samples, ver 0 a text instead.
 """
 
-from __future__ import annotations
-
 import binascii
 import struct
 from dataclasses import dataclass

@@ -5,13 +5,10 @@ minus the sum of the bytes between the first one and the colon.
 Source: Zaber ASCII protocol manual.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 
-from drivers.protocols.codes import codes
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine, codes
 
 REJECTIONS = codes("zaber rejection")
 FLAGS = codes("zaber flag")

@@ -7,8 +7,6 @@ stop, the version is requested until it comes, shifted by one byte each time. Mo
 follows all older ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,10 +15,8 @@ from typing import Any
 
 from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
-from drivers.protocols.tmcl import COMMAND, DAMAGED, LENGTH, MODULE, OK, STATUS
-from drivers.wire.connection import anything
+from drivers.wire.connection import URGENT_S, anything
 from drivers.wire.in_step import OutOfStep
-from drivers.wire.outgoing import URGENT_S
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
@@ -55,7 +51,6 @@ class TmclLink:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     @property
@@ -70,7 +65,6 @@ class TmclLink:
         self._transport.open(lambda event, host_s: None)
 
     def close(self) -> None:
-        """Release the port."""
         self._transport.close()
 
     def host(self, allowed: Callable[[], None] = anything, tries: int = 1) -> Any:
@@ -220,3 +214,40 @@ class _Library:
 def library() -> _Library:
     """The library. Raises BadConfiguration if it is not installed."""
     return _Library()
+
+
+# --- Datagrams of TMCL modules: nine bytes in each direction, the last one the sum of the others ---
+# `host module status command value(4) checksum` is an answer, `module command type motor value(4) checksum` an order.
+# Nothing marks the beginning of a datagram, and datagrams have no number.
+# Source: TMCL firmware manuals, "binary command format" and "reply format".
+
+LENGTH = 9
+OK, LOADED, DAMAGED = 100, 101, 1
+"""Statuses: done, stored for later, and wrong checksum of the order."""
+STATUSES = frozenset({*range(1, 16), OK, LOADED})
+MODULE, STATUS, COMMAND = 1, 2, 3
+"""Byte positions in an answer."""
+
+
+def checksum(body: bytes) -> int:
+    """The sum of these bytes modulo 256."""
+    return sum(body) & 0xFF
+
+
+class TmclParser:
+    """Bytes to datagrams with a valid checksum; at an invalid one it advances by one byte."""
+
+    def __init__(self) -> None:
+        self._received = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The datagrams completed by these bytes."""
+        self._received += data
+        frames = []
+        while len(self._received) >= LENGTH:
+            frame = bytes(self._received[:LENGTH])
+            good = frame[STATUS] in STATUSES and checksum(frame[:-1]) == frame[-1]
+            if good:
+                frames.append(frame)
+            del self._received[: LENGTH if good else 1]
+        return frames

@@ -7,30 +7,30 @@ module, and no position is trusted without that number.
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import (
+    BadConfiguration,
+    Clock,
     DeviceError,
     EmergencyStopped,
     MoveFailed,
     NoAnswer,
     Rejected,
+    SystemClock,
     WasReset,
 )
-from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.making import LineOptions
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import ENABLED_STAGE, AxisName, Baud, Patience, PollInterval, axes, interval, option, positive
-from drivers.protocols.tmcl import TmclParser
-from drivers.tmcl.envelope import POSITION, SPEED, TmclEnvelope, ask_parameters, read_envelope
-from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
+from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, TmclParser, stop_bytes
 from drivers.wire.connection import anything, not_connected, roll_call
 
 START, STOP, STATUS = 0, 1, 2
@@ -45,8 +45,6 @@ TRIES = 3
 class TmclAxis:
     """One axis: its name with the unit, its motor and module, its travel in the unit, units per microstep.
 
-    Attributes
-    ----------
     zero : the value at the reference, where the search sets 0
     direction : -1 if microsteps count in the opposite direction
     """
@@ -60,11 +58,9 @@ class TmclAxis:
     direction: Literal[1, -1] = 1
 
     def to_steps(self, value: float) -> int:
-        """The nearest microstep."""
         return round((value - self.zero) / (self.direction * self.unit_per_step))
 
     def to_unit(self, steps: float) -> float:
-        """The position of a microstep."""
         return self.zero + steps * self.direction * self.unit_per_step
 
 
@@ -97,7 +93,6 @@ class TmclStage:
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._link.address
 
     def connect(self) -> Identity:
@@ -136,7 +131,6 @@ class TmclStage:
         self._link.close()
 
     def condition(self) -> Condition:
-        """Whether it may move."""
         return self.trust.refusal(self._link.is_open) or Condition("idle", caveat=self._caveat())
 
     def _caveat(self) -> Caveat | None:
@@ -172,7 +166,6 @@ class TmclStage:
         return there
 
     def moving(self) -> bool:
-        """Whether any axis moves. Raises DeviceError."""
         return any(self._parameter(axis, SPEED) or self._searching(axis) for axis in self._axes)
 
     def _parameter(self, axis: TmclAxis, number: int) -> int:
@@ -340,3 +333,71 @@ class TmclOptions(LineOptions):
     poll_s: PollInterval = 0.1
     patience_s: Patience = 60.0
     variable: Annotated[int, option("55", least=0, most=255)] = 55
+
+
+# --- Settings of a module: the speed of an axis, and caveats about its position ---
+
+POSITION, SPEED = 1, 3
+MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR = 4, 5, 7, 12, 13, 153, 154
+"""Parameters of an axis, by number."""
+CLOCK_HZ = 16e6
+
+
+@dataclass(frozen=True)
+class TmclEnvelope:
+    """One axis: microsteps per second and per second squared, disabled switches, the current at rest."""
+
+    speed: float
+    acceleration: float
+    standby: int | None
+    switches_off: bool
+
+    def travel_s(self, steps: float) -> float:
+        """Duration of a move of this length, from rest to rest."""
+        if steps * self.acceleration < self.speed**2:
+            return 2 * math.sqrt(steps / self.acceleration)
+        return steps / self.speed + self.speed / self.acceleration
+
+    def words(self, unit_per_step: float) -> str:
+        """Speed, acceleration and switches in the axis' unit, as text."""
+        speed, rise = self.speed * unit_per_step, self.acceleration * unit_per_step
+        switches = "an end switch off" if self.switches_off else "end switches on"
+        return f"{speed:g} per s, {rise:g} per s^2, {switches}"
+
+    def caveat(self, name: str) -> Caveat | None:
+        """Why its position deserves less trust, if it does."""
+        if self.standby == 0:
+            return Caveat(f"{name} releases its motor between moves (parameter 7 is 0)", "set a standby current")
+        if self.switches_off:
+            remedy = "set parameters 12 and 13 to 0 where there are switches"
+            return Caveat(f"an end switch does not stop {name} (parameters 12 and 13)", remedy)
+        return None
+
+
+def read_envelope(name: str, parameters: Mapping[int, int | None]) -> TmclEnvelope:
+    """The limits given by the parameters of an axis, None for a number it does not have. Raises BadConfiguration.
+
+    Modules with a TMC428 or TMC429 report speed and acceleration in units of their dividers (data sheet, "velocity
+    and acceleration"); the others in microsteps per second.
+    """
+    speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
+    pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
+    if pulses is not None and ramps is not None:
+        speed *= CLOCK_HZ / 2 ** (pulses + 16)
+        rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
+    if not speed > 0 or not rise > 0:
+        raise BadConfiguration(f"{name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor")
+    return TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
+
+
+def ask_parameters(host: Any, module: int, motor: int) -> dict[int, int | None]:
+    """The parameters of an envelope; `host` raises Rejected for those that the module does not have."""
+    numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
+    return {number: _one(host, number, module, motor) for number in numbers}
+
+
+def _one(host: Any, number: int, module: int, motor: int) -> int | None:
+    try:
+        return int(host.get_axis_parameter(number, motor, module, signed=True))
+    except Rejected:
+        return None

@@ -4,8 +4,6 @@ The stream begins when a photograph is requested, so that no frame is older than
 stream are discarded, as sensors apply new settings late.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 from collections.abc import Iterator
@@ -14,13 +12,12 @@ from ctypes import c_int
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, Rejected
-from drivers.frame_files.dng_folder import Body, DngFolder, Frame
+from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, LineLost, Rejected, SystemClock
+from drivers.frame_files.dng import Body, DngFolder, Frame
+from drivers.frames import OneFrame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
-from drivers.one_frame import OneFrame
 from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import line_condition, not_connected
@@ -60,8 +57,6 @@ REMEDY = "`v4l2-ctl --list-formats-ext --list-ctrls` shows what the camera offer
 class V4l2Settings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     pixel_format : four characters of a grey or raw format; "" takes the deepest one offered
     columns, rows : size of the frames; None takes the largest one offered
     gain : in the camera's own unit; None keeps its gain
@@ -118,7 +113,6 @@ class V4l2Camera:
 
     @property
     def address(self) -> str:
-        """The device file."""
         return self._path
 
     # --- connecting
@@ -241,13 +235,11 @@ class V4l2Camera:
             raise Rejected(f"{self.address} is set to a {name} of {there} instead of {value}", REMEDY)
 
     def close(self) -> None:
-        """Release the device."""
         file, self._file = self._file, None
         if file is not None:
             self._kernel.close(file)
 
     def condition(self) -> Condition:
-        """Whether it is connected."""
         return line_condition(self._file is not None)
 
     def sensor(self) -> FrameFormat:
@@ -283,7 +275,6 @@ class V4l2Camera:
             raise Rejected(f"{self.address} exposes {there_s:g} s instead of {exposure_s:g} s", REMEDY)
 
     def expose(self) -> ExposedFile:
-        """Take one photograph. Raises DeviceError."""
         with self._one_frame:
             return self._expose()
 
@@ -390,5 +381,4 @@ class V4l2Options(V4l2Settings, FrameOptions):
         return None
 
     def make(self, parts: MakerContext) -> V4l2Camera:
-        """The camera."""
         return V4l2Camera(self.frames(parts), self.device, self, clock=parts.clock)

@@ -3,8 +3,6 @@
 Reference: The Linux Kernel, Video for Linux API (userspace documentation); numbers as `_IOC` in `asm-generic/ioctl.h`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import mmap
 import os
@@ -158,11 +156,9 @@ class Kernel:
     """The calls on a device file. A test has others."""
 
     def open(self, path: str) -> int:
-        """Open for streaming without blocking. Raises OSError."""
         return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
     def close(self, file: int) -> None:
-        """Close it."""
         os.close(file)
 
     def call(self, file: int, request: int, argument: Any) -> None:

@@ -5,8 +5,6 @@ therefore leaves the line out of step: before the next one, a question whose rep
 until it is answered. Devices answer in order, so that reply follows all older ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Every byte on a line with its time: a ring buffer, and optionally a file."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from contextlib import suppress

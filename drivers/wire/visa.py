@@ -3,18 +3,14 @@
 Its replies are read within the request: no thread reads a line on which an instrument speaks only when it is asked.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, LineLost, NoAnswer
+from drivers.errors import BadConfiguration, Clock, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import anything, not_connected
-from drivers.wire.outgoing import WRITE_S
+from drivers.wire.connection import WRITE_S, anything, not_connected
 from drivers.wire.transcript import Transcript
 
 T = TypeVar("T")
@@ -44,7 +40,6 @@ class VisaTransport:
 
     @property
     def is_open(self) -> bool:
-        """Whether the resource is open."""
         return self._resource is not None
 
     def open(self, listen: Callable[[str, float], None]) -> None:
@@ -68,7 +63,6 @@ class VisaTransport:
             raise LineLost(f"cannot open {self.address}: {error}", remedy) from error
 
     def close(self) -> None:
-        """Release the resource."""
         for one in (self._resource, self._manager):
             if one is not None:
                 with suppress(Exception):  # it may have gone already

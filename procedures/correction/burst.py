@@ -16,7 +16,7 @@ from procedures.clipping import NOMINAL
 from procedures.correction.checks import checks_of
 from procedures.correction.noise import Noise, noise_of
 from procedures.correction.optics import COLOURS, Shift
-from procedures.numerics.registration import affine_between
+from procedures.numerics.warps import affine_between
 from procedures.outcome import BadInput, Outcome, Verdict, verdict_of
 from procedures.raw import Plane, RawFrame
 

@@ -12,9 +12,8 @@ import scipy.fft
 
 from procedures.numerics.kernel_tail import spectrum_beyond, tail_kernels
 from procedures.psf import extended
-from procedures.psf_field import PsfField
+from procedures.psf_field import PsfField, SpaceVariantBlur
 from procedures.raw import Plane
-from procedures.space_variant import SpaceVariantBlur
 
 Array = npt.NDArray[np.float64]
 Spectrum = npt.NDArray[np.complex64]

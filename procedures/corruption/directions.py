@@ -5,8 +5,6 @@ absorbs whatever a linear, shift-invariant filter does within the reach of its P
 identifies the corruption.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import numpy.typing as npt

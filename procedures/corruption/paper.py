@@ -1,7 +1,5 @@
 """Noise of flat paper and of a fit's residual, from which a camera's sharpening is detected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

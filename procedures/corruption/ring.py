@@ -4,8 +4,6 @@ Sharpening subtracts a blurred picture, which darkens a ring around the PSF's co
 mean PSF falls to its tail a / r^3 from above, whatever the aberrations, and the tail is not negative.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -10,8 +10,7 @@ import numpy as np
 
 from procedures.numbers import EDGE_MTF50
 from procedures.numerics import transforms
-from procedures.numerics.arrays import Array, Array32
-from procedures.numerics.ordered import quantile
+from procedures.numerics.arrays import Array, Array32, quantile
 from procedures.outcome import Quantity
 from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
 from procedures.pattern_psf.estimate import PatternPsf
@@ -161,7 +160,7 @@ def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:
     return contrast > MIN_CONTRAST * psf_estimate.diagnostics["contrast"]
 
 
-# --- stray light on an edge ------------------------------------------------------------------------------------------
+# --- stray light on an edge ---
 # The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black
 # area ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
 

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.interpolate import Interpolation, Recipe, rebuild, recipe_of
-from procedures.field.maps import FieldMap, grid, mesh
+from procedures.field.maps import DEGREES, FieldMap, LateralColour, grid, mesh
 from procedures.field.surfaces import fit_surface
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
@@ -27,7 +26,7 @@ from procedures.reading.arrays import LONGEST
 from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 
 if TYPE_CHECKING:
     import h5py
@@ -81,8 +80,7 @@ def write_field(
     with h5py.File(path, "w") as file:
         file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
         if camera is not None:
-            metadata = asdict(camera)
-            file.attrs[CAMERA] = json.dumps({name: metadata[name] for name in (*TEXTS, *NUMBERS)})
+            _put_camera(file, camera)
         for name, field in whole.items():
             plane = file.create_group(name)
             _write_plane(plane, field)
@@ -94,6 +92,19 @@ def write_field(
             _put(group, "shift", colour.shift, "pixel of the sensor")
             _put(group, "covariance", colour.covariance, "squared pixel of the sensor")
             _write_maps(group.create_group("maps"), colour.maps())
+
+
+def set_camera(path: Path, camera: Exposure) -> None:
+    """State camera, lens, aperture and focus in a written field."""
+    import h5py
+
+    with h5py.File(path, "a") as file:
+        _put_camera(file, camera)
+
+
+def _put_camera(file: h5py.File, camera: Exposure) -> None:
+    metadata = asdict(camera)
+    file.attrs[CAMERA] = json.dumps({name: metadata[name] for name in (*TEXTS, *NUMBERS)})
 
 
 def add_lights(path: Path, lights: Mapping[str, LightSurface]) -> None:

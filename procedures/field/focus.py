@@ -5,8 +5,6 @@ logarithm is the best focus there, separately for sagittal and meridional detail
 chart's noise each, so a quadratic surface through them has a simple covariance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The PSF between the nodes: components, a model of their coefficients, and its choice by cross-validation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -151,7 +149,7 @@ def _folds(places: Array) -> _Folds:
     return [(np.flatnonzero(~mask), np.flatnonzero(mask)) for mask in excluded]
 
 
-# --- models as recipes, built from any subset of the nodes --------------------------------------------------------
+# --- models as recipes, built from any subset of the nodes ---
 
 
 def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
@@ -283,7 +281,7 @@ def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:
     return float(axis.position[0]), float(axis.position[1])
 
 
-# --- the field and its error --------------------------------------------------------------------------------------
+# --- the field and its error ---
 
 
 def _field(
@@ -329,7 +327,7 @@ def _model_error(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: 
     return (vectors * np.maximum(values, 0)) @ vectors.T, max(rest / len(data.z), 0.0)
 
 
-# --- nodes of one sampling: narrower supports are extended to the widest one by their tails --------------------------
+# --- nodes of one sampling: narrower supports are extended to the widest one by their tails ---
 
 
 def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:

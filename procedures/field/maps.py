@@ -4,8 +4,6 @@ Sagittal and meridional refer to the frame's centre: meridional detail repeats a
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
-from procedures.field.surfaces import Surface
+from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import (
     ENERGY_ABOVE_NYQUIST,
     ENERGY_OUTSIDE_SUPPORT,
@@ -24,11 +22,11 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
-from procedures.psf import Psf
-from procedures.psf_field import PsfField, in_half_diagonals
+from procedures.outcome import Refused
+from procedures.psf import Psf, curve_model_error, tail_energy_uncertainty
+from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.quality import crossing_model_error, frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
-from procedures.stray_tail import tail_energy_uncertainty
 from procedures.transfer_function import first_crossing
 
 COLUMNS = 21  # positions of a map along the frame's longer side
@@ -174,3 +172,145 @@ def _mtf50(psf: Psf, angle: float, without: WithoutPhotosite | None) -> tuple[fl
         return np.nan, np.full(len(psf.parameters) + (without is not None), np.nan), np.nan
     passed = float(without.passed(crossing[0], angle)) if without else 1.0
     return *crossing, crossing_model_error(psf, crossing[0], lambda some: curve(psf, some, angle), passed)
+
+
+# --- Lateral colour: the displacement of one plane's image relative to another's, over the frame ---
+# The marks centre each plane's PSF on that plane's own image, so the PSFs do not contain it. It is the difference of
+# the planes' registrations at the charts' centres, in pixels of the sensor.
+
+FEWEST = 6
+DEGREES = (1, 2, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class LateralColour:
+    """Displacement of a plane's image relative to a reference, in pixels of the sensor.
+
+    shape : rows and columns of a plane
+    positions : (N, 2), positions of the charts, in pixels of the plane
+    shift : (N, 2), covariance : (N, 2, 2); measured (x, y)
+    surface : the shift as a function of the position in half diagonals
+    charts : source and number of the compared nodes; empty where read from a file
+    """
+
+    plane: str
+    reference: str
+    shape: tuple[int, int]
+    positions: Array
+    shift: Array
+    covariance: Array
+    surface: Surface
+    charts: tuple[tuple[str, int], ...] = ()
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Shift (n, 2) and its covariance (n, 2, 2) at points (n, 2) of the plane."""
+        places = in_half_diagonals(np.asarray(points, dtype=np.float64), self.shape)
+        return self.surface.at(places), self.surface.covariance(places)
+
+    def shift_at(self, points: Array) -> Array:
+        """Shift (n, 2) at points (n, 2) of the plane; beyond the charts that of the nearest position among them."""
+        return self.at(Hull(self.positions).nearest(np.asarray(points, dtype=np.float64)))[0]
+
+    def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
+        """Shift along the radius, positive outwards, and perpendicular to it, positive from x towards y."""
+        angle = np.array([radius_direction(self.shape, *point) for point in mesh(*grid(self.shape, columns))])
+        return surface_maps(
+            self.surface, self.positions, self.shape, columns, "sensor pixel",
+            [(f"lateral_colour_{name}", f"{self.plane} against {self.reference}, {name} shift",
+              np.column_stack([np.cos(turned), np.sin(turned)]))
+             for name, turned in (("radial", angle), ("tangential", angle + np.pi / 2))],
+        )  # fmt: skip
+
+
+def lateral_colour(
+    plane: str, nodes: Sequence[Node], reference: str, against: Sequence[Node], shape: tuple[int, int], pitch: int
+) -> LateralColour:
+    """Lateral colour from two planes' nodes, matched by photograph and chart.
+
+    pitch : sensor pixels per pixel of a plane. Raises Refused if fewer than six charts were measured in both planes.
+    """
+    known = {(node.source, node.number): node for node in against}
+    pairs = [(node, known[node.source, node.number]) for node in nodes if (node.source, node.number) in known]
+    if len(pairs) < FEWEST:
+        raise Refused(
+            f"lateral colour needs {FEWEST} charts measured in both planes; {plane} and {reference} have {len(pairs)}",
+            "photograph the chart at more places",
+        )
+    positions = np.array([a.position for a, _ in pairs])
+    shift = np.array([a.sensor_position - b.sensor_position for a, b in pairs])
+    covariance = np.array([pitch**2 * (a.position_covariance + b.position_covariance) for a, b in pairs])
+    try:
+        surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
+    except ValueError as error:
+        raise Refused(f"lateral colour of {plane}: {error}", "spread the places over the frame") from error
+    charts = tuple((a.source, a.number) for a, _ in pairs)
+    return LateralColour(plane, reference, shape, positions, shift, covariance, surface, charts)
+
+
+# --- Sagittal and meridional MTF as functions of the image height, the distance from the frame's centre ---
+# Each value is the mean over the directions from the centre inside the nodes' hull, with the spread among them, by
+# which a decentred lens shows. Meridional detail repeats along the radius, sagittal detail across it.
+
+HEIGHTS = 9
+DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolated field
+
+
+@dataclass(frozen=True, eq=False)
+class HeightCurve:
+    """MTF at one frequency as a function of the image height.
+
+    frequency : cycles per pixel of the plane
+    heights : (n,), pixels of the plane from the frame's centre
+    sagittal, meridional : (n,), means over the directions
+    sagittal_uncertainty, meridional_uncertainty : (n,) mean standard uncertainties of one position: the correlation
+        between directions is unknown
+    sagittal_spread, meridional_spread : (n,), standard deviations among the directions
+    directions : (n,), number of directions inside the hull
+    """
+
+    frequency: float
+    heights: Array
+    sagittal: Array
+    sagittal_uncertainty: Array
+    sagittal_spread: Array
+    meridional: Array
+    meridional_uncertainty: Array
+    meridional_spread: Array
+    directions: npt.NDArray[np.int64]
+
+
+def over_height(
+    field: PsfField, frequencies: Sequence[float], without: WithoutPhotosite | None = None
+) -> list[HeightCurve]:
+    """MTF of the camera, or `without` the photosites, at each frequency; empty where the hull excludes the centre."""
+    centre = np.array([field.shape[1] - 1, field.shape[0] - 1]) / 2
+    farthest = float(np.hypot(*centre))
+    angles = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    heights, values = [], []
+    for height in np.linspace(0, farthest, HEIGHTS):
+        places = centre + height * directions if height else centre[None]
+        enclosed = places[field.inside(places)]
+        if len(enclosed):
+            heights.append(height)
+            values.append(np.array([_at(field, x, y, np.array(frequencies), without) for x, y in enclosed]))
+    if not heights:
+        return []
+    means, spreads = (np.array([how(v, axis=0) for v in values]) for how in (np.mean, np.std))
+    counts = np.array([len(v) for v in values], dtype=np.int64)
+    curves = []
+    for i, f in enumerate(frequencies):
+        (s, us, m, um), (spread_s, _, spread_m, _) = means[..., i].T, spreads[..., i].T
+        curves.append(HeightCurve(f, np.array(heights), s, us, spread_s, m, um, spread_m, counts))
+    return curves
+
+
+def _at(field: PsfField, x: float, y: float, f: Array, without: WithoutPhotosite | None) -> Array:
+    """Sagittal MTF, its standard uncertainty, and the same of meridional MTF at a position, (4, frequencies)."""
+    psf, radius = field.at(x, y), radius_direction(field.shape, x, y)
+    rows = []
+    for angle in (radius + np.pi / 2, radius):
+        value, slope = (without.curve if without else mtf_along)(psf, f, angle)
+        passed = without.passed(f, angle) if without else np.ones(len(f))
+        rows += [value, np.hypot(propagated(psf, slope), curve_model_error(psf, f, value * passed, slope, passed))]
+    return np.array(rows)

@@ -1,7 +1,5 @@
 """Models of the coefficients of a PSF field: separate smooth functions, or all coupled by the lens's symmetry."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 

@@ -1,4 +1,7 @@
-"""MTF of a square photosite along a direction: the sensor's contribution to a cross in the maps of a field."""
+"""MTF of a square photosite along a direction: the sensor's contribution to a cross in the maps of a field.
+
+Apart from the surfaces: the help of a command reads `ASSUMED`, and nothing heavy may be loaded for it.
+"""
 
 from __future__ import annotations
 

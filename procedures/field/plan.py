@@ -7,22 +7,20 @@ combines the photographs to a field.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import AxisTravel, facts_as
 from procedures.field.conclusion import SMALL_SHARE
-from procedures.field.facts import BASE, FieldFacts, TourStart
-from procedures.field.locations import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
+from procedures.field.measuring import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.scattered import hull_area
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
-from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES
+from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES, PatternFacts
 from procedures.pattern_psf.outline import points_of, present_outline
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
@@ -30,6 +28,7 @@ from procedures.pattern_psf.radiometry import measure_light
 from procedures.plan import (
     Advice,
     Ask,
+    AxisTravel,
     Decide,
     Estimate,
     Fact,
@@ -44,6 +43,10 @@ from procedures.plan import (
     Step,
     Tour,
     TourStop,
+    facts_as,
+    gathered,
+    number,
+    required,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -93,7 +96,7 @@ def places_summary(facts: Facts) -> str:
     return "" if places is None else f"{places:.0f} places"
 
 
-# --- start of the tour -------------------------------------------------------------------------------------------
+# --- start of the tour ---
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
@@ -159,7 +162,7 @@ def location_of(sighting: ChartSighting, plane: Plane) -> Location:
     return Location((float(x) + 0.5) / columns, (float(y) + 0.5) / rows)
 
 
-# --- the positions -----------------------------------------------------------------------------------------------
+# --- the positions ---
 
 
 def locations(facts: Facts) -> list[Location]:
@@ -219,7 +222,7 @@ def bring(now: Location, wanted: Location, at: Mapping[str, float], start: TourS
     return {}
 
 
-# --- a photograph at a position ----------------------------------------------------------------------------------
+# --- a photograph at a position ---
 
 
 def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
@@ -294,3 +297,53 @@ def correction(location: Location, sighting: ChartSighting, plane: Plane, known:
     at = known.where()
     targets = bring(location_of(sighting, plane), location, at, known.begun())
     return {name: place - at[name] for name, place in targets.items()}
+
+
+# --- Facts of a tour over the frame, in addition to those of the chart: number of positions, and where it began ---
+
+TOUR = "tour_"
+BASE = f"{TOUR}from_"  # prefix of an axis' name: the fact of its position when the chart was in the middle
+
+
+@dataclass(frozen=True)
+class TourStart:
+    """The start of a tour, from which its moves are computed.
+
+    shape : rows and columns of the plane
+    principal_px : distance of the image from the lens, in pixels of the plane
+    distance_mm : distance of the chart along the optical axis
+    chart_at : position of the chart in the frame
+    half : half the width and height of the sheet, in fractions of the frame's
+    base : positions of the axes by name
+    """
+
+    shape: tuple[int, int]
+    principal_px: float
+    distance_mm: float
+    chart_at: Location
+    half: tuple[float, float]
+    base: Mapping[str, float]
+
+
+def start_of(facts: Facts) -> TourStart | None:
+    """Start of the tour; None before it. Raises BadParameter."""
+    if f"{TOUR}rows" not in facts:
+        return None
+    rows, columns, principal_px, distance_mm, x, y, half_x, half_y = (
+        number(facts, TOUR + name)
+        for name in ("rows", "columns", "principal_px", "distance_mm", "x", "y", "half_x", "half_y")
+    )
+    base = {name.removeprefix(BASE): number(facts, name) for name in facts if name.startswith(BASE)}
+    return TourStart((int(rows), int(columns)), principal_px, distance_mm, Location(x, y), (half_x, half_y), base)
+
+
+@dataclass(frozen=True)
+class FieldFacts(PatternFacts):
+    """Facts of the plan of a field: those of the chart, the number of `places`, and the start of the tour."""
+
+    places: float | None = None
+    start: TourStart | None = gathered(start_of, *SIZES, prefix=TOUR)
+
+    def begun(self) -> TourStart:
+        """Start of the tour. Raises BadParameter before it."""
+        return required(self.start, "where the tour begins", "take the step `places` again")

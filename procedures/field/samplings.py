@@ -3,8 +3,6 @@
 Images hold the whole PSF, the tail as far as its shapes extend (`Psf.extended`), normalised to all energy.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

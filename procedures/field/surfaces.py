@@ -1,7 +1,5 @@
 """Smooth surfaces through vectors measured at positions of the frame, with their uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from procedures.facts import gathered, number
-from procedures.field.facts import FieldFacts
+from procedures.field.plan import FieldFacts
 from procedures.geometry.views import Pose
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.pose import ChartPose
-from procedures.plan import Fact, Facts
+from procedures.plan import Fact, Facts, gathered, number
 
 VIEW = "view_"
 PARTS = ("x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg")

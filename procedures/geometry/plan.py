@@ -14,11 +14,9 @@ import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as
 from procedures.field import plan as field_plan
-from procedures.field.facts import TourStart
-from procedures.field.locations import Location
-from procedures.field.plan import MOST_CLIPPED, correction, light_readings, off_place, to_place
+from procedures.field.measuring import Location
+from procedures.field.plan import MOST_CLIPPED, TourStart, correction, light_readings, off_place, to_place
 from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
@@ -51,6 +49,7 @@ from procedures.plan import (
     Step,
     Tour,
     TourStop,
+    facts_as,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -127,7 +126,7 @@ START = (
     Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
-# --- the next view -----------------------------------------------------------------------------------------------
+# --- the next view ---
 
 
 def wanted_pose(number: int, known: GeometryFacts) -> NextView:
@@ -165,7 +164,10 @@ def stops(facts: Facts) -> list[TourStop]:
     """The requested number of views; the pose of each follows from the previous ones."""
     wanted = facts_as(GeometryFacts, facts).views
     count = USUAL if wanted is None else int(wanted)
-    return [TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i)) for i in range(1, count + 1)]
+    return [
+        TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i), partial(view_goal, i))
+        for i in range(1, count + 1)
+    ]
 
 
 def way_to(number: int) -> Go:
@@ -186,7 +188,7 @@ def say_view(number: int, facts: Facts) -> str:
     return f"Turn the camera, and the chart, until it appears in {words}."
 
 
-# --- a photograph of a view --------------------------------------------------------------------------------------
+# --- a photograph of a view ---
 
 
 def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
@@ -196,12 +198,12 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     if changed:
         return Advice(False, f"This view does not count: {changed}. Set it back.")
     wanted = wanted_pose(number, known)
-    outline, goal = wanted_outline(wanted, known), view_goal(number, wanted, known)
+    outline = wanted_outline(wanted, known)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return replace(sighting, moves={}, outline=Outline((), outline), goal=goal)
+        return replace(sighting, moves={}, outline=Outline((), outline))
     advice = pose_advice(number, wanted, sighting, frame, known)
-    return replace(advice, outline=to_match(sighting, outline), goal=goal)
+    return replace(advice, outline=to_match(sighting, outline))
 
 
 def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
@@ -213,8 +215,10 @@ def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
     return points_of(camera.project(pose.apply(corners)))
 
 
-def view_goal(number: int, wanted: NextView, known: GeometryFacts) -> Goal:
+def view_goal(number: int, facts: Facts) -> Goal:
     """Predicted error of the projection over the frame before this view and with it."""
+    known = facts_as(GeometryFacts, facts)
+    wanted = wanted_pose(number, known)
     left = int(USUAL if known.views is None else known.views) - number + 1
     return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
 
@@ -273,7 +277,7 @@ def turn_by(present_deg: float, wanted_deg: float) -> float:
     return turn if abs(present_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
 
 
-# --- estimate ----------------------------------------------------------------------------------------------------
+# --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:

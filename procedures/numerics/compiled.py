@@ -4,8 +4,6 @@ Numba compiles a kept loop anew when the loop's own file changes, but not when a
 another file does. The code is therefore kept in a folder for the content of the sources.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

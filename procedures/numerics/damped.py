@@ -20,8 +20,6 @@ relative offset orthogonality convergence criterion for nonlinear least squares,
 Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 

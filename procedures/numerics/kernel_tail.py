@@ -6,8 +6,6 @@ is that tail. The others model deviations from it: an excess close to the suppor
 and variation with direction (spikes of a polygonal iris, astigmatism).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
 from procedures.numerics.arrays import Array, Array32
-from procedures.numerics.bessel import integral_of_j0, j0, j1
+from procedures.numerics.transforms import integral_of_j0, j0, j1
 
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,

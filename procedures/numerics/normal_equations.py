@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from procedures.numerics.arrays import Array, Array32
-from procedures.numerics.solvers import cholesky_inverse, cholesky_solve
 from procedures.numerics.triangular import inverse_lower, solve_factored
 
 
@@ -147,3 +146,66 @@ def normalised(h: Array, covariance: Array) -> tuple[Array, Array]:
     covariance = covariance - h[:, None] * covariance.sum(axis=0)
     covariance = covariance - covariance.sum(axis=1)[:, None] * h
     return h, covariance / total**2
+
+
+# --- Solvers of small dense problems given by their normal equations ---
+
+SOLVERS = ("ls", "clip", "nnls")
+MOST_EXCHANGES = 200
+
+
+def cholesky_solve(G: Array, b: Array) -> Array:
+    """Solution of G x = b for symmetric positive definite G. Raises numpy.linalg.LinAlgError if it is not."""
+    return np.asarray(solve_factored(np.linalg.cholesky(G), b), dtype=np.float64)
+
+
+def cholesky_inverse(G: Array) -> Array:
+    """The inverse of a symmetric positive definite matrix. Raises numpy.linalg.LinAlgError if it is not."""
+    inverse = inverse_lower(np.linalg.cholesky(G))
+    return np.asarray(inverse.T @ inverse, dtype=np.float64)
+
+
+def non_negative_least_squares(G: Array, b: Array) -> Array:
+    """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
+
+    Whole blocks of variables are exchanged while that lowers the number of infeasible ones; when it stalls, single
+    exchanges of the last infeasible variable guarantee termination. Raises numpy.linalg.LinAlgError if the pivots run
+    out, as they can when G is numerically singular.
+
+    G : (n, n) symmetric positive definite: A'A of the least squares problem
+    b : (n,) A'v
+
+    Source: Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
+    """
+    n = len(b)
+    passive = cholesky_solve(G, b) > 0
+    tolerance = 1e-12 * np.abs(b).max()
+    fewest, chances = n + 1, 3
+    for _ in range(MOST_EXCHANGES):
+        x = np.zeros(n)
+        x[passive] = cholesky_solve(G[np.ix_(passive, passive)], b[passive])
+        gradient = G @ x - b
+        wrong = (passive & (x < 0)) | (~passive & (gradient < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return x
+        if count < fewest:
+            fewest, chances = count, 3
+        elif chances > 0:
+            chances -= 1
+        else:
+            last = np.flatnonzero(wrong)[-1]
+            wrong = np.arange(n) == last
+        passive = passive ^ wrong
+    raise np.linalg.LinAlgError(f"no non-negative solution after {MOST_EXCHANGES} exchanges: the matrix is singular")
+
+
+def solve_constrained(G: Array, b: Array, solver: str) -> Array:
+    """The kernel from its normal equations: "ls", "clip" with negatives set to 0, or "nnls" (Delbracio, Muse, Almansa,
+    IPOL 2012, 4.8). Raises ValueError for others."""
+    if solver not in SOLVERS:
+        raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")
+    if solver == "nnls":
+        return non_negative_least_squares(G, b)
+    h = cholesky_solve(G, b)
+    return np.maximum(h, 0) if solver == "clip" else h

@@ -3,8 +3,6 @@
 The prediction is `weights(points) @ values`, so its variance follows from that of the values; weights sum to 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -21,7 +19,6 @@ class Smoother(Protocol):
 
     def weights(self, points: Array) -> Array:
         """(n, N): row j predicts at points[j]."""
-        ...
 
 
 def monomials(points: Array, degree: int) -> Array:

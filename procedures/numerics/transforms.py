@@ -4,9 +4,7 @@ SciPy's transforms take as long to import as estimating a PSF; NumPy's take six 
 picture in single precision.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numpy.fft import fftfreq, ifft, irfft2
+
+from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32
 
 __all__ = ["fft2", "fftfreq", "ifft", "irfft2", "irfft_rows", "next_fast_len", "rfft2"]
 
@@ -82,3 +83,81 @@ def next_fast_len(n: int) -> int:
             three *= 3
         five *= 5
     return best
+
+
+# --- Bessel's functions J0 and J1 and the integral of J0, by Bessel's integrals: SciPy's take longer to import ---
+# J_n(x) is the mean over theta of cos(n theta - x sin theta) (NIST DLMF 10.9.2), and the integral of J0 that of sin(x
+# sin theta) / sin theta. Only the part even about both axes of theta contributes, so a quarter turn suffices. Over
+# whole periods the trapezoidal rule with N points has an error of J_N(x), which vanishes from N = 2 x + 80 on
+# (Trefethen and Weideman, SIAM Review 56, 2014).
+
+MORE_POINTS = 40
+LARGEST_BLOCK = 1 << 20
+"""Values of the integrand per block."""
+
+
+def j0(x: npt.ArrayLike) -> Array:
+    """J0 at real x, to 1e-14."""
+    return _mean(x, lambda x, sine: np.cos(x * sine))
+
+
+def j1(x: npt.ArrayLike) -> Array:
+    """J1 at real x, to 1e-14."""
+    return _mean(x, lambda x, sine: np.sin(x * sine) * sine)
+
+
+def integral_of_j0(x: npt.ArrayLike) -> Array:
+    """The integral of J0 from 0 to real x, to 1e-14 of x."""
+    return _mean(x, lambda x, sine: np.sin(x * sine) / sine)
+
+
+def _mean(x: npt.ArrayLike, integrand: Callable[[Array, Array], Array]) -> Array:
+    """Mean over theta of an integrand of x and sin theta, at points that avoid its removable poles."""
+    values = np.asarray(x, dtype=np.float64)
+    flat = values.ravel()
+    points = (int(np.abs(flat).max(initial=0.0)) + MORE_POINTS) // 2 + 1
+    sine = np.sin(np.pi / 2 * (np.arange(points) + 0.5) / points)
+    rows = max(LARGEST_BLOCK // points, 1)
+    out = np.empty(len(flat))
+    for first in range(0, len(flat), rows):
+        part = slice(first, first + rows)
+        out[part] = integrand(flat[part, None], sine).mean(axis=1)
+    return out.reshape(values.shape)
+
+
+# --- Convolution of an image on the s grid, sampled at pixels: as a matrix, and applied ---
+
+np.empty(31 << 20, np.uint8)
+# The C library (glibc) keeps twice as much freed memory as the largest freed block of up to 32 MiB: after this one, the
+# pages of a matrix are not returned to the system and cleared again for every PSF.
+
+
+def sample_convolution(
+    raster: Array32,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    weight: Array32,
+    s: int,
+    k: int,
+    more: int = 0,
+) -> Array32:
+    """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
+
+    Parameters
+    ----------
+    raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the image on the s grid, with a border of k // 2 samples
+    rows, columns : (m,) int64 the pixels
+    weight : (m,) float32 one over the standard deviation of the pixel's sample
+    more : additional columns, filled by the caller
+
+    Returns
+    -------
+    (m, k^2 + more) float32
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
+    """
+    A = np.empty((len(rows), k * k + more), np.float32)  # NumPy allocates large pages
+    loops.fill_convolution(A, raster, rows, columns, weight, s, k)
+    return A

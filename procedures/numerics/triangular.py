@@ -1,7 +1,5 @@
 """Triangular systems without SciPy, whose linear algebra takes longer to import than this takes to run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

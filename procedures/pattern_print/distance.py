@@ -4,8 +4,6 @@ t is the number of cells per pixel of a plane, t = 256 / pixels for a noise regi
 s pixels / 256. At 1 a cell is as wide as a sample of the PSF; `procedures.pattern` has the recommended ranges.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from procedures.pattern import CELLS

@@ -1,7 +1,5 @@
 """Encoding of the chart as a file, by its suffix."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib
@@ -19,13 +17,10 @@ from reportlab.pdfgen.canvas import Canvas
 
 from procedures.outcome import BadParameter
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart, edge_areas
-from procedures.pattern_print.outline import Loop
 from procedures.pattern_print.panel import BOLD_FONT, FONT, Text
-from procedures.pattern_print.paper import Paper
-from procedures.pattern_print.sheet import QUIET_BLOCKS, Sheet, Size, check_fits, lay_out
+from procedures.pattern_print.sheet import QUIET_BLOCKS, Loop, Paper, Sheet, Size, check_fits, lay_out
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tile_sheets import tiled
-from procedures.pattern_print.tiles import tiling_of
+from procedures.pattern_print.tile_sheets import tiled, tiling_of
 
 PDF_DRAW = {"start": "drawString", "middle": "drawCentredString", "end": "drawRightString"}
 

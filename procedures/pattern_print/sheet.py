@@ -6,15 +6,32 @@ Sheet coordinates are (x, y) in mm from the top left corner of the paper, y down
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import atan2
+
+import numpy as np
+import numpy.typing as npt
 
 from procedures.outcome import BadParameter
-from procedures.pattern import BLOCK, BLOCKS, CELLS, EDGE_END
-from procedures.pattern_print.caption import PANEL_HEIGHT_MM, PANEL_WIDTH_MM, caption
-from procedures.pattern_print.outline import Loop, outline
-from procedures.pattern_print.panel import Drawing, Panel
-from procedures.pattern_print.paper import ISO_PAPERS, Paper
+from procedures.pattern import (
+    AIM_S_OVER_T,
+    BLACK_BLOCKS,
+    BLOCK,
+    BLOCKS,
+    CELLS,
+    EDGE_END,
+    GOOD_S_OVER_T,
+    Cells,
+    Chart,
+    edge_areas,
+    triangles,
+)
+from procedures.pattern_print import distance
+from procedures.pattern_print.distance import rulers
+from procedures.pattern_print.panel import Drawing, Panel, PrintedLine, Text, wrapped
 from procedures.pattern_print.source import Source
 
 Box = tuple[float, float, float, float]
@@ -193,3 +210,266 @@ def titles(source: Source, size: Size) -> tuple[str, str]:
     """Two lines that identify the chart."""
     origin, words = source.origin, f"{size}"
     return origin[:1].upper() + origin[1:], words[:1].upper() + words[1:]
+
+
+# --- Caption below the chart: its origin, instructions for printing and photographing, and a table of distances ---
+
+# size of the panel on A4; it is enlarged on larger sheets
+PANEL_WIDTH_MM = 186.0
+PANEL_HEIGHT_MM = 118.0
+TYPE, SMALL, HEADING, TITLE_TYPE = 2.9, 2.5, 3.3, 5.4
+LEADING = 3.8
+TOP = 24.5
+LEFT, LEFT_END = 15.0, 88.0
+RIGHT, RIGHT_END = 97.0, PANEL_WIDTH_MM
+COLUMN = 13.5
+
+TITLE = "Noise chart for subpixel point spread functions"
+PRINTING = (
+    "Print at 100 %: no scaling, no fitting to the page. Both rulers must measure 100 mm.",
+    "No smoothing, no image enhancement, no toner saving; finest resolution, black ink only.",
+    "Matt paper: gloss reflects the lamps.",
+    "Mount it flat, glued to glass or to an aluminium plate, without waves.",
+    "Keep the white border, one block wide, free on all sides.",
+)
+PHOTOGRAPHING = (
+    "RAW at the lowest ISO, on a tripod, in even light.",
+    "Expose so that white stays below saturation in every plane.",
+    "Keep the whole chart with its white border in the frame.",
+)
+
+
+def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
+    """Caption below the chart; `titles` are two lines that identify the chart."""
+    ruler_x, ruler_y = panel.at(9, PANEL_HEIGHT_MM)
+    y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
+    _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
+    return (
+        _head(panel, titles)
+        + printing
+        + photographing
+        + _distances(panel, noise_mm)
+        + _explanation(panel, noise_mm)
+        + rulers(ruler_x, ruler_y - 6.2)
+    )
+
+
+def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
+    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
+    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
+    return Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
+
+
+def numbered(
+    panel: Panel, y: float, heading: str, items: Iterable[str], left: float, right: float
+) -> tuple[float, Drawing]:
+    """End position of a numbered list between two x positions of the panel, and the list."""
+    texts = [panel.text(left, y, heading, HEADING, bold=True)]
+    y += 5.4
+    for number, item in enumerate(items, start=1):
+        texts.append(panel.text(left, y, f"{number}", TYPE, bold=True))
+        lines = _paragraph(panel, left + 4.5, y, item, right - left - 4.5)
+        texts += lines
+        y += LEADING * len(lines) + 0.9
+    return y, Drawing(texts=tuple(texts))
+
+
+def _paragraph(panel: Panel, x: float, y: float, words: str, width: float) -> list[Text]:
+    lines = wrapped(words, width, TYPE)
+    return [panel.text(x, y + LEADING * row, line, TYPE) for row, line in enumerate(lines)]
+
+
+def _columns() -> list[float]:
+    """Right edges of the table's columns of numbers."""
+    count = len(distance.SENSORS)
+    return [RIGHT_END - COLUMN * (count - 1 - i) for i in range(count)]
+
+
+def _distances(panel: Panel, noise_mm: float) -> Drawing:
+    texts = [panel.text(RIGHT, TOP, "Distance from lens to chart, in metres, for s/t = 1", HEADING, bold=True)]
+    texts += [panel.text(RIGHT, TOP + y, words, SMALL) for y, words in ((5.4, "Sensor"), (12, "Photosites"))]
+    for x, sensor in zip(_columns(), distance.SENSORS, strict=True):
+        cells = ((5.4, sensor.format), (8.6, f"{sensor.megapixels} MP"), (12, f"{sensor.pitch_um} µm"))
+        texts += [panel.text(x, TOP + y, words, SMALL, anchor="end") for y, words in cells]
+    y = TOP + 13.4
+    strokes: list[PrintedLine] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
+    for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
+        y += 4.1
+        texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
+        texts += [panel.text(x, y, _metres(d), TYPE, anchor="end") for x, d in zip(_columns(), row, strict=True)]
+    strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
+    return Drawing(tuple(strokes), tuple(texts))
+
+
+def _metres(distance_m: float) -> str:
+    return f"{distance_m:.1f}" if distance_m >= 1 else f"{distance_m:.2f}"
+
+
+def _explanation(panel: Panel, noise_mm: float) -> Drawing:
+    low, high = GOOD_S_OVER_T
+    paragraphs = (
+        f"At these distances the noise, {noise_mm:.6g} mm wide, covers {distance.IDEAL_PIXELS:g} pixels of a plane, "
+        f"for s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for "
+        "every second photosite; with a monochrome sensor double the distance.",
+        f"s/t = s × pixels / 256: {AIM_S_OVER_T:g} is best, {low:g} to {high:g} good, that is "
+        f"{1 / AIM_S_OVER_T:.2g} times the distances above, or {1 / high:.2g} to {1 / low:.2g} times, as long as the "
+        "noise is at least 60 pixels wide.",
+        "Distance = focal length × noise width / (pixels × pixel pitch of the plane).",
+    )
+    y = TOP + 13.4 + 4.1 * len(distance.FOCAL_LENGTHS_MM) + 6.4
+    texts: list[Text] = []
+    for words in paragraphs:
+        lines = _paragraph(panel, RIGHT, y, words, RIGHT_END - RIGHT)
+        texts += lines
+        y += LEADING * len(lines) + 0.9
+    return Drawing(texts=tuple(texts))
+
+
+# --- Paper formats by name, and the formats of a locale ---
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A sheet of paper, in mm; upright as listed in `PAPERS`."""
+
+    name: str
+    width_mm: float
+    height_mm: float
+
+    @property
+    def key(self) -> str:
+        """Key in `PAPERS`."""
+        return self.name.lower()
+
+    def turned(self) -> Paper:
+        """Sheet rotated by 90 degrees."""
+        return Paper(self.name, self.height_mm, self.width_mm)
+
+
+ISO_PAPERS = (
+    Paper("A4", 210, 297), Paper("A3", 297, 420), Paper("A2", 420, 594), Paper("A1", 594, 841), Paper("A0", 841, 1189),
+)  # fmt: skip
+"""ISO 216, smallest first."""
+US_PAPERS = (
+    Paper("Letter", 215.9, 279.4), Paper("Legal", 215.9, 355.6), Paper("Tabloid", 279.4, 431.8),
+)  # fmt: skip
+"""US formats, smallest first; larger charts are printed on A sheets."""
+PAPERS = {paper.key: paper for paper in ISO_PAPERS + US_PAPERS}
+LETTER_TERRITORIES = frozenset(["BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE"])
+"""Territories where Letter is common: Unicode CLDR, supplemental data, measurementData/paperSize."""
+
+
+def papers_of_locale(environ: Mapping[str, str]) -> tuple[Paper, ...]:
+    """Formats for the locale, the most common first. POSIX: LC_ALL overrides LC_PAPER, which overrides LANG; empty is
+    not set."""
+    locale = next((value for name in ("LC_ALL", "LC_PAPER", "LANG") if (value := environ.get(name))), "")
+    territory = locale.partition(".")[0].partition("@")[0].partition("_")[2]
+    return US_PAPERS + ISO_PAPERS if territory.upper() in LETTER_TERRITORIES else ISO_PAPERS
+
+
+def paper_named(name: str) -> Paper:
+    """Paper of that name, in any case. Raises BadParameter if no paper has that name."""
+    paper = PAPERS.get(name.lower())
+    if paper is None:
+        raise BadParameter(f"the paper must be one of {', '.join(PAPERS)}; got {name!r}", "give one of these")
+    return paper
+
+
+# --- Black areas of the chart as closed outlines ---
+# Adjacent squares show hairlines with antialiasing, since two half covered pixels do not add up to a black one.
+# Outlines have no edges between black areas, so there are no hairlines.
+
+Vertex = tuple[int, int]
+Edge = tuple[int, int, int, int]
+"""From (x, y) to (x, y)."""
+Loop = list[Vertex]
+
+
+def outline(chart: Chart) -> list[Loop]:
+    """Closed outlines of the black areas: cells, blocks and triangles as one shape, then the slanted edges.
+
+    Each is a list of (x, y) in cells, integers, without repetition of the first point. Black lies to the right of every
+    edge, y down, so that the non-zero and the even-odd rule agree. Outlines meet in corners, never in edges.
+    """
+    edges = _square_edges(_black_squares(chart.cells))
+    for start, end in _triangle_edges():
+        if (*end, *start) in edges:
+            edges.remove((*end, *start))
+        else:
+            edges.add((*start, *end))
+    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
+    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
+
+
+def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:
+    """Cells and black blocks on the grid of the whole chart, (320, 320)."""
+    black = np.zeros((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.bool_)
+    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = cells == 0
+    for column, row in BLACK_BLOCKS:
+        black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
+    return black
+
+
+def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
+    """Unit edges between black and white squares."""
+    step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
+    step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
+    y, x = np.nonzero(step_down)
+    left = step_down[y, x] < 0  # orientation
+    across = np.stack([x + left, y, x + ~left, y], axis=1)
+    y, x = np.nonzero(step_right)
+    up = step_right[y, x] > 0
+    along = np.stack([x, y + up, x, y + ~up], axis=1)
+    return set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
+
+
+def _triangle_edges() -> list[tuple[Vertex, Vertex]]:
+    """Edges of the x-corners' triangles; bases in unit steps, as cells may adjoin them."""
+    edges: list[tuple[Vertex, Vertex]] = []
+    for corners in triangles():
+        (x, base), (right, _), (apex_x, apex_y) = corners.astype(int).tolist()
+        points = [(step, base) for step in range(x, right + 1)] + [(apex_x, apex_y), (x, base)]
+        if apex_y < base:  # keep black to the right
+            points.reverse()
+        edges.extend(pairwise(points))
+    return edges
+
+
+def _chained(edges: set[Edge]) -> list[Loop]:
+    ends = defaultdict(list)
+    for x, y, to_x, to_y in sorted(edges):
+        ends[x, y].append((to_x, to_y))
+    loops = []
+    for first in list(ends):
+        while ends[first]:
+            loops.append(_one_loop(first, ends))
+    return loops
+
+
+def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
+    loop = [first, ends[first].pop()]
+    while loop[-1] != first:
+        choices = ends[loop[-1]]
+        before, here = loop[-2:]
+        if len(choices) == 1:
+            loop.append(choices.pop())
+            continue
+        # where two squares meet in a corner, the sharpest right turn stays on the same square
+        following = max(choices, key=lambda after: _turn(before, here, after))
+        choices.remove(following)
+        loop.append(following)
+    return loop[:-1]
+
+
+def _turn(before: Vertex, here: Vertex, after: Vertex) -> float:
+    """Angle from one edge to the next in radians, to the right positive."""
+    a, b = here[0] - before[0], here[1] - before[1]
+    c, d = after[0] - here[0], after[1] - here[1]
+    return atan2(a * d - b * c, a * c + b * d)
+
+
+def _without_straight_points(loop: Loop) -> Loop:
+    neighbours = zip(loop[-1:] + loop[:-1], loop, loop[1:] + loop[:1], strict=True)
+    return [
+        here for (a, b), here, (c, d) in neighbours if (here[0] - a) * (d - here[1]) != (here[1] - b) * (c - here[0])
+    ]

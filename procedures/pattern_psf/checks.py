@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
-from procedures.facts import facts_as
 from procedures.numbers import MTF50_RADIAL, MTF_NYQUIST, RADIAL, S_OVER_T
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
@@ -29,7 +28,7 @@ from procedures.pattern_psf.outline import SHEET, frontal_outline, present_outli
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.pattern_psf.radiometry import LightLevels, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.plan import Advice, Facts, Outline, Points, Reading
+from procedures.plan import Advice, Facts, Outline, Points, Reading, facts_as
 from procedures.raw import Plane, RawFrame
 
 PREFERRED_PLANES = ("G1", "Y")

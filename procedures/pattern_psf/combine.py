@@ -19,8 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaincc, ndtri
 
-from procedures.budget import COMMON, TERMS, Budget, knot_budgets, with_parts
-from procedures.choice import Trial
+from procedures.choice import COMMON, TERMS, Budget, Trial, knot_budgets, with_parts
 from procedures.numerics.arrays import Array
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes

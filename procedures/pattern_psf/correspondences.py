@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array
-from procedures.numerics.ordered import quantile
+from procedures.numerics.arrays import Array, quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import ChartFit
 

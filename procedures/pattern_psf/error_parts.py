@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import Budget
+from procedures.choice import Budget
 from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import NormalEquations
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, ChartFit

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
+from procedures.corruption.family import SampleGroup, Strength, strengths
 from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_scores, mask_scores, texture_correlation
-from procedures.corruption.scores import SampleGroup, Strength, strengths
 from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
-from procedures.numerics.sampled_convolution import sample_convolution
+from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import apply_homography, cubic_monomials, displacement_columns
 from procedures.pattern import BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.radiometry import LightLevels, quadratic
@@ -108,7 +108,7 @@ def _pictures(whole: WholeChart, samples: Array32, levels: tuple[float, float]) 
     return cut | {directions.GHOST: (ghost - levels[0]) / (levels[1] - levels[0])}
 
 
-# --- the whole chart -------------------------------------------------------------------------------------------------
+# --- the whole chart ---
 # The fit sees the noise region alone. The frame shows straight edges of full contrast: through the same linear lens
 # they look as the fit predicts. A filter that is not linear treats them otherwise than the cells.
 

@@ -87,7 +87,7 @@ def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:
     return f"{optics.distance_mm(s_over_t / s) / 1000:.2f} m"
 
 
-# --- gamma over the distance -----------------------------------------------------------------------------------------
+# --- gamma over the distance ---
 # The whole chart is imaged squarely by an ideal sensor. No lens is included, since gamma is defined for the chart on
 # the s grid, band-limited to it. Closer than s/t = 1 more samples cover the noise region, and the chart's spectrum
 # falls, to zero at the band's edge for s/t = 2; farther away the cells average to grey.
@@ -148,7 +148,7 @@ def _covariance(cell: float, k: int) -> Array:
     return np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
 
 
-# --- gamma of a view -------------------------------------------------------------------------------------------------
+# --- gamma of a view ---
 # gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart on the sensor's s grid, black 0, white 1.
 # Noise of variance sigma^2 causes an expected squared error of the PSF of gamma sigma^2, so sqrt(gamma) times the noise
 # is the norm of the error. gamma depends on the view alone; the contributions of light, geometry, print and tail are in

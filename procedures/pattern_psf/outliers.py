@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.ordered import quantile
+from procedures.numerics.arrays import quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 

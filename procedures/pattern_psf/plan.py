@@ -12,18 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from procedures.budget import COMMON, combined
-from procedures.choice import START_K
+from procedures.choice import COMMON, START_K, combined
 from procedures.drawings import steps as drawings
-from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.distance import LENGTH_MM
 from procedures.pattern_print.formats import encode
-from procedures.pattern_print.paper import PAPERS, Paper, papers_of_locale
-from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, SMALLEST_WIDTH_MM, Size
+from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, PAPERS, SMALLEST_WIDTH_MM, Paper, Size, papers_of_locale
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tiles import tiling_of
+from procedures.pattern_print.tile_sheets import tiling_of
 from procedures.pattern_psf.checks import (
     best_place,
     best_tried,
@@ -61,6 +58,9 @@ from procedures.plan import (
     Shoot,
     Show,
     Step,
+    axes_of,
+    facts_as,
+    required,
 )
 from procedures.raw import Plane, RawFrame
 

@@ -9,15 +9,13 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.clipping import find_clipping
-from procedures.numerics.arrays import Array
-from procedures.numerics.ordered import quantile
+from procedures.clipping import SensorModel, find_clipping
+from procedures.numerics.arrays import Array, quantile
 from procedures.outcome import Refused
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, WHITE_BLOCKS
 from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.raw import Plane
-from procedures.sensor_model import SensorModel
 
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations, and digital numbers, beyond which a block's sample is an outlier of its surface."""

@@ -31,7 +31,7 @@ from procedures.numerics.kernel_tail import (
     tail_sums,
 )
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
-from procedures.numerics.sampled_convolution import sample_convolution
+from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset

@@ -20,7 +20,7 @@ import numpy as np
 
 from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_prior import prior_covariance
-from procedures.numerics.solvers import cholesky_inverse, solve_constrained
+from procedures.numerics.normal_equations import cholesky_inverse, solve_constrained
 from procedures.pattern import CELLS
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.refine import GEOMETRY, TAIL, ChartFit

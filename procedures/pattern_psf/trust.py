@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.choice import OPEN, Trial
+from procedures.clipping import SensorModel
 from procedures.corruption.family import threshold
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
@@ -17,7 +18,6 @@ from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import ChartFit
 from procedures.psf import Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
-from procedures.sensor_model import SensorModel
 
 MIN_AGREEMENT = 0.3
 """Least share of the noise region's variance that the expected cells must explain."""

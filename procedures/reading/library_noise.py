@@ -1,7 +1,5 @@
 """Capture of messages that C libraries print to standard error, for the reader instead of the terminal."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -10,7 +8,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import BinaryIO, cast
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+import numpy.typing as npt
 
 # LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
 _OWN_LINES = re.compile(
@@ -67,3 +68,33 @@ def _unnamed_file() -> BinaryIO:
     if hasattr(os, "memfd_create"):
         return os.fdopen(os.memfd_create("noise"), "w+b")
     return cast(BinaryIO, tempfile.TemporaryFile())
+
+
+# --- Detection of stuck pixels ---
+
+
+def no_pixels() -> npt.NDArray[np.intp]:
+    """Empty list of pixels."""
+    return np.empty((0, 2), dtype=np.intp)
+
+
+def stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
+    """[row, column] of pixels at white whose eight neighbours are all below half of it, and of pixels at the digital
+    number 0 whose neighbours all exceed 10 % of white; none if more than 1 % qualify, which is scene detail."""
+    white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
+    bad = [_isolated(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
+    bad += [_isolated(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]
+    return np.concatenate(bad)
+
+
+def _isolated(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
+    rows, columns = samples.shape
+    places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
+    if len(places) == 0 or len(places) > samples.size / 100:
+        return no_pixels()
+    row, column = places.T
+    places = places[(row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)]
+    around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
+    near = np.stack([samples[places[:, 0] + r, places[:, 1] + c] for r, c in around])
+    isolated: npt.NDArray[np.intp] = places[differs(near)]
+    return isolated

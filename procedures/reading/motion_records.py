@@ -1,7 +1,5 @@
 """Records of the camera's motion during an exposure: measured by an inertial unit, or commanded to a shaker."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Text formats, JSON, TOML, CSV and arrays of numbers, with a limit of memory."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from procedures.facts import CameraFacts
+from procedures.plan import CameraFacts
 
 APERTURES, MOTIONS, BOTH = "apertures", "motions", "motions and lens"
 PLANE, COLOUR = "one plane", "colour"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
-from procedures.numerics.registration import affine_between
+from procedures.numerics.warps import affine_between
 from procedures.outcome import BadInput, Outcome, with_doubt
 from procedures.raw import Plane, PlaneLike, as_frame
 from procedures.restoration.colour.mosaic import COLOUR

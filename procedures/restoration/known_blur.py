@@ -7,9 +7,9 @@ from contextlib import suppress
 
 import numpy as np
 
-from procedures.facts import required
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
+from procedures.plan import required
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
 from procedures.restoration.facts import BOTH, COLOUR, MOTIONS, ORDER, SEARCH, RestorationFacts

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict, with_doubt
 from procedures.plan import (
     HAS_IMU,
@@ -29,6 +28,7 @@ from procedures.plan import (
     Shake,
     Shoot,
     Step,
+    facts_as,
 )
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
@@ -206,7 +206,7 @@ def compared_to_truth(
         return outcome if outcome.value is None else with_doubt(outcome, error.reason, error.remedy)
 
 
-# --- questions of the plan of a restoration, each with the condition under which it is asked -------------------------
+# --- questions of the plan of a restoration, each with the condition under which it is asked ---
 
 
 def shaken(facts: Facts) -> bool:

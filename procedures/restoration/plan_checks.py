@@ -11,9 +11,8 @@ import numpy as np
 
 from procedures.advice import exposure_advice
 from procedures.clipping import NOMINAL
-from procedures.facts import facts_as
 from procedures.outcome import ProcedureError
-from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.plan import Advice, Fact, Facts, Reading, facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import disagreements
 from procedures.restoration.colour.mosaic import is_mosaic

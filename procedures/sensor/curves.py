@@ -4,16 +4,14 @@ Every number of the temporal part is a function of these curves, so one computat
 over the measured curves and over draws with the errors of pictures of finite size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from procedures.numerics.arrays import Array
-from procedures.sensor.recording import SensorRecording, column
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, subtracted, unrounded
+from procedures.sensor.stacks import SensorRecording, column
 from procedures.sensor.uniformity import core_variance
 
 DRAWS = 1000  # sufficient for standard uncertainties to 2 %

@@ -4,8 +4,6 @@ EMVA 1288 release 4.0 linear, section 8.5, leaves the limit to the application a
 here a pixel is a defect beyond a deviation that a normal distribution is not expected to reach in all pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

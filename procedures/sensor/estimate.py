@@ -1,12 +1,11 @@
 """Characterisation of a sensor from its recording: EMVA 1288 release 4.0, linear and general model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from procedures.clipping import SensorModel
 from procedures.display import summary
 from procedures.numbers import (
     DEFECT_PIXELS,
@@ -23,25 +22,28 @@ from procedures.numbers import (
 from procedures.outcome import Check, Outcome, Verdict, verdict_of
 from procedures.sensor.curves import Curves, curves_of, light_spread
 from procedures.sensor.defects import Defects, dark_field, find_defects, response_field
-from procedures.sensor.linearity import LEAST_LEVELS as LEAST_LEVELS_OF_LINE
-from procedures.sensor.linearity import RANGE, Linearity, Response, fit_linearity, fit_response, linearity_numbers
+from procedures.sensor.information import general_numbers
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import (
     LEAST_DARK_VARIANCE,
+    RANGE,
     REGRESSION,
+    Linearity,
+    Response,
     Transfer,
     dark_current_numbers,
+    fit_linearity,
+    fit_response,
     fit_transfer,
+    linearity_numbers,
     saturation_index,
     saturation_range,
     transfer_numbers,
 )
-from procedures.sensor.recording import SensorRecording, column
-from procedures.sensor.signal_to_noise import general_numbers
+from procedures.sensor.photon_transfer import LEAST_LEVELS as LEAST_LEVELS_OF_LINE
 from procedures.sensor.spectrograms import Period, Spectrogram, find_periods, spectrogram
-from procedures.sensor.stacks import FrameStack, least_spread, slow_part
+from procedures.sensor.stacks import FrameStack, SensorRecording, column, least_spread, slow_part
 from procedures.sensor.uniformity import Rounding, before_rounding, dark_numbers, response_numbers, unevenness
-from procedures.sensor_model import SensorModel
 
 DIRECTIONS = ("horizontal", "vertical")
 
@@ -200,7 +202,7 @@ def _curvature_at(result: SensorResult, signal: float) -> float:
     return float(abs(response.relative_slope(light)[0, 0] / ratio - 1))
 
 
-# --- checks of a recording -------------------------------------------------------------------------------------------
+# --- checks of a recording ---
 
 LEAST_LEVELS, ENOUGH_LEVELS = 8, 20
 """Minimum number of levels of light, and of an unquestioned ladder; EMVA requires 50."""

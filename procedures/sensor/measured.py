@@ -1,7 +1,5 @@
 """Numbers with a 95 % interval, from draws or from a variance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

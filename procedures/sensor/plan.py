@@ -4,22 +4,20 @@ The levels of the ladder are set by a light panel at one exposure time, or by th
 controls no panel.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from procedures.advice import changed_settings, nominal_times_s, time_words
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as, required
 from procedures.outcome import Outcome
 from procedures.plan import (
     Advice,
     Ask,
+    CameraFacts,
     Decide,
     Estimate,
     Facts,
@@ -32,9 +30,11 @@ from procedures.plan import (
     SetLight,
     Shoot,
     Step,
+    facts_as,
+    gathered_numbers,
+    required,
 )
 from procedures.raw import RawFrame
-from procedures.sensor.facts import LIT, SensorFacts, mark_of
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 LEVELS, PICTURES = 24, 16  # levels of the ladder; pictures in each stack
@@ -107,7 +107,7 @@ def without_panel(facts: Facts) -> bool:
 COVER = Ask("covered", "Cover lens or sensor: no light at all.", when=without_panel)
 UNCOVER = Ask("uncovered", "Take the cover off again.", when=without_panel)
 
-# --- exposure ----------------------------------------------------------------------------------------------------
+# --- exposure ---
 
 
 def check_panel(frame: RawFrame, facts: Facts) -> Advice:
@@ -158,7 +158,7 @@ PANEL = (
     Look("panel", check_panel, tries=10),
 )
 
-# --- pictures ----------------------------------------------------------------------------------------------------
+# --- pictures ---
 
 
 def level(light: float) -> tuple[Request, ...]:
@@ -206,3 +206,28 @@ def estimate_none(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], kn
 def enough(count: int, results: Sequence[Outcomes], facts: Facts) -> Advice:
     """Whether the number of pictures is reached."""
     return Advice(len(results) >= count, f"Pictures: {len(results)} of {count}.")
+
+
+# --- Facts of a guided sensor measurement: the exposure, and the light of every picture ---
+
+LIT = "lit_"  # prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum
+MARK = 16  # characters of a file's hash that identify it
+
+
+def mark_of(sha256: str) -> str:
+    """Name of a picture in the facts."""
+    return sha256[:MARK]
+
+
+@dataclass(frozen=True)
+class SensorFacts(CameraFacts):
+    """Facts of the plan.
+
+    light_level : setting of the panel; None without one, where exposure times make the ladder
+    ladder_s : exposure time of the whole ladder, or of its brightest level
+    lit : light of every accepted picture, by its mark; 0 in the dark
+    """
+
+    light_level: float | None = None
+    ladder_s: float | None = None
+    lit: Mapping[str, float] = gathered_numbers(LIT)

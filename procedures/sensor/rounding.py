@@ -14,8 +14,6 @@ Over pixels of means x ~ N(m, s^2), with e_k(v) = exp(-2 pi^2 k^2 v), C_k = cos(
 Above `NEGLIGIBLE` the sums vanish and V_t = sigma^2 + 1/12, as EMVA 1288 has it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ EMVA 1288 release 4.0 linear, sections 4 and 8.2. The numbers describe this sens
 due to temporal noise in the mean pictures, not to differences between sensors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Course of an edge: a polynomial through the centroids of each row's derivative, before refinement."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Detection of edges in a plane: straight segments with uniform areas on both sides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

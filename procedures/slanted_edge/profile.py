@@ -6,8 +6,6 @@ the slope of the light are fitted beyond the core, since no window contains the 
 high.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

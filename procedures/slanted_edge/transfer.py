@@ -1,7 +1,5 @@
 """MTF of an edge spread function: differences, window, tail beyond the window, Fourier transform."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks on an edge and its MTF, but those of corruptions."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

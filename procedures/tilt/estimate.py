@@ -1,7 +1,5 @@
 """The sensor's plane from the PSFs of a focus bracket: tilt, backfocus, curvature, and the correcting turns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -23,8 +21,16 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
-from procedures.tilt.plane import Positions, TiltedPlane, behind_lens_um, fit_plane, magnification
-from procedures.tilt.screws import Screws, Turns, turns_for
+from procedures.tilt.plane import (
+    Positions,
+    Screws,
+    TiltedPlane,
+    Turns,
+    behind_lens_um,
+    fit_plane,
+    magnification,
+    turns_for,
+)
 
 UNLIKELY = 0.001  # probability of larger residuals below which they are not noise alone
 LARGE_UM = 5.0  # uncertainty of the tilt over the frame above which it is doubtful

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
 
@@ -16,11 +16,9 @@ import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import AxisTravel, facts_as, required
 from procedures.field import plan as field_plan
-from procedures.field.facts import TourStart
-from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
-from procedures.field.plan import BEFORE
+from procedures.field.measuring import AHEAD, Location, direction, pan_tilt_deg, ray
+from procedures.field.plan import BEFORE, FieldFacts, TourStart
 from procedures.numbers import HELPS, TILT_CORNER
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
@@ -33,6 +31,7 @@ from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import (
     Advice,
     Ask,
+    AxisTravel,
     Decide,
     Estimate,
     Fact,
@@ -48,12 +47,15 @@ from procedures.plan import (
     Step,
     Tour,
     TourStop,
+    facts_as,
+    gathered,
+    gathered_numbers,
+    number,
+    required,
 )
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
-from procedures.tilt.facts import DEPTH, TURN, TiltFacts
-from procedures.tilt.plane import Positions, behind_lens_um
-from procedures.tilt.screws import SURE
+from procedures.tilt.plane import SURE, Positions, Screws, behind_lens_um
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
@@ -97,7 +99,7 @@ def plan(estimate: Estimator) -> Plan:
     )  # fmt: skip
 
 
-# --- rail and lens: the chart's width ----------------------------------------------------------------------------
+# --- rail and lens: the chart's width ---
 
 RAIL: tuple[Request, ...] = (
     *LENS,
@@ -119,7 +121,7 @@ def after_rail(step: Step) -> tuple[Request, ...]:
     )
 
 
-# --- screws ------------------------------------------------------------------------------------------------------
+# --- screws ---
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
@@ -195,7 +197,7 @@ def turns_by_hand(facts: Facts) -> dict[str, float]:
 
 TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
 
-# --- bracket -----------------------------------------------------------------------------------------------------
+# --- bracket ---
 
 
 def stops(facts: Facts) -> list[TourStop]:
@@ -280,7 +282,7 @@ def check_bracket(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     return replace(advice, facts=depth) if advice.good else advice
 
 
-# --- reach of the rail ----------------------------------------------------------------------------------------------
+# --- reach of the rail ---
 
 STEPS = (-3, -2, -1, 0, 1, 2, 3)
 """Range of the bracket in depths of focus behind the lens: f-number times a pixel of the plane."""
@@ -311,7 +313,7 @@ def bracket_mm(optics: ImagingGeometry, f_number: float, distance_mm: float) -> 
     return sorted(f * image / (image - f) for image in images_mm)
 
 
-# --- before the chart is printed ---------------------------------------------------------------------------------
+# --- before the chart is printed ---
 
 
 def expected_bracket_mm(known: TiltFacts) -> list[float]:
@@ -363,7 +365,7 @@ def width_within_reach(facts: Facts) -> float:
     )
 
 
-# --- before the first photograph of the bracket ------------------------------------------------------------------
+# --- before the first photograph of the bracket ---
 
 
 def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
@@ -379,3 +381,47 @@ def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
 def without_laser(facts: Facts) -> Facts:
     """The facts without the rangefinder's reading: the chart may be mounted anywhere."""
     return {name: one for name, one in facts.items() if name != "distance_mm"}
+
+
+# --- Facts of a guided tilt: the screws, the distance of each photograph of the bracket, and the required turns ---
+
+DEPTH, TURN = "depth_", "turn_"
+"""Prefixes of a photograph's mark for the chart's distance, and of a screw's number for its turns."""
+
+
+def turns_of(facts: Facts) -> tuple[float, ...]:
+    """The required turns of the screws, away from the lens; empty before they are measured. Raises BadParameter."""
+    screws = sorted(int(name.removeprefix(TURN)) for name in facts if name.startswith(TURN))
+    return tuple(number(facts, f"{TURN}{i}") for i in screws)
+
+
+@dataclass(frozen=True)
+class TiltFacts(FieldFacts):
+    """Facts of the plan.
+
+    screw_count, screw_radius_mm, screw_pitch_mm, first_screw_deg : of `Screws`
+    depths : distance of the chart along the optical axis in mm, by the photograph's mark
+    turns : required turns of the screws
+    helps : probability that they improve the alignment
+    corner_um : height of the sensor's highest corner over its centre
+    """
+
+    screw_count: float | None = None
+    screw_radius_mm: float | None = None
+    screw_pitch_mm: float | None = None
+    first_screw_deg: float | None = None
+    depths: Mapping[str, float] = gathered_numbers(DEPTH)
+    turns: tuple[float, ...] = gathered(turns_of, prefix=TURN)
+    helps: float | None = None
+    corner_um: float | None = None
+
+    @property
+    def screws(self) -> Screws:
+        """The given screws, with defaults for unknown values."""
+        given: dict[str, Any] = {
+            "count": None if self.screw_count is None else int(self.screw_count),
+            "radius_mm": self.screw_radius_mm,
+            "pitch_mm": self.screw_pitch_mm,
+            "first_deg": self.first_screw_deg,
+        }
+        return Screws(**{name: value for name, value in given.items() if value is not None})

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from procedures.facts import facts_as
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import BadParameter, Refused
-from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.plan import Advice, Fact, Facts, Reading, facts_as
 from procedures.raw import Plane
 from procedures.two_photo.facts import RATIO, SHARP_RATIO, TwoPhotoFacts
 from procedures.two_photo.registration import register

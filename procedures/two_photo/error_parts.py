@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import Budget
+from procedures.choice import Budget
 from procedures.numerics.warps import inverse
 from procedures.psf import Psf
 from procedures.quality import Quality

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import with_modes, with_parts
-from procedures.choice import Trial, choose, remaining_change
+from procedures.choice import Trial, choose, remaining_change, with_modes, with_parts
 from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
-from procedures.numerics.solvers import cholesky_solve, solve_constrained
+from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Check, Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling

@@ -10,9 +10,18 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, FLOW, GHOST, MEDIAN, THRESHOLD
-from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, SHARPENED, SMOOTHED, nuisance
+from procedures.corruption.family import (
+    FILTERED,
+    GHOSTED,
+    SELECTIVE,
+    SHARPENED,
+    SMOOTHED,
+    SampleGroup,
+    Strength,
+    nuisance,
+    strengths,
+)
 from procedures.corruption.noise import DRIFT, MaskScore, Variogram, mask_scores, texture_correlation
-from procedures.corruption.scores import SampleGroup, Strength, strengths
 from procedures.outcome import SYMPTOM, Check
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procedures.facts import CameraFacts, derived_from
+from procedures.plan import CameraFacts, derived_from
 
 LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
 """Ratio of the two distances: below, no subpixel PSF is determined; above, the common part of the wall is too small."""

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
-from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.splines import photograph_spline, read_spline
+from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
 from procedures.outcome import Refused
 

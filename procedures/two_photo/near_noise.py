@@ -17,7 +17,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from procedures.numerics.kernel_tail import tail_kernels
-from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.normal_equations import cholesky_solve
 from procedures.numerics.warps import inverse
 from procedures.outcome import Refused
 from procedures.two_photo.inter_image import TAIL, PairFit

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from procedures.advice import changed_settings, exposure_advice
 from procedures.clipping import NOMINAL
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as, required
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -34,6 +33,8 @@ from procedures.plan import (
     SetLight,
     Shoot,
     Step,
+    facts_as,
+    required,
 )
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.distances import (
@@ -107,7 +108,7 @@ def far_summary(facts: Facts) -> str:
     return "" if change is None else f"light {change:+.0f} %"
 
 
-# --- wall and distances ------------------------------------------------------------------------------------------
+# --- wall and distances ---
 
 
 def on_rail(facts: Facts) -> bool:
@@ -161,7 +162,7 @@ WALL = (
     ),
 )  # fmt: skip
 
-# --- checks ------------------------------------------------------------------------------------------------------
+# --- checks ---
 
 
 def clipped_fraction(frame: RawFrame) -> float:
@@ -240,7 +241,7 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
 
 CHECKS = {"near": check_near, "far": check_far}
 
-# --- focus and shots ---------------------------------------------------------------------------------------------
+# --- focus and shots ---
 
 
 def sharpness(frame: RawFrame, facts: Facts) -> float:
@@ -313,7 +314,7 @@ def enough(place: str, results: Sequence[Outcomes], facts: Facts) -> Advice:
     return Advice(len(results) >= FRAMES, say, facts={f"{place}_frames": float(len(results))})
 
 
-# --- estimate ----------------------------------------------------------------------------------------------------
+# --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:

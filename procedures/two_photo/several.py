@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
-from procedures.budget import with_modes, with_parts
-from procedures.choice import remaining_change
+from procedures.choice import remaining_change, with_modes, with_parts
 from procedures.numbers import MTF_CROSSINGS
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import BadParameter, Check, Outcome, Verdict, verdict_of

@@ -1,7 +1,5 @@
 """Vignetting and colour shading from flats: verdict, numbers and maps of each plane."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,8 +18,7 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
-from procedures.vignetting.cells import LightCells, cells_of
-from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
+from procedures.vignetting.surface import Falloff, LightCells, RadialFalloff, cells_of, fit_falloff, fit_radial
 
 REFERENCE = "G1"
 GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
@@ -173,7 +170,7 @@ def _noise(one: PlaneVignetting) -> Array:
     return replace(one.surface, slope_covariance=np.zeros((2, 2))).uncertainty(one.places) / one.value
 
 
-# --- the formulas of all planes -----------------------------------------------------------------------------------
+# --- the formulas of all planes ---
 
 
 @dataclass(frozen=True, eq=False)

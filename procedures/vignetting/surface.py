@@ -16,9 +16,10 @@ from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
 from procedures.numerics.arrays import Array
+from procedures.numerics.scattered import monomials
+from procedures.outcome import Refused
 from procedures.psf_field import in_half_diagonals
-from procedures.vignetting.cells import LightCells
-from procedures.vignetting.formula import LightSurface, design_of, terms_of
+from procedures.raw import Plane
 
 DEGREES = (2, 4, 6, 8)
 OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded
@@ -173,3 +174,112 @@ def fit_radial(surface: Falloff, places: Array) -> RadialFalloff:
         float(np.sqrt(np.mean(error**2))),
         float(np.abs(error).max()),
     )
+
+
+# --- Averages of a flat over cells of the frame, with their noise ---
+
+COLUMNS = 32  # cells along the longer side: vignetting is smooth over many of them
+LEAST_SIDE = 4  # minimum number of samples along a cell's side
+CLIPPED, MOST_CLIPPED = 0.98, 1e-3  # level of a clipped sample, and the accepted share of them
+DARK = 0.02  # minimum of a flat's median on the scale
+
+
+@dataclass(frozen=True, eq=False)
+class LightCells:
+    """Averages over cells.
+
+    place : (n, 2), (x, y) of the cells' centres, in pixels of the plane
+    level : (n,), sigma : (n,); mean, and its standard deviation by the noise of the samples, including fixed pattern
+    """
+
+    place: Array
+    level: Array
+    sigma: Array
+
+
+def cells_of(plane: Plane, source: str) -> LightCells:
+    """The cells of a flat's plane. Raises Refused if it is clipped, dark, or too small."""
+    rows, columns = plane.samples.shape
+    side = max(rows, columns) // COLUMNS
+    if side < LEAST_SIDE or min(rows, columns) < 6 * side:
+        raise Refused(
+            f"{source}: a flat needs {COLUMNS * LEAST_SIDE} pixels along its longer side; {plane.name} is "
+            f"{columns} x {rows}",
+            "give whole photographs of the sensor",
+        )
+    _check_light(plane, source)
+    ny, nx = rows // side, columns // side
+    top, left = (rows - ny * side) // 2, (columns - nx * side) // 2
+    part = plane.samples[top : top + ny * side, left : left + nx * side].astype(np.float64)
+    blocks = part.reshape(ny, side, nx, side)
+    level = blocks.mean(axis=(1, 3))
+    steps = np.diff(blocks, axis=3)
+    variance = np.mean(steps**2, axis=(1, 3)) / 2 + plane.quantisation**2 / 12
+    y, x = np.meshgrid(
+        top + side * np.arange(ny) + (side - 1) / 2, left + side * np.arange(nx) + (side - 1) / 2, indexing="ij"
+    )
+    place = np.column_stack([x.ravel(), y.ravel()])
+    return LightCells(place, level.ravel(), np.sqrt(variance.ravel()) / side)
+
+
+def _check_light(plane: Plane, source: str) -> None:
+    clipped = float(np.mean(plane.samples >= CLIPPED))
+    if clipped > MOST_CLIPPED:
+        raise Refused(f"{source}: {clipped:.1%} of {plane.name} are clipped", "expose a flat to half of the scale")
+    middle = float(np.median(plane.samples))
+    if middle < DARK:
+        raise Refused(
+            f"{source}: {plane.name} is at {middle:.1%} of the scale, too dark for a flat",
+            "expose a flat to half of the scale",
+        )
+
+
+# --- The light of a plane over its frame: as a polynomial, and as even powers of a radius ---
+
+
+@dataclass(frozen=True, eq=False)
+class LightSurface:
+    """Log light as a polynomial of the position.
+
+    shape : (rows, columns) of the plane; coefficients : (c,) coefficients of the monomials of the position in half
+    diagonals from the frame's centre, without the constant.
+    """
+
+    shape: tuple[int, int]
+    degree: int
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        if self.coefficients.shape != (terms_of(self.degree),) or not np.isfinite(self.coefficients).all():
+            raise ValueError(f"a surface of degree {self.degree} needs {terms_of(self.degree)} finite coefficients")
+
+    def at(self, points: Array) -> Array:
+        """Light at points (n, 2) of the plane, relative to the frame's centre."""
+        return np.asarray(np.exp(design_of(in_half_diagonals(points, self.shape), self.degree) @ self.coefficients))
+
+
+@dataclass(frozen=True, eq=False)
+class EvenPowers:
+    """A (1 + sum over i of terms[i] r^(2 i + 2)), and its relative error: rms and largest."""
+
+    terms: Array
+    lost: float
+    most: float
+
+
+def terms_of(degree: int) -> int:
+    """Number of coefficients of a surface."""
+    return (degree + 1) * (degree + 2) // 2 - 1
+
+
+def design_of(u: Array, degree: int) -> Array:
+    """The monomials without the constant at u (n, 2), (n, c)."""
+    return monomials(u, degree)[:, 1:]
+
+
+def even_powers(r: Array, values: Array, count: int) -> EvenPowers:
+    """Least-squares fit of even powers of r (n,) to values (n,), by relative error, with free A."""
+    design = r[:, None] ** (2 * np.arange(count + 1))
+    c = np.linalg.lstsq(design / values[:, None], np.ones(len(values)), rcond=None)[0]
+    error = design @ c / values - 1
+    return EvenPowers(c[1:] / c[0], float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()))

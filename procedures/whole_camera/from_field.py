@@ -1,23 +1,46 @@
 """Parts of a camera from a field's charts: the PSF's numbers at every place, lateral colour, geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import MeasuredChart
+from procedures.field.maps import LateralColour
 from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
 from procedures.geometry.uncertainty import camera_response
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
+from procedures.sensor.photon_transfer import GainAndNoise
+from procedures.vignetting.estimate import NAMES, UNITS, JointFormula
 from procedures.whole_camera.joint import CameraPart, ChartKey, JointNumbers, join
+
+FLATS, LADDER = "the flats", "the sensor's ladder of light"
+
+
+def vignetting_parts(formula: JointFormula) -> list[CameraPart]:
+    """The radial formulas of all planes, correlated by the slope of the flats' light."""
+    if not formula.planes:
+        return []
+    names = tuple(f"{plane}.{name}" for plane in formula.planes for name in NAMES)
+    return [CameraPart("vignetting", names, UNITS * len(formula.planes), formula.values, formula.covariance, FLATS)]
+
+
+def sensor_parts(planes: Mapping[str, GainAndNoise]) -> list[CameraPart]:
+    """Gain and dark noise of all planes, independent between planes."""
+    if not planes:
+        return []
+    names = tuple(f"{plane}.{name}" for plane in planes for name in GainAndNoise.NAMES)
+    values = np.array([value for one in planes.values() for value in one.values])
+    covariance = np.zeros((len(values), len(values)))
+    for i, one in enumerate(planes.values()):
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = one.covariance
+    return [CameraPart("sensor", names, GainAndNoise.UNITS * len(planes), values, covariance, LADDER)]
+
 
 Array = npt.NDArray[np.float64]
 
@@ -29,8 +52,6 @@ SENSOR = "sensor"  # name of the part of the sensor's numbers, and of the term o
 class WholeCamera:
     """Results of one session with a camera.
 
-    Attributes
-    ----------
     numbers : JointNumbers
     places : plane and chart of every place of the PSF's numbers, in their order
     colours : tuple of LateralColour
@@ -48,8 +69,6 @@ def whole_camera(
 ) -> WholeCamera:
     """The camera of a field.
 
-    Parameters
-    ----------
     result : FieldResult
     cell_mm : side of a printed cell: scale of the distances, without effect on the camera
     others : from other photographs
@@ -108,7 +127,7 @@ def with_sensor_reason(part: CameraPart, charts: Mapping[str, Sequence[MeasuredC
     return replace(part, independent_of={SENSOR: why})
 
 
-# --- PSF ---------------------------------------------------------------------------------------------------------
+# --- PSF ---
 
 
 def psf_part(plane: str, charts: Sequence[MeasuredChart]) -> CameraPart:
@@ -150,7 +169,7 @@ def _own_covariance(one: MeasuredChart, slope: Array) -> Array:
     return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))
 
 
-# --- lateral colour ----------------------------------------------------------------------------------------------
+# --- lateral colour ---
 
 
 def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[MeasuredChart]]) -> CameraPart:
@@ -186,7 +205,7 @@ def _power(letter: str, exponent: int) -> str:
     return "" if exponent == 0 else letter if exponent == 1 else f"{letter}{exponent}"
 
 
-# --- geometry ----------------------------------------------------------------------------------------------------
+# --- geometry ---
 
 
 def field_geometry(

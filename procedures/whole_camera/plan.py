@@ -5,18 +5,15 @@ repeated with the chart in place. Each place is also a view of the geometry; the
 earlier ones.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 from procedures.drawings import steps as drawings
-from procedures.facts import facts_as
 from procedures.field import plan as field_plan
 from procedures.field.plan import Estimator
 from procedures.geometry import plan as geometry_plan
-from procedures.geometry.facts import ViewPose, as_pose, pose_facts
+from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
 from procedures.geometry.next_view import chart_at, planned_view
 from procedures.geometry.views import chart_nodes
 from procedures.pattern_psf.checks import seen_chart, shown
@@ -35,11 +32,32 @@ from procedures.plan import (
     Step,
     Tour,
     TourStop,
+    facts_as,
+    gathered_numbers,
 )
 from procedures.raw import RawFrame
 from procedures.sensor import plan as sensor_plan
-from procedures.sensor.facts import mark_of
-from procedures.whole_camera.facts import FLAT, NO_PANEL, PANEL, PANEL_TURNED, TURNED, WholeCameraFacts
+from procedures.sensor.plan import SensorFacts, mark_of
+
+FLAT, TURNED = "flat_", "turned_"
+"""Prefixes of a picture's mark: facts of the panel's quarter turns, and of the number of a view of the turned chart."""
+PANEL, NO_PANEL = "with a light panel", "without"
+PANEL_TURNED = "panel_turned_"  # prefix of a number of quarter turns: the fact that the panel was turned by it
+
+
+@dataclass(frozen=True)
+class WholeCameraFacts(GeometryFacts, SensorFacts):
+    """Facts of the plan.
+
+    light : `PANEL`, or `NO_PANEL` without sensor and vignetting
+    flats : quarter turns of the panel, by the picture's mark
+    turned : numbers of the views of the turned chart, by the photograph's mark
+    """
+
+    light: str = PANEL
+    flats: Mapping[str, float] = gathered_numbers(FLAT)
+    turned: Mapping[str, float] = gathered_numbers(TURNED)
+
 
 USUAL, MOST = 6, 30  # views of the turned chart
 QUARTERS = 4  # orientations of the panel, which average its slope
@@ -50,8 +68,6 @@ PREDICTED = (0, 2, 4, 6, 8)  # numbers of turned views for which the uncertainty
 def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = sensor_plan.PICTURES) -> Plan:
     """The guided calibration of a camera in one mounting.
 
-    Parameters
-    ----------
     levels, pictures : levels of the sensor's ladder, pictures in each stack
     """
     sensor, field = sensor_plan.plan(estimate, levels, pictures), field_plan.plan(estimate)
@@ -77,7 +93,7 @@ def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = 
     )  # fmt: skip
 
 
-# --- light -------------------------------------------------------------------------------------------------------
+# --- light ---
 
 LIGHT = Ask(
     "light", "Is there a light panel, for the sensor and for vignetting?", "choice", default=PANEL,
@@ -122,7 +138,7 @@ FLATS = Step(
     drawings.PANEL,
 )  # fmt: skip
 
-# --- places and views --------------------------------------------------------------------------------------------
+# --- places and views ---
 
 
 def stops(facts: Facts) -> list[TourStop]:

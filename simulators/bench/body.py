@@ -3,17 +3,15 @@
 The renderer gives the contents of the file; this module models its time, its name and its faults.
 """
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 from simulators.devices.serial_device import SimClock
 from simulators.world.clock import EventSource
-from simulators.world.world import World
+from simulators.world.world import PathDrive, World
 
 NEVER = float("inf")
 
@@ -104,7 +102,6 @@ class CameraBody(EventSource):
             self._agenda.sort(key=lambda entry: entry[0])
 
     def next_event_s(self) -> float | None:
-        """Time of the next write."""
         with self._lock:
             return self._agenda[0][0] if self._agenda else None
 
@@ -147,3 +144,30 @@ def _append(path: Path, part: bytes, final: Path) -> Callable[[], None]:
             path.rename(final)
 
     return action
+
+
+# --- The shaker of the simulated bench: two voice coils that move the camera, driven by the box's channels ---
+
+STROKE_MM = 2.0
+"""Displacement from rest at full deflection, along x and y."""
+REST, DEEPEST = 2048, 2047
+
+
+class VoiceCoils:
+    """Channel 0 moves the camera to the right, channel 1 up."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
+        """Move the camera around these points from now on."""
+        ways = zip(*points, strict=True)
+        rounds = (
+            PathDrive(axis, now_s, interval_s, tuple(STROKE_MM * (step - REST) / DEEPEST for step in way))
+            for axis, way in zip(("x_mm", "y_mm"), ways, strict=True)
+        )
+        self._world.drive(tuple(rounds), now_s)
+
+    def rest(self, now_s: float) -> None:
+        """Return to the rest position of the springs."""
+        self._world.drive((), now_s)

@@ -1,7 +1,5 @@
 """Photographs of the demonstration: one chart and one camera at representative positions and sizes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,8 +36,6 @@ WHITE_E_PER_S = 1.5e5
 class Staging:
     """One photograph: frame, and position, size and orientation of the chart.
 
-    Attributes
-    ----------
     name : str
         Name of the files.
     title : str

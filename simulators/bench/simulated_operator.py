@@ -4,8 +4,6 @@ The operator begins with an empty wall and arbitrary camera settings, and is ine
 on the requests, not on time, so that a resumed session finds the bench in the same state.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,7 +13,7 @@ import numpy as np
 
 from simulators.bench.body import CameraBody
 from simulators.bench.view import Mount, View
-from simulators.camera.subjects import panel
+from simulators.camera.sheets import panel
 from simulators.devices.serial_device import SimClock
 from simulators.world.world import SinusoidalDrive, World
 

@@ -12,12 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from procedures.pattern import Chart
 from simulators.bench.body import Opening
-from simulators.camera.camera import Lens, Photograph, SimulatedCamera
+from simulators.camera.camera import ChartTruth, Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import Optics, Path
 from simulators.camera.pupil import defocus_um
 from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import FlatSheet, Frame, PlacedSheet, draw, draw_moving
-from simulators.camera.truth import ChartTruth
 from simulators.world.projection import ObjectPose as ChartPose
 from simulators.world.projection import Projection
 from simulators.world.scene import Illumination, PlacedChart, Scene, Wall
@@ -59,8 +58,6 @@ class Mount:
 class SensorMount:
     """The sensor's tilt and the screws that hold it, equally spaced around its centre.
 
-    Attributes
-    ----------
     slopes : (x, y)
         Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
         photograph.

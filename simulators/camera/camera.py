@@ -13,13 +13,95 @@ import numpy.typing as npt
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.pattern import CELLS, Chart
-from simulators.camera.optics import ColourShift, Optics
+from simulators.camera.optics import WAVELENGTHS_UM, ColourShift, Optics
 from simulators.camera.pupil import Wavefront, defocus_um
 from simulators.camera.render import IdealImage, render_frame
 from simulators.camera.sensor import Mosaic, Sensor
-from simulators.camera.truth import ChartTruth, TruePsf
 from simulators.world.projection import ObjectPose, Placed, Projection, apply_homography, image_distance_mm
 from simulators.world.scene import Illumination, PlacedChart, Scene
+
+PERIOD_PX = 160
+"""Pixels of the plane after which the sampled PSF repeats; the tail of Airy's disc beyond weighs less than 1e-7."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruePsf:
+    """The PSF of one plane, low-passed to s / 2 cycles per pixel: the part resolved by an estimate on the 1/s grid.
+
+    samples : (k, k)
+        Samples [row, column], pitch 1/s pixel of the plane, centre sample at the geometric centre, scaled so that
+        the sum over the whole plane is 1.
+    s : int
+        Samples per pixel.
+    energy_outside : float
+        1 minus the sum of the samples inside the support.
+    floor : float
+        Relative norm of the part outside the support: a lower bound of the error of k x k samples.
+    """
+
+    samples: Array
+    s: int
+    energy_outside: float
+    floor: float
+
+    @property
+    def h(self) -> Array:
+        """Samples normalised to sum 1 as those of an estimate, (k, k)."""
+        return np.asarray(self.samples / self.samples.sum(), dtype=np.float64)
+
+
+def true_psf(optics: Optics, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
+    """The PSF of a plane, s samples per pixel, k x k of them.
+
+    pitch : int
+        Sensor pixels per pixel of the plane: 2 for a Bayer plane.
+    """
+    n = s * PERIOD_PX
+    f = np.fft.fftfreq(n) * s / pitch  # cycles per sensor pixel
+    otf = np.asarray(optics.otf(f[None, :], f[:, None], colour), dtype=np.complex128)
+    whole = np.fft.fftshift(np.fft.ifft2(otf).real)
+    low = n // 2 - k // 2
+    inside = whole[low : low + k, low : low + k]
+    energy, power = float(inside.sum()), float(np.sum(inside**2))
+    floor = max(1 - power / float(np.sum(whole**2)), 0.0) ** 0.5
+    return TruePsf(inside, s, 1 - energy, floor)
+
+
+def true_mtf(optics: Optics, frequency: Array, angle_deg: float, *, colour: str = "Y", pitch: int = 1) -> Array:
+    """Modulus of the transfer function along a direction, at frequencies in cycles per pixel of the plane."""
+    f = np.asarray(frequency, dtype=np.float64) / pitch
+    turn = np.radians(angle_deg)
+    return np.asarray(np.abs(optics.otf(f * np.cos(turn), f * np.sin(turn), colour)), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class ChartTruth:
+    """Position and optics of a chart in an image.
+
+    H_sensor_pattern : (3, 3)
+        Pattern coordinates (cells) to sensor pixels, before distortion.
+    projection : Projection
+        Holds the distortion.
+    optics : Optics
+        Blur, centred on the chart's points in the given colour.
+    colour_shift : ColourShift
+        Shift of colours other than green.
+    """
+
+    H_sensor_pattern: Array
+    projection: Projection
+    optics: Optics
+    colour_shift: ColourShift = field(default_factory=ColourShift)
+
+    def sensor_points(self, cells: Array, colour: str = "G") -> Array:
+        """Pattern points (n, 2) to sensor pixels (x, y) in a colour, distortion included, (n, 2)."""
+        points = apply_homography(self.H_sensor_pattern, np.asarray(cells, dtype=np.float64))
+        return np.asarray(self.projection.distort(points) + self.colour_shift.at(WAVELENGTHS_UM[colour]))
+
+    def psf(self, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
+        """The true PSF at this chart in one colour."""
+        return true_psf(self.optics, s, k, colour=colour, pitch=pitch)
+
 
 Array = npt.NDArray[np.float64]
 
@@ -30,8 +112,6 @@ NOMINAL_F_NUMBER = 5.6
 class Lens:
     """A thin lens with radial distortion and third-order aberrations.
 
-    Attributes
-    ----------
     k1, k2 : float
         Distortion at half the frame's diagonal; see `Projection`.
     spherical_um, coma_um, astigmatism_um, field_curvature_um : float
@@ -91,8 +171,6 @@ class Lens:
 class Photograph:
     """One exposure: digital numbers, file, and ground truth.
 
-    Attributes
-    ----------
     mosaic : (rows, columns) uint16
         The digital numbers, as in the file.
     truths : tuple of ChartTruth
@@ -141,8 +219,6 @@ class Photograph:
 class SimulatedCamera:
     """A camera of the simulated bench.
 
-    Attributes
-    ----------
     optics : Optics or None
         Blur; None: diffraction at the lens's aperture, and the photosites.
     white_e_per_s : float
@@ -191,8 +267,6 @@ class SimulatedCamera:
     ) -> PlacedChart:
         """A chart whose noise region is `pixels` wide in a plane, when it is frontal and in focus.
 
-        Parameters
-        ----------
         at : (x, y)
             Image of its centre without distortion, in fractions of the frame from the top left.
         """
@@ -213,8 +287,6 @@ class SimulatedCamera:
     ) -> Photograph:  # fmt: skip
         """Expose once; write a DNG where `path` is given.
 
-        Parameters
-        ----------
         bits : int
             Width of a number in the file, not less than the sensor's bits.
         light : (rows, columns), optional

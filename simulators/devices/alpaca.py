@@ -14,8 +14,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from simulators.devices.cable_faults import Faults
 from simulators.devices.motor import Motor
+from simulators.devices.serial_device import Faults
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
 
@@ -42,7 +42,6 @@ class AlpacaFocusers:
         self._thread.start()
 
     def close(self) -> None:
-        """Shut it down."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()

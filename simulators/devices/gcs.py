@@ -5,8 +5,6 @@ within a line. The last error is kept until it is read.
 Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from itertools import count
 

@@ -4,16 +4,21 @@ Its motors move axes of the world, its relay and spindle outputs close contacts 
 answers are recorded in tests/conformance/grbl_1.1h.txt; `variant` selects the behaviour of grblHAL or FluidNC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
-from simulators.devices.grbl_lines import CANCEL, DOOR, OVERRIDES, RESET, LineReader, Overflow
-from simulators.devices.grbl_motion import NEVER
-from simulators.devices.grbl_program import BLOCKS, Answer, Program
-from simulators.devices.grbl_reports import Counters, State, status
-from simulators.devices.grbl_settings import BANNERS, locked_at_first
-from simulators.devices.grbl_state import Activity, Outputs
+from simulators.devices.grbl_motion import NEVER, Activity, Outputs
+from simulators.devices.grbl_program import (
+    BLOCKS,
+    CANCEL,
+    DOOR,
+    OVERRIDES,
+    RESET,
+    Answer,
+    LineReader,
+    Overflow,
+    Program,
+)
+from simulators.devices.grbl_settings import BANNERS, Counters, State, locked_at_first, status
 from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
@@ -53,7 +58,6 @@ class GrblController:
 
     @property
     def axes(self) -> dict[str, Axis]:
-        """The axes it moves."""
         return self.motion.axes
 
     @property

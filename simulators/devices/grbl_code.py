@@ -4,8 +4,6 @@ Errors come in the firmware's order: first each word, then their combination. Ar
 checked and then driven as their chords; probing is not supported.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -75,7 +73,6 @@ class Code:
 
     @property
     def axes(self) -> dict[str, float]:
-        """The axis words."""
         return {letter: self.values[letter] for letter in LINEAR if letter in self.values}
 
 

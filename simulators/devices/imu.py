@@ -4,8 +4,6 @@ They sample what the world reports for an ideal IMU on the camera, add noise, an
 of USB adapters.
 """
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -99,7 +97,6 @@ class WitModule(SerialDevice):
         self._out += frame + bytes((sum(frame) & 0xFF,))
 
     def advance(self, now_s: float) -> bytes:
-        """Frames of the samples due."""
         times = self._sampler.take(now_s)
         if times.size:
             self._sample(times)
@@ -129,7 +126,6 @@ class WitModule(SerialDevice):
             self._send(0x53, struct.pack("<3hH", 0, 0, 0, 4405))
 
     def next_event_s(self) -> float | None:
-        """The next batch."""
         return self._sampler.due_s()
 
 
@@ -202,7 +198,6 @@ class FastModule(SerialDevice):
         self._out += stuff(body + struct.pack("<H", ccitt(body))) + b"\0"
 
     def advance(self, now_s: float) -> bytes:
-        """Frames of the samples due."""
         times = self._sampler.take(now_s)
         for i in range(0, times.size, 32):
             self._batch(times[i : i + 32])
@@ -218,5 +213,4 @@ class FastModule(SerialDevice):
         self._send(head + rows.tobytes())
 
     def next_event_s(self) -> float | None:
-        """The next batch."""
         return self._sampler.due_s()

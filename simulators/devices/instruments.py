@@ -1,7 +1,5 @@
 """Rangefinders and light panels at byte level."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -75,7 +73,6 @@ class JrtModule(SerialDevice):
             self._out += command
 
     def advance(self, now_s: float) -> bytes:
-        """The reading that is due."""
         if self._ready_s <= now_s:
             at_s, self._ready_s, self.laser = self._ready_s, NEVER, False
             self._out += self._reading(at_s)
@@ -89,7 +86,6 @@ class JrtModule(SerialDevice):
         return jrt(0xAA, 0x0022, struct.pack(">IH", round(measured), int(self._rng.integers(40, 90))))
 
     def next_event_s(self) -> float | None:
-        """The end of a measurement."""
         return None if self._ready_s == NEVER else self._ready_s
 
 
@@ -144,7 +140,6 @@ class BoschModule(SerialDevice):
             self._out += bosch(b"\x04\x00")
 
     def advance(self, now_s: float) -> bytes:
-        """The reading that is due."""
         if self._ready_s <= now_s:
             at_s, self._ready_s = self._ready_s, NEVER
             measured = self._world.distance_mm(at_s) + HOUSING_MM + self._rng.normal(0, self._noise_mm)
@@ -153,7 +148,6 @@ class BoschModule(SerialDevice):
         return drained(self._out)
 
     def next_event_s(self) -> float | None:
-        """The end of a measurement."""
         return None if self._ready_s == NEVER else self._ready_s
 
 
@@ -195,5 +189,4 @@ class DmxWidget(SerialDevice):
         self._out += b"\x7e" + struct.pack("<BH", label, len(data)) + data + b"\xe7"
 
     def advance(self, now_s: float) -> bytes:
-        """Its answers."""
         return drained(self._out)

@@ -1,7 +1,5 @@
 """A motor with a reference switch at the low end of its axis, and what controllers of such motors have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable, Mapping
 from typing import Generic, TypeVar
 
@@ -25,7 +23,6 @@ class Motor:
         self.place_of_zero = axis.position(0.0)
 
     def position(self, now_s: float) -> float:
-        """Its assumed position."""
         return self.axis.position(now_s) - self.place_of_zero
 
     def moves(self) -> bool:
@@ -40,7 +37,6 @@ class Motor:
         self.rest_s = travel_line([self.axis], [place], now_s, self.speed, self.acceleration)
 
     def home(self, now_s: float) -> None:
-        """Search for the reference."""
         self.go(self.axis.low - self.place_of_zero, now_s)
         self.referenced, self.homing = False, True
 
@@ -73,7 +69,6 @@ class MotorController(SerialDevice, Generic[K]):
         self._received, self._out = bytearray(), bytearray()
 
     def restart(self, now_s: float) -> None:
-        """Off and on again."""
         for motor in self.motors.values():
             motor.restart(now_s)
         self._received.clear()

@@ -5,8 +5,6 @@ an error. An SMC100 executes one command a line if the number is its own, or a s
 Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206.
 """
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Mapping
@@ -42,7 +40,6 @@ class NewportTwin(MotorController[int]):
         self._booted_s = 0.0
 
     def restart(self, now_s: float) -> None:
-        """Off and on again."""
         super().restart(now_s)
         self._booted_s = now_s
 

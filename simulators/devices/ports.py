@@ -1,7 +1,5 @@
 """Simulated cables on pseudo-terminals and TCP, for other programs, in real time only."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select
@@ -77,7 +75,6 @@ class PtyPort:
                     os.write(self._master, self._cable.read(self, 4096, POLL_S))
 
     def end(self) -> None:
-        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 
@@ -136,7 +133,6 @@ class TcpPort:
             sender.join(timeout=2.0)
 
     def end(self) -> None:
-        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 

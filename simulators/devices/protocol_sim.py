@@ -1,7 +1,5 @@
 """pyserial's handler of `sim://BENCH/DEVICE`: the host side of a simulated cable."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.transport import PortBase, PortError
@@ -24,7 +22,6 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         self._cable.set_lines(self._rts_state, self._dtr_state)
 
     def close(self) -> None:
-        """Release the cable."""
         if self._cable is not None and self.is_open:
             self._cable.close(self)
             self._cable.set_lines(False, False)
@@ -58,7 +55,6 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         return len(data)
 
     def cancel_read(self) -> None:
-        """Wake a reader."""
         self._there().cancel_read()
 
     def flush(self) -> None:

@@ -3,8 +3,6 @@
 Source: SCPI-99, volumes 1 and 2.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Protocol
 
@@ -19,15 +17,12 @@ class Surrounding(Protocol):
 
     def temperature_c(self, t_s: float) -> float:
         """Temperature of the room."""
-        ...
 
     def set_lamp(self, level: float, now_s: float) -> None:
         """Switch the lamp."""
-        ...
 
     def lamp(self, t_s: float) -> float:
         """Light of the lamp."""
-        ...
 
 
 class ScpiTwin(SerialDevice):
@@ -98,5 +93,4 @@ class ScpiTwin(SerialDevice):
         self._world.set_lamp(min(self._current * self._on / self._full, 1.0), now_s)
 
     def advance(self, now_s: float) -> bytes:
-        """Its replies."""
         return drained(self._out)

@@ -2,8 +2,6 @@
 enable, and a bare RTS line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,15 +27,12 @@ class Contacts(Protocol):
 
     def close(self, now_s: float) -> None:
         """Close the release contact."""
-        ...
 
     def release(self, now_s: float) -> None:
         """Open it."""
-        ...
 
     def flash_s(self) -> float | None:
         """When the hot shoe next fires; returned once."""
-        ...
 
 
 class Actuators(Protocol):
@@ -45,11 +40,9 @@ class Actuators(Protocol):
 
     def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
         """Play these points repeatedly from now on."""
-        ...
 
     def rest(self, now_s: float) -> None:
         """Return to rest."""
-        ...
 
 
 Inertial = Callable[[float], Sequence[int]]
@@ -359,7 +352,6 @@ class RtsLine(SerialDevice):
         self._closed = False
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """RTS controls the contact."""
         if rts and not self._closed:
             self.contacts.close(now_s)
         elif self._closed and not rts:
@@ -370,5 +362,4 @@ class RtsLine(SerialDevice):
         """Ignored."""
 
     def advance(self, now_s: float) -> bytes:
-        """Nothing."""
         return b""

@@ -5,8 +5,6 @@ counts.
 Source: Thorlabs, APT communications protocol, issue 29.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from itertools import count

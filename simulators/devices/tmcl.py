@@ -6,8 +6,6 @@ changes its framing. After power-up its position is 0.
 Source: TMCM-3110 TMCL firmware manual.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -41,7 +39,6 @@ class TmclMotor:
     busy_until_s: float = NEVER
 
     def steps(self, now_s: float) -> int:
-        """Its assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def speed(self) -> float:

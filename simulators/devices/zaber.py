@@ -4,8 +4,6 @@ Checksums, message ids, warning flags and alerts as in firmware 6 and 7. After p
 to its low end, and refuses absolute moves until then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -59,7 +57,6 @@ class ZaberMotor:
         self.zero = self.axis.position(0.0)
 
     def steps(self, now_s: float) -> int:
-        """The device's assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def flag(self) -> str:

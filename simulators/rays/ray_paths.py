@@ -5,8 +5,6 @@ tile, thread or session casts it. Light is sought in both ways, by aiming at the
 own scattering, weighted by the balance heuristic (Veach 1997, section 9.2).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes for `rays`, most of them with depth and an open aperture, and their textures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 

@@ -5,8 +5,6 @@ A shape is a kind and a row of 16 numbers: plane: point, normal; sphere: centre,
 edge v; box: centre, half sizes, and the three axes along which they are measured.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

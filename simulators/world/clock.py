@@ -5,8 +5,6 @@ reader has read everything due, it jumps to the next event of a device or deadli
 Waiting costs no real time, and slow machines miss no deadline.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,11 +18,9 @@ class EventSource(Protocol):
 
     def next_event_s(self) -> float | None:
         """When it changes next; None if never."""
-        ...
 
     def wake(self) -> None:
         """Advance to the clock's time."""
-        ...
 
     def settled(self) -> bool:
         """Whether all of its output was read; true of instantaneous changes."""
@@ -53,7 +49,6 @@ class FastClock:
         return (time.monotonic() - self._start) * self.speed
 
     def sleep(self, duration_s: float) -> None:
-        """Block this thread."""
         time.sleep(max(duration_s, 0.0) / self.speed)
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
@@ -103,7 +98,6 @@ class VirtualClock:
             self._sources.remove(source)
 
     def now_s(self) -> float:
-        """Seconds since its creation."""
         return self._now_s
 
     def real_s(self, moment_s: float) -> float | None:
@@ -111,7 +105,6 @@ class VirtualClock:
         return None
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass."""
         condition = threading.Condition()
         with condition:
             self.wait(condition, lambda: False, self._now_s + max(duration_s, 0.0))

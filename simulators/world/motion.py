@@ -4,8 +4,6 @@ Motion is a function of time: an exposure can later query the camera's path, and
 acceleration determine the excited vibrations.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from bisect import bisect_left, bisect_right
@@ -55,7 +53,6 @@ class Axis:
         return np.array([self.position(t) for t in t_s.tolist()])
 
     def position(self, t_s: float) -> float:
-        """Position at a time."""
         return self._piece(t_s).at(t_s)[0]
 
     def velocity(self, t_s: float) -> float:

@@ -3,8 +3,6 @@
 Everything is flat polygons in planes, painted from back to front, each with its exact outline.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, EDGE_END, Chart, block_corner, edge_areas, triangles
-from simulators.world.projection import ObjectPose, Projection, apply_homography
-from simulators.world.raster import Segments, outline
+from simulators.world.projection import ObjectPose, Projection, Segments, apply_homography, outline
 
 Array = npt.NDArray[np.float64]
 
@@ -62,8 +59,6 @@ class Illumination:
 class PlacedChart:
     """A printed chart in space.
 
-    Attributes
-    ----------
     pose : Pose
         Of the chart's centre, cell (128, 128), and of its plane.
     cell_mm : float

@@ -4,8 +4,6 @@ Everything is a function of time, so devices may be queried in any order: the st
 modes, rangefinder and camera observe the pose, the IMU its derivatives.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from bisect import bisect_right

@@ -284,7 +284,6 @@ class CommandSource(Protocol):
 
     def offered(self) -> list[type[Command]]:
         """The commands of the current screen and of every screen."""
-        ...
 
     async def action_command(self, name: str) -> None:
         """Give a command."""

@@ -21,8 +21,8 @@ from textual.widgets import Static
 from station.app.terminal_report import Graphics, Kind
 from station.common.sanitise import printable
 from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
-from station.drawing.glyphs import Glyphs, big_lines
-from station.results.comparison import measurement_words
+from station.drawing.terminal_plots import Glyphs, big_lines
+from station.results.plane_result import measurement_words
 
 if TYPE_CHECKING:
     from textual.geometry import Region
@@ -74,7 +74,7 @@ class Part(Static):
         self.display = bool(text)
 
 
-# --- pictures and curves -----------------------------------------------------------------------------------------
+# --- pictures and curves ---
 
 
 INK = (*(f"rgb({v},{v},{v})" for v in (round(i * 255 / (GREYS - 1)) for i in range(GREYS))), PRESENT_LINE, WANTED_LINE)
@@ -243,7 +243,7 @@ def _text_strip(text: str) -> Strip:
     return Strip([Segment(text, PLAIN)])
 
 
-# --- the guide's parts -------------------------------------------------------------------------------------------
+# --- the guide's parts ---
 
 
 class Rail(Part):

@@ -1,7 +1,5 @@
 """Distribution of a batch by Dask: to processes of this machine, or to workers that share its folders."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os
@@ -17,14 +15,16 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from procedures.outcome import BadParameter, Refused
-from station.batch.allowance import Allowance, is_stopped, limited_memory
 from station.batch.process_pool import (
     NO_LIMIT,
     POLL_S,
     STOPPED_S,
     TRIES,
+    Allowance,
     Lost,
     Stop,
+    is_stopped,
+    limited_memory,
     one_thread,
     single_threads,
     without_interrupts,

@@ -1,7 +1,5 @@
 """One item of a batch, from its files to its folder: the work that is distributed to processes and clusters."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -11,22 +9,21 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, ProcedureError, Verdict
+from procedures.numbers import Group, in_group
+from procedures.outcome import BadInput, ProcedureError, Quantity, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
 from station.calibration.folder_photographs import Item, naming_path
+from station.common.progress import limited
 from station.common.sanitise import encodable, printable, safe_stem
-from station.common.threads import limited
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
 from station.procedure.settings import to_record
-from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import Comparison, Compliance, PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
-from station.results.result_files import RECORD, ResultFolder
-from station.results.result_seal import damage
+from station.results.result_files import RECORD, ResultFolder, damage
 
 RESULTS = "results"
 KEY_LETTERS = 16
@@ -69,6 +66,16 @@ class PlaneRow:
     specification: str = ""
     limits: Sequence[Mapping[str, Any]] = ()
 
+    @property
+    def summary(self) -> dict[str, Quantity]:
+        """The numbers in the summary of a batch; a number without an uncertainty has one of 0."""
+        entries = {name: self.numbers[name] for name in in_group(Group.SUMMARY, self.numbers.keys())}
+        return {
+            str(name): Quantity(one["value"], str(one.get("unit", "1")), one.get("uncertainty") or 0.0, "", 0)
+            for name, one in entries.items()
+            if one["value"] is not None
+        }
+
 
 @dataclass(frozen=True)
 class ItemRow:
@@ -96,6 +103,11 @@ class ItemRow:
     specification: str = ""
     against: str = ""
     noted: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def camera(self) -> str:
+        """The camera, as recorded by it; may be empty."""
+        return str(self.noted.get("camera", ""))
 
     @property
     def usable(self) -> bool:
@@ -271,7 +283,7 @@ def _failure(item: Item, error: Exception) -> ItemRow:
     return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
 
 
-# --- results of earlier runs -------------------------------------------------------------------------------------
+# --- results of earlier runs ---
 
 
 def finished(out: Path) -> dict[str, str]:

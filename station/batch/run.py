@@ -6,8 +6,6 @@ the same as `summary.parquet`, and `result.json`. Results of earlier runs with t
 again. Rows stay on the disk: memory does not grow with what is measured.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -21,15 +19,12 @@ from typing import Any
 from urllib.parse import quote
 
 from procedures.outcome import BadParameter
-from station.batch.allowance import Allowance
 from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, work
 from station.batch.procedure_file import BatchProcedure
-from station.batch.process_pool import Lost, Stop, run_in_processes
-from station.batch.stored_rows import StoredRows, Tally
-from station.batch.summary_table import check_parquet, write_csv, write_parquet
+from station.batch.process_pool import Allowance, Lost, Stop, run_in_processes
+from station.batch.stored_rows import StoredRows, Tally, check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
-from station.common.atomic_files import write_whole, written
-from station.common.durable_files import holds, read_own
+from station.common.durable_files import holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.results.result_files import PUBLISHING, RECORD, sealed_text
@@ -139,7 +134,7 @@ def _lost(item: Item, lost: Lost) -> ItemRow:
     return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
-# --- the batch's folder ------------------------------------------------------------------------------------------
+# --- the batch's folder ---
 
 
 @contextmanager
@@ -192,11 +187,12 @@ def _page(batch: Batch) -> bytes:
         BatchLine(
             " + ".join(map(printable, row.files)), row.verdict, row.specification,
             "; ".join(words for words in (row.reason, row.against) if words), quote(row.folder),
-            page=bool(row.folder) and (batch.job.out / row.folder / PAGE).is_file(),
+            page=bool(row.folder) and (batch.job.out / row.folder / PAGE).is_file(), camera=row.camera,
+            planes={name: plane.summary for name, plane in row.planes.items()},
         )
         for row in batch.rows[:MAX_LINES]
     ]  # fmt: skip
-    groups = [NumberGroup(*group, one.unit, one.values) for group, one in batch.tally.series.items()]
+    groups = [NumberGroup(*group, one.unit, one.values, one.uncertainties) for group, one in batch.tally.series.items()]
     procedure, count = batch.job.procedure, len(batch.rows)
     title = f"{count} items by the procedure {procedure.name}"
     report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, _bounds(procedure), batch.undone)
@@ -230,7 +226,7 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-# --- locking of the folder -------------------------------------------------------------------------------------------
+# --- locking of the folder ---
 
 LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
 LINE_BEGINS = '{"files": '

@@ -3,13 +3,11 @@
 Nothing moves without the operator's consent, requested before homing and before each axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drivers.clock import Clock
+from drivers.errors import Clock
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import HOME_FIRST, Controls, GrblEnvelope
 from drivers.interfaces import Stage, Travel
@@ -29,15 +27,12 @@ class Operator(Protocol):
 
     def show(self, words: str) -> None:
         """Display a line."""
-        ...
 
     def agrees(self, question: str) -> bool:
         """Whether the operator consents; no by default."""
-        ...
 
     def measures(self, question: str) -> float | None:
         """A measured length, or None."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """The delay of an inertial unit's cable, from taps that a second unit on the shutter's box feels too."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol, cast
 
@@ -27,7 +25,6 @@ class CableImu(Imu, Protocol):
     @property
     def latency(self) -> CableLatency:
         """The delay assumed of its samples."""
-        ...
 
 
 class NoCommonEvent(DeviceError):

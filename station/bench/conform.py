@@ -4,8 +4,6 @@ A driver is tried at its twin, where the truth is known and the line fails on re
 Time at a twin is virtual, so hundreds of operations take seconds.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,20 +14,20 @@ from typing import Any, cast
 
 import numpy as np
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     BadConfiguration,
+    Clock,
     DeviceError,
     EmergencyStopped,
     MoveFailed,
     NotHomed,
     OutsideTravel,
     Rejected,
+    SystemClock,
 )
 from drivers.interfaces import Stage
 from simulators.devices.alpaca import AlpacaFocusers
-from simulators.devices.cable_faults import Faults
-from simulators.devices.serial_device import Cable
+from simulators.devices.serial_device import Cable, Faults
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
 from station.bench.opening import make_bench
@@ -169,7 +167,7 @@ class StageRig:
         raise Broken(f"it does not recover on a clean line: {reason}")
 
 
-# --- promises --------------------------------------------------------------------------------------------------------
+# --- promises ---
 
 
 def identifies(rig: StageRig) -> str:
@@ -252,7 +250,7 @@ def stops_in_an_emergency(rig: StageRig, rng: np.random.Generator, tries: int) -
     return f"{tries} stops: median {np.median(latencies):.3f} s, longest {max(latencies):.3f} s"
 
 
-# --- faults ----------------------------------------------------------------------------------------------------------
+# --- faults ---
 
 
 def disturb(cable: Cable | AlpacaFocusers, fault: str, now_s: float, rng: np.random.Generator) -> None:
@@ -329,7 +327,7 @@ def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple
     return f"{operations} operations"
 
 
-# --- all of them -----------------------------------------------------------------------------------------------------
+# --- all of them ---
 
 
 def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialResult]:

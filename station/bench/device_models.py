@@ -4,8 +4,6 @@ Built-in drivers and those of installed packages (entry-point group `station.dri
 their options, imported when it is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -36,7 +34,7 @@ BUILTIN: Mapping[str, str] = {
     "gphoto": "drivers.gphoto:GphotoOptions",
     "micromanager_stage": "drivers.micromanager.stage:MicroManagerStageOptions",
     "micromanager_camera": "drivers.micromanager.camera:MicroManagerCameraOptions",
-    "micromanager_shutter": "drivers.micromanager.shutter:MicroManagerShutterOptions",
+    "micromanager_shutter": "drivers.micromanager.camera:MicroManagerShutterOptions",
     "genicam": "drivers.genicam.camera:GenicamOptions",
     "v4l2": "drivers.v4l2.camera:V4l2Options",
     "rpicam": "drivers.rpicam:RpicamOptions",
@@ -44,7 +42,7 @@ BUILTIN: Mapping[str, str] = {
     "alpaca_camera": "drivers.alpaca.camera:AlpacaCameraOptions",
     "alpaca_light": "drivers.alpaca.switch:AlpacaLightOptions",
     "alpaca_shutter": "drivers.alpaca.switch:AlpacaShutterOptions",
-    "alpaca_probe": "drivers.alpaca.probe:AlpacaProbeOptions",
+    "alpaca_probe": "drivers.alpaca.link:AlpacaProbeOptions",
     "wit": "drivers.imu:WitOptions",
     "fast": "drivers.imu:FastOptions",
     "jrt": "drivers.rangefinder:JrtOptions",
@@ -133,7 +131,7 @@ def _check_reference(
     source.refuse(("devices", *path), f"must name a {kind}; it is {shown(given)}, and {missing}", remedy)
 
 
-# --- comparison of two configurations: whether they open the same devices, reached in the same way -------------------
+# --- comparison of two configurations: whether they open the same devices, reached in the same way ---
 
 Tables = Mapping[str, Mapping[str, Any]]
 

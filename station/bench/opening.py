@@ -17,16 +17,13 @@ shutter = "shutter"
 ```
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NotConnected
+from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NotConnected, SystemClock
 from drivers.frames import ExposureMetadata
 from drivers.interfaces import (
     Camera,
@@ -51,7 +48,6 @@ from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_lines import key_lines
 
 
 @dataclass(frozen=True)
@@ -205,7 +201,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
+    read_devices(devices, TableSource(path.name, text, error=BadConfiguration))
     return devices
 
 

@@ -1,7 +1,5 @@
 """Emergency stop: each device in a thread of its own, so that none waits for another's port; with times on the line."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Twins of stages: simulated controllers, each at the end of a cable, that `station conform` tries their drivers at."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,11 +27,9 @@ class Twin(SerialDevice, Protocol):
     @property
     def axes(self) -> Mapping[str, Axis]:
         """Its axes, the truth about their positions."""
-        ...
 
     def restart(self, now_s: float) -> None:
         """Off and on again: the reference is lost."""
-        ...
 
 
 @dataclass(frozen=True)

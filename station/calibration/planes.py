@@ -18,8 +18,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, StoredSensor
-from station.common.progress import Progress, silent
-from station.common.threads import threads
+from station.common.progress import Progress, silent, threads
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 

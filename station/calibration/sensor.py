@@ -14,10 +14,8 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Miss, Outcome
 from procedures.raw import Exposure, Plane, RawFrame, read_frame
 from procedures.sensor.estimate import SensorResult, characterise
-from procedures.sensor.levels import LightLevel, measure_level
-from procedures.sensor.noise_power import NoisePower, measure_noise_power
-from procedures.sensor.recording import SensorRecording
-from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, StackSums
+from procedures.sensor.spectrograms import NoisePower, measure_noise_power
+from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, LightLevel, SensorRecording, StackSums, measure_level
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
 from station.results.record_head import InputFile

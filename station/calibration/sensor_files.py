@@ -25,9 +25,9 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
+from procedures.sensor.information import input_snr, linear_snr, total_snr
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import gain_and_noise
-from procedures.sensor.signal_to_noise import input_snr, linear_snr, total_snr
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.results.exports import csv_bytes, csv_columns
 from station.results.measurement import Measurement

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from procedures.clipping import SensorModel
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf import Psf
 from procedures.raw import RawFrame
 from procedures.reading.arrays import LARGEST, SMALLEST, checked_array, checked_number
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
-from procedures.sensor_model import SensorModel
 from station.calibration.stored_results import StoredRecord, stored_record
 
 if TYPE_CHECKING:
     from procedures.sensor.information import Information
-    from procedures.sensor.noise_power import NoisePower
+    from procedures.sensor.spectrograms import NoisePower
 
 SEED = 1288
 """Seed of the draws of uncertainties."""
@@ -100,7 +100,7 @@ def _check_iso(record: Mapping[str, Any], source: str, iso: float | None) -> Non
 def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
     """The noise spectrum next to the record; None where it was not measured, or its file is missing."""
     from procedures.reading.arrays import read_npy
-    from procedures.sensor.noise_power import LEAST_SIDE, NoisePower
+    from procedures.sensor.spectrograms import LEAST_SIDE, NoisePower
 
     entry = plane.get("noise_power")
     if entry is None or not (file := record.parent / Path(str(entry["file"])).name).is_file():

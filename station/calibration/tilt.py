@@ -13,8 +13,7 @@ from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
 from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt, shim_words
-from procedures.tilt.plane import behind_lens_um
-from procedures.tilt.screws import SURE
+from procedures.tilt.plane import SURE, behind_lens_um
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult

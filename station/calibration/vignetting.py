@@ -11,7 +11,7 @@ from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
 from procedures.vignetting.estimate import NAMES, JointFormula, PlaneVignetting, estimate_vignetting, joint_formula
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.stored_results import stored_record
 from station.common.progress import Progress, silent

@@ -16,8 +16,7 @@ from station.cli.psf.terms import jobs_option
 from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
-from station.common.errors import INTERRUPTED
-from station.common.log import log, log_json_option, logs_json
+from station.common.errors import INTERRUPTED, log, log_json_option, logs_json
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -116,9 +115,8 @@ def carry_out(
     parquet: bool = False,
 ) -> None:
     """Run a batch, report its progress, and exit with its code."""
-    from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.process_pool import Stop
+    from station.batch.process_pool import Allowance, Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
 
@@ -153,7 +151,7 @@ def carry_out(
 
 def _summarise(done: Batch) -> None:
     """Write the procedure's own summary of the batch, if it has one."""
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     procedure = done.job.procedure.procedure
     summary = procedure.summary(done.rows)
@@ -241,7 +239,7 @@ def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
 
 def _sentence(row: ItemRow) -> str:
     from station.common.sanitise import printable
-    from station.results.comparison import measurement_words, specification_words
+    from station.results.plane_result import measurement_words, specification_words
 
     words = f"{printable(' + '.join(row.files))}: {measurement_words(row.verdict)}"
     words += f"; {printable(row.reason)}" if row.reason else ""
@@ -255,7 +253,7 @@ def _show(done: Batch) -> None:
     """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
-    from station.results.comparison import measurement_words
+    from station.results.plane_result import measurement_words
 
     console = Console(highlight=False)
     console.print(_planes(done))
@@ -278,7 +276,7 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.results.comparison import measurement_words
+    from station.results.plane_result import measurement_words
 
     numbers = done.tally.followed
     table = Table(
@@ -298,7 +296,7 @@ def _wrong(done: Batch) -> Table:
     from rich.table import Column, Table
 
     from station.common.sanitise import printable
-    from station.results.comparison import measurement_words
+    from station.results.plane_result import measurement_words
 
     photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")

@@ -14,8 +14,7 @@ from station.cli.terminal.command import StationCommand, json_option, strict_opt
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
-from station.common.errors import REFUSED
-from station.common.log import log, log_json_option
+from station.common.errors import REFUSED, log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def _guide(out: Path, seed: int, *, as_json: bool, strict: bool) -> int:
 
 def plane_lines(result: Result) -> list[str]:
     """Verdict of each plane, with its MTF50 if there is one."""
-    from station.common.uncertainty_text import stated
+    from station.common.sanitise import stated
 
     lines = []
     for name, plane in result.planes.items():
@@ -144,7 +143,7 @@ def _table(demonstration: Demonstration, width: int) -> Table:
 
 
 def _cells(plane: ComparedPlane, directions: Sequence[str]) -> list[str]:
-    from station.common.uncertainty_text import stated
+    from station.common.sanitise import stated
     from station.reports.page import percent
 
     verdict = str(plane.result.verdict)

@@ -12,7 +12,7 @@ import click
 
 from station.cli.terminal.command import StationCommand, json_option
 from station.cli.terminal.progress import progress
-from station.common.log import log_json_option
+from station.common.errors import log_json_option
 
 if TYPE_CHECKING:
     from station.results.explanation import CauseCount, PlaneExplanation
@@ -55,7 +55,7 @@ def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
 
 
 def _plane_lines(one: PlaneExplanation) -> list[str]:
-    from procedures.budget import TERMS
+    from procedures.choice import TERMS
     from procedures.numbers import label
 
     lines = [f"{one.plane}: {one.verdict}" + (f", because {one.reason}" if one.reason else "")]

@@ -11,7 +11,7 @@ import click
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.numbers import FiniteNumber
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from station.calibration.exports.lensfun import GivenNames
@@ -70,7 +70,7 @@ def export(
 
 def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> None:
     from station.calibration.exports.geometry import export_camera, read_camera
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     export = export_camera(read_camera(result, plane), form)
     write_whole(out, export.text.encode())
@@ -82,7 +82,7 @@ def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> Non
 
 def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None:
     from station.calibration.exports.psf import export_field, read_plane
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     field = read_plane(result, plane)
     export = export_field(field, form)
@@ -99,7 +99,7 @@ def _export_lensfun(
     from station.calibration.exports.lensfun import export_lensfun
     from station.calibration.exports.psf import field_path
     from station.calibration.vignetting import green_of, read_vignetting
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     stored = read_camera(result, plane)
     path = field_path(field) if field is not None else None
@@ -122,7 +122,7 @@ def _export_dng(
     from station.calibration.exports.geometry import read_camera
     from station.calibration.stored_results import procedure_of
     from station.calibration.vignetting import green_of, read_vignetting
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     if photo is None:
         raise BadParameter(

@@ -96,7 +96,7 @@ def _frames(
 ) -> Iterator[Iterator[LiveFrame]]:
     """The photographs; within the context, Ctrl-C ends them after the current one."""
     from station.bench.opening import make_bench, read_config, simulated_bench
-    from station.common.leftovers import temporary_folder
+    from station.common.durable_files import temporary_folder
     from station.common.stop_signals import guarded
 
     with ExitStack() as stack:

@@ -19,7 +19,11 @@ EXAMPLES = {
 
 @click.command("init", cls=StationCommand)
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
-def init(folder: Path) -> None:
+@click.option(
+    "--key", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
+    help="Write only a new private key for signatures (Ed25519, PEM) into FILE, and its public key beside it (.pub).",
+)  # fmt: skip
+def init(folder: Path, key: Path | None) -> None:
     """Write commented templates into FOLDER: station, procedure, specification and certificate.
 
     FOLDER is the current one by default. Existing files are not overwritten.
@@ -27,8 +31,11 @@ def init(folder: Path) -> None:
     from importlib.resources import files
 
     from procedures.outcome import BadParameter
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
+    if key is not None:
+        _write_key(key)
+        return
     existing = [name for name in EXAMPLES if (folder / name).exists()]
     if existing:
         raise BadParameter(f"{folder} has {' and '.join(existing)} already", "name another folder, or move them away")
@@ -39,3 +46,15 @@ def init(folder: Path) -> None:
     for name, package in EXAMPLES.items():
         write_whole(folder / name, files(package).joinpath("example.toml").read_bytes())
         click.echo(folder / name)
+
+
+def _write_key(path: Path) -> None:
+    from procedures.outcome import BadParameter
+    from station.common.signature import create_key
+
+    try:
+        create_key(path)
+    except OSError as error:
+        raise BadParameter(f"{path} cannot be written: {error.strerror}", "name a file that does not exist") from error
+    click.echo(path)
+    click.echo(path.with_suffix(".pub"))

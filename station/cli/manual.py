@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.terminal.command import StationCommand
-from station.common.log import log
+from station.common.errors import log
 
 if TYPE_CHECKING:
     from station.manual.pages import Page
@@ -48,7 +48,7 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
     name = " ".join(topic)
     pages = read_pages(_generated(context, name if topic and not words and folder is None else None))
     if folder is not None:
-        from station.demo.manual_pictures import manual_pictures
+        from station.demo.demo import manual_pictures
         from station.manual.browser_pages import write_manual
 
         log("pictures", "drawing the pictures from a simulated photograph")
@@ -85,7 +85,7 @@ def _write_schemas(folder: Path) -> None:
     """Write NAME.schema.json for each procedure."""
     import json
 
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
     from station.procedure.registry import procedure_named, procedure_names
     from station.procedure.schema import schema_of
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from procedures.pattern_print.paper import PAPERS, paper_named, papers_of_locale
+from procedures.pattern_print.sheet import PAPERS, paper_named, papers_of_locale
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.numbers import SEED, FiniteNumber
 
@@ -79,9 +79,9 @@ def pattern(
     from procedures.pattern_print.formats import check_ending, encode
     from procedures.pattern_print.sheet import Size, largest_width_mm, smallest_paper
     from procedures.pattern_print.source import Source
-    from procedures.pattern_print.tiles import AUTHORS_WIDTH_MM
+    from procedures.pattern_print.tile_sheets import AUTHORS_WIDTH_MM
     from procedures.pattern_psf.pose import ImagingGeometry
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
 
     check_ending(out)
     usual = papers_of_locale(os.environ)
@@ -108,7 +108,7 @@ def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
     from procedures.pattern_psf.gamma import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.drawing.diagrams import diagram_lines
-    from station.drawing.glyphs import glyphs_for
+    from station.drawing.terminal_plots import glyphs_for
 
     limit = Diffraction(f_number, optics.plane_pitch_um, WAVELENGTHS_NM["G"]) if f_number is not None else None
     ascii = glyphs_for(os.environ, sys.stderr.encoding).ascii

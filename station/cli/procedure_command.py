@@ -25,8 +25,7 @@ from station.cli.terminal.command import StationCommand, json_option, strict_opt
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
-from station.common.errors import FAILED_ITEMS
-from station.common.log import log, log_json_option
+from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names

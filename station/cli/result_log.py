@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.common.errors import REFUSED
-from station.common.log import log
+from station.common.errors import REFUSED, log
 from station.common.sanitise import printable
 
 if TYPE_CHECKING:
@@ -35,8 +34,7 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
-    from station.results.comparison import measurement_words
-    from station.results.line_numbers import line_numbers
+    from station.results.plane_result import line_numbers, measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
@@ -58,7 +56,7 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
     The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
     is `strict`, is doubtful or undecided.
     """
-    from station.results.comparison import specification_words
+    from station.results.plane_result import specification_words
 
     for one in records:
         comparison = one.specification

@@ -3,21 +3,23 @@
 A small class of primitives, so that tests can make any of them fail or be the last operation.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib
 import os
+import secrets
+import shutil
 import stat
 import sys
-from collections.abc import Iterator, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
-from procedures.outcome import ProcedureError
+from procedures.outcome import BadParameter, ProcedureError
 
 if sys.platform == "darwin":
     import fcntl
@@ -223,3 +225,134 @@ def write_failed(path: Path, error: OSError) -> WriteFailed:
         f"{path} could not be written: {error.strerror or error}",
         "make room or repair the disk, then resume the session; everything written before is intact",
     )
+
+
+# --- Atomic writing: a file is written next to its target, synchronised, then renamed ---
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write the data atomically, in place of an older file. Raises BadParameter if it cannot be written; no remnant
+    stays."""
+    with written(path, lambda beside: beside.write_bytes(data)) as file:
+        file.publish()
+
+
+@dataclass(frozen=True)
+class WrittenFile:
+    """A file that is complete under a name of its own, its hash, and the name that it shall have."""
+
+    beside: Path
+    path: Path
+    sha256: str
+
+    def publish(self) -> None:
+        """Give it its name. Raises BadParameter."""
+        try:
+            os.replace(self.beside, self.path)
+            Disk().sync_folder(self.path.parent)
+        except OSError as error:
+            raise _unwritable(self.path, error) from error
+
+
+@contextmanager
+def written(path: Path, write: Callable[[Path], object]) -> Iterator[WrittenFile]:
+    """The file that `write` makes beside this path, until published. Raises BadParameter if it cannot be written."""
+    # in the same folder: a rename across file systems would be a copy
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        try:
+            write(beside)
+            Disk().settle(beside)
+            with beside.open("rb") as file:
+                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        yield WrittenFile(beside, path, sha256)
+    finally:
+        _remove_old(beside)
+
+
+def _unwritable(path: Path, error: OSError) -> BadParameter:
+    return BadParameter(
+        f"{path} cannot be written: {error.strerror}", "name a file in a folder that exists and can be written"
+    )
+
+
+def _remove_old(path: Path) -> None:
+    # a path that is no folder, or cannot be entered, fails here as well, but was reported already
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return
+
+
+# --- Folders that a program fills and removes; those of a killed program are removed by the next run ---
+# A folder is in use while its descriptor is locked; the system releases the lock of a program that ends.
+
+PREFIX = "station-"
+"""Prefix of temporary folders."""
+RANDOM_BYTES = 8
+"""Hexadecimal part after the prefix: a user's folder called `station-demo` does not match."""
+
+
+def hold(folder: Path) -> int | None:
+    """Lock a folder against `sweep`; its descriptor, or None without such locks. Raises BlockingIOError if locked."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
+    except OSError:  # some network file systems cannot lock folders
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def release(descriptor: int | None) -> None:
+    """Release the lock of `hold`."""
+    if descriptor is not None:
+        os.close(descriptor)
+
+
+def make(prefix: str, within: Path, mode: int = 0o700) -> tuple[Path, int | None]:
+    """Create a folder and `hold` it. Raises OSError."""
+    for _ in range(100):
+        folder = within / f"{prefix}{secrets.token_hex(RANDOM_BYTES)}"
+        folder.mkdir(mode)
+        with contextlib.suppress(BlockingIOError, FileNotFoundError):  # a sweep intervened
+            descriptor = hold(folder)
+            if folder.exists():
+                return folder, descriptor
+            release(descriptor)
+    raise OSError(f"{within} keeps no new folder")
+
+
+def sweep(within: Path, prefix: str) -> None:
+    """Remove this user's folders made by `make` that are not locked; failures are ignored."""
+    for folder in within.glob(prefix + 2 * RANDOM_BYTES * "[0-9a-f]"):
+        with contextlib.suppress(OSError):
+            status = folder.lstat()
+            if folder.is_symlink() or not folder.is_dir() or status.st_uid != os.getuid():
+                continue
+            descriptor = hold(folder)
+            if descriptor is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                release(descriptor)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A temporary folder, removed at the end; those of killed runs are removed, too."""
+    among = Path(tempfile.gettempdir())
+    sweep(among, PREFIX)
+    folder, descriptor = make(PREFIX, among)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        release(descriptor)

@@ -1,7 +1,5 @@
 """Foreign packages on Python's path that have the name of one of the project's."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -1,10 +1,10 @@
 """Progress of a long command: a bar on a terminal, a line for each step in a file or for a program."""
 
-from __future__ import annotations
-
+import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Protocol
 
 
@@ -13,7 +13,6 @@ class Progress(Protocol):
 
     def __call__(self, done: str, steps: int = 1) -> None:
         """`done` describes what was finished, `steps` how many steps it was."""
-        ...
 
 
 def silent(done: str, steps: int = 1) -> None:
@@ -65,3 +64,23 @@ class StepRate:
             else f"{left // 60}:{left % 60:02d}"
         )
         return f"{rate:.1f}/s, {clock} left" if rate >= 0.95 else f"{1 / rate:.1f} s each, {clock} left"
+
+
+# --- How many threads a measurement may use: as many as there are cores, or fewer beside other processes ---
+
+_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
+
+
+def threads() -> int:
+    """Number of threads."""
+    return _LIMIT.get() or os.cpu_count() or 1
+
+
+@contextmanager
+def limited(most: int) -> Iterator[None]:
+    """Within, no more than this."""
+    before = _LIMIT.set(most)
+    try:
+        yield
+    finally:
+        _LIMIT.reset(before)

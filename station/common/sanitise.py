@@ -1,7 +1,6 @@
 """Escaping of external text (file names, EXIF, TOML) for terminals, file names and spreadsheets."""
 
-from __future__ import annotations
-
+import math
 import re
 import unicodedata
 from pathlib import Path
@@ -36,3 +35,16 @@ def cell(text: str) -> str:
     """Text that a spreadsheet shows unchanged, on one line: formulas get a leading apostrophe."""
     shown = printable(text)
     return f"'{shown}" if shown.startswith(FORMULA) else shown
+
+
+# --- Numbers with uncertainties, as text ---
+
+
+def stated(value: float, uncertainty: float) -> str:
+    """A value with its standard uncertainty, rounded to two digits of it: 0.5782 ± 0.0014."""
+    if not math.isfinite(value):
+        return "—"
+    if not math.isfinite(uncertainty) or uncertainty <= 0:
+        return f"{value:.4g}".replace("-", "−")
+    decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
+    return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")

@@ -4,8 +4,6 @@ Python runs signal handlers in the main thread between two bytecodes, where a co
 The stop is therefore made by a thread, which the system's own handler wakes through a socket.
 """
 
-from __future__ import annotations
-
 import gc
 import signal
 import socket

@@ -1,10 +1,11 @@
 """Tables as TOML text; the standard library can only read it."""
 
-from __future__ import annotations
-
+import bisect
+import contextlib
 import json
 import math
 import re
+import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from typing import Any
@@ -58,3 +59,38 @@ def _key(text: str) -> str:
 def _quoted(text: str) -> str:
     whole = text.encode("utf-8", "replace").decode()
     return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+# --- Line numbers of the keys of a TOML file, which Python's own parser does not give ---
+
+KeyPath = tuple[str | int, ...]
+"""Keys, and indices within lists, from the root."""
+CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
+"""What completes a file that is cut off at the end of a line."""
+
+
+def line_of(text: str, path: KeyPath) -> int | None:
+    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there.
+
+    That line is the first one whose addition makes the key a part of what Python reads.
+    """
+    lines, whole = text.split("\n"), tomllib.loads(text)
+    there = next((path[:n] for n in range(len(path), 0, -1) if _has(whole, path[:n])), None)
+    if there is None:
+        return None
+
+    def begun(number: int) -> bool:
+        for closing in CLOSINGS:
+            with contextlib.suppress(tomllib.TOMLDecodeError):
+                return _has(tomllib.loads("\n".join((*lines[:number], closing))), there)
+        return False
+
+    return 1 + bisect.bisect_left(range(1, len(lines)), True, key=begun)
+
+
+def _has(table: Any, path: KeyPath) -> bool:
+    for part in path:
+        if not (0 <= part < len(table) if isinstance(table, list) and isinstance(part, int) else part in table):
+            return False
+        table = table[part]
+    return True

@@ -1,7 +1,5 @@
 """Versions of this program and of its numerical packages."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

@@ -1,13 +1,12 @@
 """The demonstration: photographs of the chart by a simulated camera; PSFs of its files are compared with the truth."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,13 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
+from procedures.transfer_function import radial_profile
 from simulators.bench.demonstration import PITCH_UM, SETUPS, WIDTH_MM, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.truth_comparison import TruthComparison, compare
+from station.demo.digital_twin import TruthComparison, compare
 from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
 from station.reports.psf_page import chart_figures, edge_rows
@@ -38,6 +38,8 @@ CHART = "chart.pdf"
 PAGE = "index.html"
 SHOWN_PLANE = "G1"
 """Plane whose photograph and residual are drawn."""
+PRINT_BLUR = 0.075
+"""Standard deviation of the print's blur, in cells: that of a fine print."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
@@ -135,15 +137,13 @@ def run_demo(
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives chart, photographs, results, record and page, all at once at the end.
     seed : int
         Seed of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed().with_edges(), PatternParameters()
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters(print_blur=PRINT_BLUR)
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")
@@ -297,3 +297,41 @@ def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
         if plane.name == SHOWN_PLANE:
             pictures["chart"] = chart_figures(shot.frame.planes[plane.name], estimate, here)
     return pictures
+
+
+# --- Pictures of the manual, drawn from one photograph by the simulated camera ---
+
+NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
+"""Namespace of an SVG file; an element of a page has none."""
+SETUP = Staging("manual", "Manual", (0.5, 0.5), 1.0, rows=340, columns=340)
+"""The smallest frame that holds the whole chart."""
+
+
+def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
+    """The pictures by the name of their files."""
+    chart = Source.from_seed().with_edges()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "photograph.dng"
+        taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
+        frame = read_frame(path)
+    frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
+    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, progress)
+    estimate, truth = plane.result.estimate, plane.comparison
+    assert estimate is not None  # the simulated photograph is a good one
+    assert truth is not None
+    psf, limit = estimate.psf, estimate.diffraction
+    figures = {
+        "photograph": psf_figures.photograph_figure(frame.planes[SHOWN_PLANE], estimate, "photograph"),
+        "residual": psf_figures.residual_figure(SHOWN_PLANE, estimate, "residual"),
+        "psf": psf_figures.psf_figure(psf, None, "psf"),
+        "psf-and-truth": psf_figures.psf_figure(psf, truth.aligned, "psf-and-truth"),
+        "psf-logarithmic": psf_figures.log_psf_figure(psf, "psf-logarithmic"),
+        "mtf": otf_figures.mtf_figure(estimate.quality, None, "mtf", limit),
+        "mtf-and-truth": otf_figures.mtf_figure(estimate.quality, truth.otf, "mtf-and-truth", limit),
+        "mtf-map": otf_figures.mtf_map_figure(psf, "mtf-map", limit),
+        "phase": otf_figures.phase_figure(psf, "phase"),
+        "energy": psf_figures.energy_figure(radial_profile(psf), "energy"),
+    }
+    sheet = encode(Path("sheet.png"), chart, Size(WIDTH_MM)).data
+    drawn = {f"{name}.svg": str(one.drawing).replace("<svg", f"<svg {NAMESPACE}", 1) for name, one in figures.items()}
+    return {"sheet.png": sheet, **{name: text.encode() for name, text in drawn.items()}}

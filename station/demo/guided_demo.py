@@ -1,7 +1,5 @@
 """The guided demonstration: a calibration on the simulated bench by a scripted operator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Films of rendered scenes, saved as they grow: an interrupted render continues from its file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

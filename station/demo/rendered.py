@@ -3,8 +3,6 @@
 Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from dataclasses import asdict, dataclass
@@ -20,7 +18,7 @@ from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.camera.optics import Optics
-from simulators.camera.rendered import photograph_render
+from simulators.camera.render import photograph_render
 from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
@@ -43,8 +41,6 @@ REFERENCE_SEED = 1 << 32
 class RenderPlan:
     """Settings of a rendering.
 
-    Attributes
-    ----------
     columns : int
         Width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles.
     samples, converged : int
@@ -97,8 +93,6 @@ def rendered_demo(
 ) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
     """Render, filter, photograph, restore and show; returns the scenes, the restoration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives `films` as they grow, and pictures, photographs, page and record all at once at the end.
     """

@@ -3,8 +3,6 @@
 Figures have a softer ink than text, which is read at smaller sizes.
 """
 
-from __future__ import annotations
-
 # --- figures -----------------------------------------------------------------------------------------------------
 
 INK, FAINT = "#2b3036", "#9aa3ad"

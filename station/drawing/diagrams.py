@@ -1,7 +1,5 @@
 """A curve that explains a choice, as lines of a terminal: plot, sentence and table."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial

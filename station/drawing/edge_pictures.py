@@ -1,7 +1,5 @@
 """Picture of measured edges: position, edge spread function, MTF with a 95 % band."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 `style.svg` gives each strip a <title> element, which browsers show and screen readers read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from html import unescape

@@ -1,7 +1,5 @@
 """Vocabulary of figures: axes, curves with bands, points with error bars, pictures, arrows, legends."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 The output is reproducible byte by byte.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import re

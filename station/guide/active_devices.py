@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
 from drivers.interfaces import CameraSettings, Caveat, ExposedFile, Imu, ProbeReading, ShakePath, Travel
 from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
-from station.results.environment import ENVIRONMENT
+from station.results.record_head import ENVIRONMENT
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench

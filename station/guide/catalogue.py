@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     from station.calibration.planes import plane_result
     from station.results.units import pixels_of
-    from station.sessions.session_terms import in_terms
+    from station.sessions.state import in_terms
 
     first, pitch_um = frames[0], facts.get("pixel_pitch_um")
     pixels = pixels_of(first, float(pitch_um) if isinstance(pitch_um, int | float) else None)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,14 @@ from procedures.outcome import BadInput, ProcedureError
 from station.common.durable_files import holds, read_own
 from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
+from station.common.signature import ProofCheck, check_signature
 from station.guide.recompute import recompute
 from station.procedure.registry import procedure_named
 from station.reports.certificate import record_digest
+from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
-from station.results.result_seal import damage
+from station.results.result_files import damage
 from station.results.terms import Terms
 from station.results.units import Unit
 
@@ -28,28 +30,25 @@ SAME_SIGMAS = 0.01
 DERIVED = "derived"
 
 
-@dataclass(frozen=True)
-class CertificateCheck:
-    """One check: what was compared, whether it agrees (None if it could not be compared), and a sentence."""
+def check_certificate(
+    path: Path, originals: Path | None = None, signer: Path | None = None
+) -> Iterator[ProofCheck]:  # fmt: skip
+    """The checks of certificate.html or .pdf, each as it is done. Raises BadInput if it is no such file with a digest.
 
-    name: str
-    agrees: bool | None
-    words: str
-
-
-def check_certificate(path: Path, originals: Path | None = None) -> Iterator[CertificateCheck]:
-    """The checks of certificate.html or .pdf, each as it is done; originals : photographs' folder, if they moved.
-    Raises BadInput if it is no such file with a digest."""
+    originals : photographs' folder, if they moved
+    signer : file with the key of the expected signer, or folder of `.pub` files with those of several
+    """
     digest = _stated_digest(path)
+    yield _signature_check(path, digest, signer)
     folder = _result_of(path.parent, digest)
     if folder is None:
         words = f"no record beside {printable(path.name)} has the digest {digest[:16]}…: it has been changed or moved"
-        yield CertificateCheck("record", False, words)
+        yield ProofCheck("record", False, words)
         return
-    yield CertificateCheck("record", True, f"{printable(folder / 'result.json')} has the digest of the certificate")
+    yield ProofCheck("record", True, f"{printable(folder / 'result.json')} has the digest of the certificate")
     changed = damage(folder)
     words = f"changed or missing: {', '.join(map(printable, changed))}" if changed else "as they were written"
-    yield CertificateCheck("files of the result", not changed, words)
+    yield ProofCheck("files of the result", not changed, words)
     if folder.parent.name == DERIVED:
         yield from _session_checks(folder)
     else:
@@ -68,6 +67,19 @@ def _stated_digest(path: Path) -> str:
     return match[1].decode()
 
 
+def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck:
+    """Whether the file is as it was signed, and by whom."""
+    try:
+        statement, signature = (read_own(path.with_name(name)) for name in (STATEMENT, SIGNATURE))
+    except OSError:
+        words = f"{SIGNATURE} is not beside the certificate: it is not signed"
+        return ProofCheck("signature", None if signer is None else False, words)
+    signed = read_statement(statement)
+    if signed["record"] != digest or signed[path.name] != hashlib.sha256(read_own(path)).hexdigest():
+        return ProofCheck("signature", False, f"{printable(path.name)} has been changed since it was signed")
+    return check_signature(statement, signature, signed["public key"], signer, signed["signed by"])
+
+
 def _result_of(folder: Path, digest: str) -> Path | None:
     """The folder of the record with the digest: this one, or that of a result of the session in it."""
     for one in (folder, *sorted(folder.glob(f"{DERIVED}/*"))):
@@ -79,36 +91,36 @@ def _result_of(folder: Path, digest: str) -> Path | None:
     return None
 
 
-def _session_checks(folder: Path) -> Iterator[CertificateCheck]:
+def _session_checks(folder: Path) -> Iterator[ProofCheck]:
     """A session keeps its photographs, and its journal the hashes of everything."""
     session, results = folder.parents[1], sorted(folder.parent.iterdir(), key=lambda one: (len(one.name), one.name))
     try:
         (again,) = recompute(session, (results.index(folder) + 1,))
     except ProcedureError as error:
-        yield CertificateCheck("originals", False, str(error))
+        yield ProofCheck("originals", False, str(error))
         return
-    yield CertificateCheck("originals", True, "every photograph of the session is unchanged")
+    yield ProofCheck("originals", True, "every photograph of the session is unchanged")
     moved = [(one.number, abs(one.sigmas)) for one in again.moved]
     yield _number_check(again.numbers, moved, [words for words, *_ in again.verdicts])
 
 
-def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator[CertificateCheck]:
+def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator[ProofCheck]:
     head = measurement.head
     places = {one.path: _original(Path(one.path), one.sha256, originals) for one in head.input}
     missing = [printable(name) for name, place in places.items() if place is None]
     words = f"changed or missing: {', '.join(missing)}" if missing else f"all {len(places)} are unchanged"
-    yield CertificateCheck("originals", not missing, words)
+    yield ProofCheck("originals", not missing, words)
     if missing:
         return
     if head.arguments is None or head.settings is None:
-        yield CertificateCheck("numbers", None, "the record is of an earlier version that did not state its settings")
+        yield ProofCheck("numbers", None, "the record is of an earlier version that did not state its settings")
         return
     moved = {Path(name).resolve(): place for name, place in places.items() if place is not None}
     arguments = [moved.get(Path(one).resolve(), originals or Path(one)) for one in head.arguments]
     try:
         fresh = _again(head.procedure, arguments, head.settings, head.parameters)
     except ProcedureError as error:
-        yield CertificateCheck("numbers", False, f"they cannot be computed again: {error}")
+        yield ProofCheck("numbers", False, f"they cannot be computed again: {error}")
         return
     pairs = [(one, fresh.by_name[one.name]) for one in measurement.planes if one.name in fresh.by_name]
     differences = [
@@ -136,11 +148,11 @@ def _again(
     return next(iter(procedure.measurements(arguments, model, Terms(Unit(parameters.get("unit", Unit.CYCLES))))))
 
 
-def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> CertificateCheck:
+def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
     """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
     moved = sorted((one for one in differences if one[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
-        return CertificateCheck("numbers", True, f"all {count} were computed again and agree")
+        return ProofCheck("numbers", True, f"all {count} were computed again and agree")
     words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]
     words += [f"the verdict of {name}" for name in verdicts]
-    return CertificateCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")
+    return ProofCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from procedures.facts import INSISTED
-from procedures.plan import Advice, Ask
+from procedures.plan import INSISTED, Advice, Ask
 from station.guide.answers import words
 from station.guide.dialogue import STOP, Conversation
 from station.guide.frontend import ProblemEvent, Stopped

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
-from procedures.facts import INSISTED, dropped
 from procedures.outcome import ProcedureError
-from procedures.plan import Advice, Ask, Fact, Facts
+from procedures.plan import INSISTED, Advice, Ask, Fact, Facts, dropped
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import OperatorActions
 from station.guide.coach import Ended

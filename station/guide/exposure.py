@@ -19,7 +19,7 @@ from station.guide.frontend import ProblemEvent, Stopped
 from station.guide.vibration import NotSettled, Settling, SettlingTimeouts, VibrationLevel
 
 if TYPE_CHECKING:
-    from drivers.clock import Clock
+    from drivers.errors import Clock
     from station.sessions.session import Session, SessionShot
 
 
@@ -37,7 +37,6 @@ class Photographer(Protocol):
 
     def expose(self) -> ExposedFile:
         """One photograph. Raises DeviceError."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

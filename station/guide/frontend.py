@@ -166,11 +166,9 @@ class Frontend(Protocol):
 
     def notify(self, event: Event) -> None:
         """Show the event. Returns at once; never raises."""
-        ...
 
     def answer(self, ask: Ask) -> Fact:
         """The operator's answer, of the requested kind. Blocks; raises `Stopped` when the operator ends the run."""
-        ...
 
 
 @runtime_checkable
@@ -179,7 +177,6 @@ class WatchedFrontend(Frontend, Protocol):
 
     def settle(self, fact: Fact) -> bool:
         """Answer the open question; False where none is open. From any thread."""
-        ...
 
 
 class Stopped(Exception):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.plan import Advice, Ask, Fact, Reading
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.diagrams import diagram_lines
 from station.guide.answers import parse, words
 from station.guide.frontend import (
@@ -31,8 +31,7 @@ from station.guide.frontend import (
     StepEnded,
     Stopped,
 )
-from station.results.comparison import measurement_words, specification_words
-from station.results.line_numbers import line_numbers
+from station.results.plane_result import line_numbers, measurement_words, specification_words
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult

@@ -8,8 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.clock import Clock
-from drivers.errors import FrameMissing
+from drivers.errors import Clock, FrameMissing
 from drivers.frames import sha256_of
 from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.plan import Ask, Fact

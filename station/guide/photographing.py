@@ -9,7 +9,7 @@ from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Fact, Facts, Go, Goal, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame
-from station.bench.axis_text import moves_text
+from station.bench.motions import moves_text
 from station.guide.active_devices import AT
 from station.guide.coach import Ended, until_held
 from station.guide.consent import MoveApproval
@@ -18,7 +18,7 @@ from station.guide.dialogue import AGAIN, STOP, Coach, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
 from station.guide.frontend import FrameEvent, GoalEvent, ProgressEvent, ScanEvent
 from station.guide.manual_camera import HandCamera
-from station.sessions.compute_environment import same_bits
+from station.sessions.journal_head import same_bits
 from station.sessions.session import SessionShot
 
 Check = Callable[[RawFrame, Facts], Advice]
@@ -255,7 +255,7 @@ class PhotographRequests:
             if self._visited(stop):
                 continue
             self._talk.doing(stop.name, number, len(stops))
-            self._report(Goal(len(stops) - number + 1))
+            self._report(stop.goal(self._talk.facts) or Goal(len(stops) - number + 1))
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)

@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from procedures.facts import INSISTED, facts_as
 from procedures.pattern_psf.distance.consistency import measured_scale
 from procedures.pattern_psf.estimate import PUPIL_SPREAD
 from procedures.pattern_psf.facts import SIZES, PatternFacts
-from procedures.plan import Facts, Plan
+from procedures.plan import INSISTED, Facts, Plan, facts_as
 from procedures.quality import CAMERA, OPERATOR
 from procedures.raw import RawFrame
 from procedures.reading.exposure import TYPED

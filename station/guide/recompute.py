@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, BadParameter
-from station.common.durable_files import sha256_of
-from station.common.leftovers import temporary_folder
+from station.common.durable_files import sha256_of, temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.results.reader import Change, changes, read_result
-from station.results.result_files import RECORD
-from station.results.result_seal import is_sealed
-from station.sessions.compute_environment import KERNELS, machine
+from station.results.result_files import RECORD, is_sealed
+from station.sessions.journal_head import KERNELS, machine
 from station.sessions.reader import read_session, verify
 from station.sessions.state import DerivedResult, SessionState, replay
 

@@ -15,7 +15,7 @@ from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from procedures.outcome import ProcedureError, Refused
 from procedures.plan import (
     Advice,
@@ -38,7 +38,7 @@ from procedures.plan import (
     Tour,
 )
 from station.bench.surroundings import Surroundings
-from station.common.atomic_files import write_whole
+from station.common.durable_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
 from station.guide.consent import MoveApproval
 from station.guide.dialogue import Conversation, Skipped
@@ -168,7 +168,7 @@ class Run:
         """The certificate of a session with a specification; None where the plan has none."""
         from station.guide.session_report import certificate_files  # imported here: it draws, a slow import
         from station.reports.certificate import PAGE as CERTIFICATE
-        from station.sessions.session_terms import terms_of_session
+        from station.sessions.state import terms_of_session
 
         folder = self._session.folder
         if not (self._session.state.results and terms_of_session(folder).specification.limits):

@@ -20,8 +20,7 @@ from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
-from station.common.sanitise import printable
-from station.common.uncertainty_text import stated
+from station.common.sanitise import printable, stated
 from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
 from station.procedure.registry import procedure_named
@@ -30,13 +29,12 @@ from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
 from station.reports.report import METHODS, DriftLine, Report, ReportLine, ReportShot, environment_lines
 from station.reports.report_page import measurement_page
-from station.results.environment import environment_of, temperature_during
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.reader import read_record
+from station.results.record_head import environment_of, temperature_during
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
-from station.sessions.session_terms import terms_of_session
-from station.sessions.state import SessionShot, SessionState, replay
+from station.sessions.state import SessionShot, SessionState, replay, terms_of_session
 
 PAGE = "report.html"
 REPORTED = "reported"
@@ -198,7 +196,7 @@ def _devices(record: SessionRecord) -> Iterator[ReportLine]:
         yield ReportLine(printable(name), printable(", ".join(word for word in words if word)))
 
 
-# --- drift over a session --------------------------------------------------------------------------------------------
+# --- drift over a session ---
 
 PLANES = ("G1", "Y")
 """Planes whose drift is given, in order of preference."""

@@ -16,16 +16,14 @@ from procedures.plan import Estimate, Known, Plan
 from procedures.raw import ImuRecord, RawFrame, ShakerPath, ShakerResponse, measured_path, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
-from station.results.environment import environment_of
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, environment_of
 from station.results.result_files import ResultFolder
-from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
+from station.sessions.journal_head import same_bits
 from station.sessions.layout import inside
 from station.sessions.session import Session
-from station.sessions.session_terms import terms_of_session
-from station.sessions.state import SessionShot, SessionState
+from station.sessions.state import SessionShot, SessionState, terms_of_session
 
 
 @dataclass(frozen=True, eq=False)

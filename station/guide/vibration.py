@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.clock import Clock
-from drivers.errors import DeviceError
+from drivers.errors import Clock, DeviceError
 from drivers.interfaces import Imu, ImuBlock
 from procedures.numerics.arrays import Array
 

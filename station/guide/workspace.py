@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter, ProcedureError
-from station.common.leftovers import temporary_folder
+from station.common.durable_files import temporary_folder
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench, DeviceRow
@@ -121,7 +121,7 @@ class StationLab:
 
     def begin(self, plan: str, camera: str, lens: str, operator: Frontend) -> Run:
         """A run of a new session. Raises ProcedureError."""
-        from drivers.clock import SystemClock
+        from drivers.errors import SystemClock
         from station.sessions.session import Session
 
         bench = self.open().bench
@@ -139,7 +139,7 @@ class StationLab:
     ) -> Run:
         """Run a session from `back_to` or where it stopped, `without` shots whose photographs are lost. Raises
         ProcedureError."""
-        from drivers.clock import SystemClock
+        from drivers.errors import SystemClock
         from station.sessions.session import Session
 
         self._check_bench(folder)  # before any device is connected
@@ -185,7 +185,7 @@ class StationLab:
         drivers = dict(bench.drivers) if bench is not None else {}
         file = None if self._config is None or self._simulate else str(self._config.resolve())
         settings = {"simulate": self._simulate, "file": file, "drivers": drivers, "devices": self._tables}
-        from station.sessions.session_terms import KEY, UNIT, frozen
+        from station.sessions.state import KEY, UNIT, frozen
 
         unit = {} if self._unit is None else {UNIT: self._unit}
         return {**settings, **unit, **({} if self._specification is None else {KEY: frozen(self._specification)})}

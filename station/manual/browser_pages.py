@@ -14,7 +14,7 @@ from markdown_it.utils import EnvType, OptionsDict
 from markupsafe import Markup
 
 from procedures.outcome import BadParameter
-from station.common.atomic_files import write_whole
+from station.common.durable_files import write_whole
 from station.manual.notebooks import notebook_of
 from station.manual.pages import PARTS, Page, index_text, sections_of
 from station.reports.page import html, render

@@ -3,8 +3,6 @@
 Each is imported when it is asked for.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from functools import cache

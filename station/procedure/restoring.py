@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -56,6 +56,9 @@ from station.reports.restoration_files import Restored, restoration_measurement
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from procedures.restoration.joint.result import Restoration
 
 MIN_DETERMINED = 0.3
 """Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
@@ -125,7 +128,7 @@ def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
     return report
 
 
-# --- blur --------------------------------------------------------------------------------------------------------
+# --- blur ---
 
 
 def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
@@ -205,7 +208,7 @@ def _finding(motion: Finding) -> str:
     return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
 
 
-# --- metres ------------------------------------------------------------------------------------------------------
+# --- metres ---
 
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
@@ -265,7 +268,7 @@ def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Rest
     return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
 
 
-# --- record ------------------------------------------------------------------------------------------------------
+# --- record ---
 
 
 def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:

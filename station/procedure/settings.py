@@ -4,8 +4,6 @@ A model is a `Settings` whose fields have a type, a default and, by `setting`, a
 `station.common.models`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Self
 

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from procedures.numbers import RADIAL, Group, in_group, label
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.reports.certificate_figure import curves_figure, qr_code
 from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
 from station.reports.report import METHODS, Report, comparison
-from station.results.comparison import MEASUREMENT, SPECIFICATION
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import MEASUREMENT, SPECIFICATION, PlaneResult
 from station.results.result_files import SEAL, json_text
 from station.results.units import Pixels, Unit
 

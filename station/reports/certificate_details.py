@@ -6,6 +6,7 @@ logo = "logo.png"                   # beside this file
 number = "2026-0117"
 customer = "Example Ltd"
 lens_serial = "1234567"
+signing_key = "laboratory.pem"      # beside this file
 ```
 """
 
@@ -17,6 +18,7 @@ from typing import Self
 
 from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
+from station.common.signature import ALGORITHM, public_key
 
 DETAILS = "certificate.toml"
 """Name of the file that is used if none is given."""
@@ -31,6 +33,7 @@ class CertificateDetails:
     logo : path of a PNG or JPEG image
     traceability : of the chart's scale: ruler, number of its certificate
     authoriser : name and function of the person who authorises the certificate
+    signing_key : path of an Ed25519 private key, PEM
     """
 
     laboratory: str = ""
@@ -46,6 +49,7 @@ class CertificateDetails:
     issued: str = ""
     traceability: str = ""
     authoriser: str = ""
+    signing_key: str = ""
 
     @classmethod
     def read(cls, path: Path | None = None) -> Self:
@@ -54,18 +58,25 @@ class CertificateDetails:
         Raises
         ------
         BadParameter
-            If the file or the logo cannot be read, or a key or a value is not valid.
+            If the file, the logo or the signing key cannot be read, or a key or a value is not valid.
         """
         if path is None and not Path(DETAILS).is_file():
             return cls()
         given, source = TableSource.read(path or Path(DETAILS))
         details = read_model(cls, given, source)
-        if not details.logo:
-            return details
-        logo = (path or Path(DETAILS)).parent / details.logo
-        if not logo.is_file():
-            source.refuse(("logo",), f"names {printable(logo)}, which does not exist", "correct its path")
-        return replace(details, logo=str(logo))
+        places = {}
+        for key in ("logo", "signing_key"):
+            if name := getattr(details, key):
+                place = (path or Path(DETAILS)).parent / name
+                if not place.is_file():
+                    source.refuse((key,), f"names {printable(place)}, which does not exist", "correct its path")
+                places[key] = str(place)
+        return replace(details, **places)
+
+    @property
+    def signer(self) -> str:
+        """Who signs: authoriser and laboratory."""
+        return printable(", ".join(one for one in (self.authoriser, self.laboratory) if one) or "unnamed")
 
     @property
     def lines(self) -> list[list[str]]:
@@ -79,4 +90,6 @@ class CertificateDetails:
             "Issued": self.issued,
             "Traceability of the scale": self.traceability,
         }
+        if self.signing_key:
+            named["Electronic signature"] = f"{ALGORITHM}, public key {public_key(Path(self.signing_key))}"
         return [[name, printable(text)] for name, text in named.items() if text]

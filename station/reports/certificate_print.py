@@ -21,6 +21,7 @@ from reportlab.platypus import Table as PrintedTable
 from station.drawing import colours
 from station.reports.certificate import PAGE, PRINT, certificate_page, certificate_sections, record_digest
 from station.reports.certificate_details import CertificateDetails
+from station.reports.certificate_signature import signature_files
 from station.reports.page import SMALL_MM, Block, Items, Note, PrintedPicture, Table
 from station.reports.report import Report
 from station.results.result_files import ResultFolder
@@ -84,9 +85,10 @@ def _printed_pages(report: Report, pages: int) -> tuple[bytes, int]:
 
 
 def certificate_files(report: Report, record: Mapping[str, Any], details: CertificateDetails) -> dict[str, bytes]:
-    """Page and PDF of the certificate of a record, by name."""
+    """Page, PDF and signature of the certificate of a record, by name; the last with a signing key."""
     report = replace(report, record=record_digest(record), details=details)
-    return {PAGE: certificate_page(report).encode(), PRINT: certificate_pdf(report)}
+    files = {PAGE: certificate_page(report).encode(), PRINT: certificate_pdf(report)}
+    return {**files, **signature_files(files, report.record, details)}
 
 
 def write_certificate(

@@ -12,14 +12,14 @@ import platform
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput
-from station.common.atomic_files import write_whole
-from station.common.durable_files import read_own
+from station.common.durable_files import read_own, write_whole
+from station.common.signature import ProofCheck, check_entry, create_key, signature_entry
 from station.common.versions import software
 from station.reports.page import KeyNumbers, Note, Section, Table, page
 from station.results.result_files import json_text
@@ -28,15 +28,6 @@ RECORD, PAGE = "conformance.json", "conformance.html"
 FORMAT = "calibration-station conformance 1"
 DIGEST, SIGNATURE = "sha256", "signature"
 STATED = re.compile(rb"SHA-256 ([0-9a-f]{64})")
-
-
-@dataclass(frozen=True)
-class ProofCheck:
-    """One check: what was compared, whether it agrees (None if it could not be compared), and a sentence."""
-
-    name: str
-    agrees: bool | None
-    words: str
 
 
 def source_of(module: str) -> dict[str, str]:
@@ -75,7 +66,9 @@ def conformance_record(
 def write_conformance(folder: Path, record: Mapping[str, Any], key: Path | None = None) -> tuple[Path, Path]:
     """Write record and page; signed if there is a key, which is created on first use. Raises BadInput."""
     digest = _digest(record)
-    signature = {SIGNATURE: _sign(digest, key)} if key is not None else {}
+    if key is not None and not key.exists():
+        create_key(key)
+    signature = {SIGNATURE: signature_entry(digest, key)} if key is not None else {}
     whole = {**record, DIGEST: digest, **signature}
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / RECORD, folder / PAGE
@@ -123,48 +116,7 @@ def conformance_page(record: Mapping[str, Any]) -> str:
     )  # fmt: skip
 
 
-# --- signature -------------------------------------------------------------------------------------------------------
-
-
-def _cryptography() -> Any:
-    """The parts of cryptography in use. Raises BadInput if it is not installed."""
-    try:
-        from cryptography import exceptions
-        from cryptography.hazmat.primitives import serialization
-        from cryptography.hazmat.primitives.asymmetric import ed25519
-    except ImportError as error:
-        raise BadInput(
-            "a signature needs cryptography, which is not installed",
-            "install it: pip install 'calibration-station[sign]', or write the page without --key",
-        ) from error
-    return ed25519, serialization, exceptions
-
-
-def _key(path: Path, *, create: bool = False) -> Any:
-    """The private key of this file; created where there is none, if asked to. Raises BadInput."""
-    ed25519, serialization, _ = _cryptography()
-    if path.exists() or not create:
-        try:
-            key = serialization.load_pem_private_key(path.read_bytes(), password=None)
-        except (OSError, ValueError, TypeError) as error:
-            raise BadInput(f"{path} is no private key without password: {error}", "name an Ed25519 key") from error
-        if not isinstance(key, ed25519.Ed25519PrivateKey):
-            raise BadInput(f"{path} holds another kind of key", "name an Ed25519 key, or a file that is to be created")
-        return key
-    key = ed25519.Ed25519PrivateKey.generate()
-    form = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    path.touch(mode=0o600, exist_ok=False)
-    path.write_bytes(key.private_bytes(serialization.Encoding.PEM, *form))
-    return key
-
-
-def _sign(digest: str, path: Path) -> dict[str, str]:
-    key = _key(path, create=True)
-    public, value = key.public_key().public_bytes_raw().hex(), key.sign(digest.encode()).hex()
-    return {"algorithm": "Ed25519", "public_key": public, "value": value}
-
-
-# --- checks ----------------------------------------------------------------------------------------------------------
+# --- checks ---
 
 
 def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCheck]:
@@ -181,7 +133,7 @@ def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCh
         "record", same, "has the digest that it states" if same else "has been changed since it was written"
     )
     yield _page_check(folder, digest)
-    yield _signature_check(record.get(SIGNATURE), digest, key)
+    yield check_entry(record.get(SIGNATURE), digest, key)
     yield _source_check(source)
 
 
@@ -192,20 +144,6 @@ def _page_check(folder: Path, digest: str) -> ProofCheck:
         return ProofCheck("page", None, f"{PAGE} is not beside the record")
     good = digest.encode() in stated
     return ProofCheck("page", good, "states the digest of the record" if good else "states another digest")
-
-
-def _signature_check(signature: Mapping[str, str] | None, digest: str, key: Path | None) -> ProofCheck:
-    if not signature:
-        return ProofCheck("signature", None if key is None else False, "the record is not signed")
-    ed25519, _, exceptions = _cryptography()
-    public = bytes.fromhex(signature["public_key"])
-    try:
-        ed25519.Ed25519PublicKey.from_public_bytes(public).verify(bytes.fromhex(signature["value"]), digest.encode())
-    except (exceptions.InvalidSignature, ValueError):
-        return ProofCheck("signature", False, "the signature is not that of this record")
-    if key is not None and _key(key).public_key().public_bytes_raw() != public:
-        return ProofCheck("signature", False, f"it is signed with another key, {public.hex()}")
-    return ProofCheck("signature", True, f"signed with the key {public.hex()}")
 
 
 def _source_check(source: Mapping[str, str]) -> ProofCheck:

@@ -46,7 +46,7 @@ class FrequencyAxis:
 PER_PIXEL = FrequencyAxis()
 
 
-# --- MTF along one frequency -------------------------------------------------------------------------------------
+# --- MTF along one frequency ---
 
 
 def mtf_figure(
@@ -154,7 +154,7 @@ def _frequency_axis(axes: Axes, f: Array, axis: FrequencyAxis, *, bottom: bool =
         axes.set_xlabel(axis.unit)
 
 
-# --- phase -------------------------------------------------------------------------------------------------------
+# --- phase ---
 
 
 def phase_figure(psf: Psf, name: str, axis: FrequencyAxis = PER_PIXEL) -> Figure:
@@ -179,7 +179,7 @@ def phase_figure(psf: Psf, name: str, axis: FrequencyAxis = PER_PIXEL) -> Figure
     )  # fmt: skip
 
 
-# --- two dimensions ----------------------------------------------------------------------------------------------
+# --- two dimensions ---
 
 
 def mtf_map_figure(psf: Psf, name: str, limit: Diffraction | None = None, axis: FrequencyAxis = PER_PIXEL) -> Figure:

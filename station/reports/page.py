@@ -1,4 +1,7 @@
-"""Pages: lists of sections, drawn by one template into one HTML file without scripts and without a network."""
+"""Pages: lists of sections, drawn by one template into one HTML file that needs no network.
+
+A page shows everything without scripts. The small scripts in it sort tables, and let one explore the numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,13 @@ from markupsafe import Markup, escape
 
 from procedures.outcome import Cause, Miss, Quantity, WithVerdict
 from procedures.raw import Exposure
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.comparison import measurement_words
+from station.results.plane_result import measurement_words
 from station.results.record_head import PartBeside
+from station.results.units import Unit
 
 Text = str
 """Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""
@@ -57,6 +61,10 @@ class KeyNumbers:
     kind: ClassVar[str] = "facts"
 
 
+SORTABLE = "sortable"
+"""Style of a table that a script sorts."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table.
@@ -65,7 +73,8 @@ class Table:
     ----------
     rows, head : cells
     columns : one letter per column: w word, n number, u unit, r long text; without a letter, number
-    style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print
+    style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print;
+        `SORTABLE`, each row with a heading, sorted by a column on a click
     boxed : on its own ground, and scrolled where it is wider than the page
     """
 
@@ -137,9 +146,13 @@ class Section:
     anchor: str = ""
 
 
-def page(title: str, sections: Iterable[Section]) -> str:
-    """The page of sections."""
-    return render("page.html", title=title, sections=list(sections))
+def page(title: str, sections: Iterable[Section], *, explored: Markup | None = None) -> str:
+    """The page of sections, with the scripts that they use; `explored` is the data of `explore.explorer`."""
+    shown = list(sections)
+    blocks = [block for one in shown for block in one.blocks]
+    scripts = ["sort.js"] if any(isinstance(one, Table) and one.style == SORTABLE for one in blocks) else []
+    scripts += ["explore.js"] if explored else []
+    return render("page.html", title=title, sections=shown, scripts=scripts, explored=explored or "")
 
 
 def render(template: str, **context: Any) -> str:
@@ -161,7 +174,7 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-# --- texts -------------------------------------------------------------------------------------------------------
+# --- texts ---
 
 
 def marked(text: Text) -> Markup:
@@ -207,6 +220,20 @@ def unit_of(number: Quantity) -> str:
     return "" if number.unit == "1" else number.unit
 
 
+def shown_unit(number: Quantity) -> Text:
+    """The unit of a number. The script of a page changes that of a frequency."""
+    unit = unit_of(number)
+    return html("<span data-unit>{}</span>", unit) if unit in tuple(Unit) else unit
+
+
+def value_of(number: Quantity) -> Text:
+    """A number with its uncertainty. The script of a page converts that of a frequency."""
+    words = stated(number.value, number.uncertainty)
+    if number.unit not in tuple(Unit):
+        return words
+    return html('<span data-q="{:.7g} {:.7g}">{}</span>', number.value, number.uncertainty, words)
+
+
 def percent(share: float) -> str:
     """A share in per cent: 2.14 %, 99.5 %."""
     decimals = 2 if abs(share) < 0.0995 else 1
@@ -240,7 +267,7 @@ def exposure_words(exposure: Exposure) -> str:
     return ", ".join(word for word in words if word)
 
 
-# --- blocks of several pages -------------------------------------------------------------------------------------
+# --- blocks of several pages ---
 
 
 def causes(judged: WithVerdict, before: Text = "") -> list[Block]:

@@ -15,8 +15,8 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
-from procedures.radial_profile import RadialProfile
 from procedures.raw import Plane
+from procedures.transfer_function import RadialProfile
 from station.drawing.colours import ALONG, FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.plots import (
     DASHED,
@@ -48,7 +48,7 @@ MIN_POWER = -5.0
 BELOW = (0, -0.27, 1, 0.045)
 """Place of a colour bar below a picture."""
 
-# --- the photograph ----------------------------------------------------------------------------------------------
+# --- the photograph ---
 
 
 def _square(registration: Registration, low: float, high: float) -> Array:
@@ -107,7 +107,7 @@ def pair_figure(near: Plane, outline: Array, name: str) -> Figure:
     return finished(axes, name, caption, xlabel=f"pixels of {near.name}")
 
 
-# --- the PSF -----------------------------------------------------------------------------------------------------
+# --- the PSF ---
 
 
 def _draw_psf(axes: Axes, psf: Psf, samples: Array, title: str, **looks: Any) -> Any:
@@ -179,7 +179,7 @@ def kernel_figure(kernel: Array, name: str) -> Figure:
     return finished(axes, name, "The kernel that turns the near photograph into the far one.", xticks=[], yticks=[])
 
 
-# --- several photographs -----------------------------------------------------------------------------------------
+# --- several photographs ---
 
 
 def places_figure(outlines: Sequence[Array], name: str) -> Figure:
@@ -238,7 +238,7 @@ def _rows_axes(rows: Rows) -> Axes:
     return axes
 
 
-# --- restorations and corrections --------------------------------------------------------------------------------
+# --- restorations and corrections ---
 
 
 def map_figure(

@@ -10,18 +10,17 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.budget import TERMS
-from procedures.choice import Trial
+from procedures.choice import TERMS, Trial
 from procedures.numbers import RESIDUAL_STD, Group, in_group, label
 from procedures.outcome import Outcome
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.physics.estimate import Physics
 from procedures.quality import Quality
-from procedures.radial_profile import radial_profile
 from procedures.raw import Plane, RawFrame
+from procedures.transfer_function import radial_profile
 from procedures.two_photo.estimate import TwoPhotoPsf
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.plots import Figure
 from station.reports import otf_figures, psf_figures
 from station.reports.page import (
@@ -110,7 +109,7 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
     return [*blocks, Figures(checks)] if checks else blocks
 
 
-# --- figures -----------------------------------------------------------------------------------------------------
+# --- figures ---
 
 
 def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> tuple[list[Figure], list[Figure]]:
@@ -161,7 +160,7 @@ def _outline(plane: Plane) -> Array:
     return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
 
 
-# --- tables ------------------------------------------------------------------------------------------------------
+# --- tables ---
 
 
 def budget_terms(quality: Quality) -> list[str]:

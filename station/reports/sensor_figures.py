@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from procedures.numbers import QUANTUM_EFFICIENCY
 from procedures.sensor.estimate import FixedPattern, SensorResult
-from procedures.sensor.signal_to_noise import input_snr, linear_snr, total_snr
+from procedures.sensor.information import input_snr, linear_snr, total_snr
 from station.drawing.colours import ALONG, FAINT, INK, MARK
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, finished, legend, plot_axes, points
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from procedures.sensor.estimate import FixedPattern, SensorResult
 from procedures.sensor.spectrograms import Period
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.reports.page import Block, Figures, Heading, Items, Note, Table, quantity
 from station.reports.report import Report
 from station.reports.report_page import SUMMARY_FIGURES, report_page

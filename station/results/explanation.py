@@ -1,7 +1,5 @@
 """Why a result has its verdict and its uncertainty: most likely cause, largest terms of the budget, remedies."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -11,11 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from procedures.budget import TERMS
+from procedures.choice import TERMS
 from procedures.numbers import Group, in_group
 from procedures.outcome import BadInput, Verdict
-from station.common.sanitise import printable
-from station.common.uncertainty_text import stated
+from station.common.sanitise import printable, stated
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.reader import read_record, read_result

@@ -5,8 +5,6 @@ bring it inside: JCGM 106:2012, guarded acceptance and guarded rejection. Betwee
 about the lens; whether the measurement can be trusted is another verdict, and the two are never mixed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,8 +13,7 @@ from typing import Any
 
 from procedures.numbers import CYCLES, FAMILIES, HORIZONTAL, MTF, NUMBERS, VERTICAL, label, name_at
 from procedures.outcome import Quantity
-from station.results.comparison import UNMEASURED, Comparison, Compliance, Judgement, worst
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import UNMEASURED, Comparison, Compliance, Judgement, PlaneResult, worst
 from station.results.units import Frequency, Pixels, Unit, convert_name, convert_quantity
 
 BOTH = (HORIZONTAL, VERTICAL)

@@ -3,8 +3,6 @@
 A field's result has two: the MTF at the frame's centre over frequency, and at some frequencies over image height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

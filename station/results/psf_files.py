@@ -11,7 +11,7 @@ from procedures.numbers import SAMPLES_PER_PIXEL, SUPPORT
 from procedures.numerics.arrays import Array
 from station.common.sanitise import cell
 from station.common.versions import software
-from station.drawing.psf_picture import psf_picture
+from station.drawing.pictures import psf_picture
 from station.results.exports import csv_bytes, profile_table, psf_fits, psf_tiff
 from station.results.measurement import PSF, Measurement, write_measurement
 from station.results.plane_result import PlaneResult

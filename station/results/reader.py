@@ -1,7 +1,5 @@
 """Results read back from their folders as the measurements that were written, and two compared."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping
@@ -18,10 +16,9 @@ from procedures.outcome import BadInput, Miss, Quantity, Verdict
 from procedures.reading.arrays import checked_array, parse_npy
 from procedures.reading.text import parse_json
 from station.common.durable_files import read_own
-from station.results.comparison import Comparison
 from station.results.measurement import BY_PLANE, Measurement
 from station.results.overlay import table_columns
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import Comparison, PlaneResult
 from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in
@@ -159,7 +156,7 @@ def read_picture(path: Path) -> npt.NDArray[np.uint8]:
     return np.asarray(picture, dtype=np.uint8)
 
 
-# --- two results side by side ------------------------------------------------------------------------------------
+# --- two results side by side ---
 
 
 @dataclass(frozen=True)

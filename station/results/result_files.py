@@ -20,8 +20,7 @@ import numpy.typing as npt
 
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from station.common.durable_files import Disk, hashes_in, holds, read_own
-from station.common.leftovers import make, release, sweep
+from station.common.durable_files import Disk, hashes_in, holds, make, read_own, release, sweep
 from station.common.sanitise import encodable
 from station.results.plane_result import PlaneResult
 from station.results.record_head import verdict_entry
@@ -297,3 +296,35 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# --- Integrity of a result, by the hashes in its record of all files and of the record itself ---
+# This detects errors of the disk and edited files, not forgery.
+
+
+def is_sealed(folder: Path) -> bool:
+    """Whether the record in a folder has hashes, which earlier versions lack; True if it cannot be read."""
+    try:
+        return SEAL in json.loads(read_own(folder / RECORD))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return True
+
+
+def damage(folder: Path) -> tuple[str, ...]:
+    """The missing or changed files of a sealed result; the record alone if it has changed."""
+    record = _record(folder)
+    if record is None:
+        return (RECORD,)
+    return tuple(name for name, digest in record["files"].items() if not holds(folder / name, digest))
+
+
+def _record(folder: Path) -> dict[str, Any] | None:
+    """The record; None if it has changed."""
+    try:
+        data = read_own(folder / RECORD)
+        record: dict[str, Any] = json.loads(data)
+        rest = {name: value for name, value in record.items() if name != SEAL}
+        whole = sealed_text(rest, rest["files"]).encode() == data
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    return record if whole else None

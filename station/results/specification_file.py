@@ -16,13 +16,11 @@ place = "centre"                    # or "sides", "corners", "anywhere"
 ```
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -30,9 +28,9 @@ from procedures.numbers import DIRECTIONS, FAMILIES, MTF
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.text import read_text
-from station.common.models import TableSource, one_of, read_model
+from station.common.models import ModelField, TableSource, fields_of, one_of, read_model, read_value
 from station.common.sanitise import printable
-from station.common.toml_lines import Path as KeyPath
+from station.common.toml_text import KeyPath
 from station.results.limits import BOTH, Limit, Place, Specification, limited_numbers
 from station.results.units import Unit
 
@@ -118,3 +116,27 @@ def parse_specification(text: str, file: str) -> Specification:
         raise BadParameter(f"{printable(file)} sets no limit", "write [[limit]] tables; station init shows them")
     title = specification.title or Path(file).name
     return replace(specification, title=title, source=file, sha256=hashlib.sha256(text.encode()).hexdigest())
+
+
+# --- The unit of frequencies from station.toml, used if neither a command nor a procedure states one ---
+# ```toml
+# unit = "lp/mm"                  # station.toml, above its devices; or "cycles/pixel" (of the plane), "lw/ph"
+# ```
+
+FILE = Path("station.toml")
+"""The station's file of settings, in the working directory."""
+UNIT: ModelField = next(one for one in fields_of(SpecificationTable) if one.name == "unit")
+
+
+def unit_named(name: Any, source: TableSource) -> Unit:
+    """The unit of that name, in letters of any size. Raises BadParameter."""
+    return Unit(read_value(UNIT, name, source, ("unit",)))
+
+
+def preferred_unit(file: Path | None = None) -> Unit:
+    """The unit of a station.toml, by default this folder's, else cycles per pixel. Raises BadParameter if it is
+    unreadable or unknown."""
+    if file is None and not FILE.is_file():
+        return Unit.CYCLES
+    content, source = TableSource.read(file or FILE)
+    return unit_named(content.get("unit", Unit.CYCLES), source)

@@ -4,8 +4,6 @@ Everything is computed in cycles per pixel of the plane. `PlaneResult.in_unit` c
 written, so that files, page and terminal agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum

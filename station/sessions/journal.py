@@ -10,8 +10,6 @@ configuration. An incomplete last line was being written during a power failure:
 A chain cannot detect that the last lines are missing; `journal.head` does (see `station.sessions.journal_head`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -11,15 +11,19 @@ each with its own check, so that a half-written one leaves the other valid. Afte
 and line, the head counts one line too many; that line had not been confirmed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
-from collections.abc import Sequence
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
+from procedures.numerics.loops import COMPILER
 from station.common.durable_files import Disk, read_own, write_failed
+from station.common.versions import software
 
 HEAD = "journal.head"
 WIDTH = 85
@@ -60,7 +64,7 @@ def gap(path: Path, sums: Sequence[str], *, expected: bool) -> Gap:
         return Gap(0, f"{path.name} is missing: whether the journal is whole is unknown") if expected else Gap()
     except OSError as error:
         return Gap(0, f"{path.name} cannot be read ({error.strerror}): whether the journal is whole is unknown")
-    entries = _entries(data)
+    entries = [data[:WIDTH], data[WIDTH:]] if len(data) == 2 * WIDTH else [data or b"?"]
     heads = [head for head in map(_read, entries) if head is not None]
     ahead = max((head.count for head in heads), default=0) - len(sums)
     if ahead > 0:
@@ -76,11 +80,6 @@ def _lost(path: Path, count: int, ahead: int) -> str:
     last = f"line {count + 1} is" if ahead == 1 else f"lines {count + 1} to {count + ahead} are"
     power = "; it was lost, or being written when the program ended" if ahead == 1 else ": they were lost"
     return f"the journal has {count} lines, but {path.name} counts {count + ahead}: {last} missing{power}"
-
-
-def _entries(data: bytes) -> list[bytes]:
-    """The two entries; a file of another length as a single invalid one."""
-    return [data[:WIDTH], data[WIDTH:]] if len(data) == 2 * WIDTH else [data or b"?"]
 
 
 def _read(entry: bytes) -> Head | None:
@@ -126,3 +125,50 @@ class HeadFile:
 
 def _place(head: Head) -> int:
     return head.count % 2 * WIDTH
+
+
+# The computing environment of a result: versions, processor, and BLAS libraries, all of which affect the last bits.
+# The order of summation in a matrix product depends on the number of threads and the processor family. With one
+# thread it depends on the processor's kernels only; these are recorded, so that two results can be compared.
+
+KERNELS = "OPENBLAS_CORETYPE"
+"""Environment variable that makes OpenBLAS compute like another processor family."""
+
+
+@cache
+def machine() -> Mapping[str, Any]:
+    """Everything that may change the last bits of a result; constant during a run of the program."""
+    import numpy as np
+
+    return {
+        "software": software(),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
+        "blas": _libraries(),
+        "loops": COMPILER,
+    }
+
+
+def _libraries() -> str:
+    """The BLAS of numpy and scipy: "openblas 0.3.30 SkylakeX". OpenCV's own is ignored, as it only draws pictures."""
+    import scipy.linalg  # noqa: F401  (only loaded libraries are listed)
+    from threadpoolctl import threadpool_info
+
+    libraries = {
+        f"{info['internal_api']} {info['version']} {info.get('architecture', '')}".strip()
+        for info in threadpool_info()
+        if info["user_api"] == "blas" and "opencv" not in info["filepath"]
+    }
+    return ", ".join(sorted(libraries))
+
+
+@contextmanager
+def same_bits() -> Iterator[None]:
+    """Context in which linear algebra has one thread, whatever the environment sets."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield

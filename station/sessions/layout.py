@@ -1,7 +1,5 @@
 """The layout of a session's folder: names, frozen configuration, and the lock against other programs."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

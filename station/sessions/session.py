@@ -30,7 +30,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.clock import Clock
+from drivers.errors import Clock
 from drivers.interfaces import ExposedFile
 from procedures.plan import Facts
 from station.common.durable_files import (
@@ -41,12 +41,14 @@ from station.common.durable_files import (
     hashes_in,
     holds,
     holds_all,
+    make,
+    release,
+    sweep,
     write_errors,
 )
-from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
-from station.sessions.compute_environment import machine
 from station.sessions.journal import Contents, Journal, JournalLine
+from station.sessions.journal_head import machine
 from station.sessions.layout import (
     CONFIG,
     DERIVED,
@@ -64,8 +66,7 @@ from station.sessions.layout import (
     read_config,
     safe_name,
 )
-from station.sessions.reader import SessionRecord, read_session, sums, verify
-from station.sessions.recovery import finish_adopting, recover
+from station.sessions.reader import SessionRecord, finish_adopting, read_session, recover, sums, verify
 from station.sessions.state import DerivedResult, SessionShot, SessionState, after
 
 __all__ = ["DerivedResult", "Session", "SessionShot", "SessionState"]
@@ -372,7 +373,7 @@ class Session:
             return
 
 
-# --- creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically ---------
+# --- creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically ---
 
 
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:

@@ -1,15 +1,21 @@
 """The state of a session, replayed from its journal line by line, without side effects."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+from procedures.choice import with_frequencies
+from procedures.outcome import ProcedureError
 from procedures.plan import Fact
+from station.common.models import TableSource
+from station.results.plane_result import PlaneResult, curves_of, numbers_of
+from station.results.specification_file import parse_specification, specification_text, unit_named
+from station.results.terms import USUAL, Terms
+from station.results.units import Pixels, Unit
 from station.sessions.journal import Damaged, JournalLine
-from station.sessions.layout import is_given
+from station.sessions.layout import is_given, read_config
 
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
 DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")
@@ -160,25 +166,9 @@ def after(state: SessionState, line: JournalLine) -> SessionState:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _acknowledged(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, notices=())
-
-
-def _noticed(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, notices=(*state.notices, str(line.data["say"])))
-
-
-def _learned(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, facts={**state.facts, **line.data["facts"]})
-
-
 def _forgot(state: SessionState, line: JournalLine) -> SessionState:
     gone = set(line.data["names"])
     return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
-
-
-def _step_began(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, step=str(line.data["step"]), ended=None)
 
 
 def _step_ended(state: SessionState, line: JournalLine) -> SessionState:
@@ -199,31 +189,11 @@ def _reopened(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, done=done, step="", shots=shots, ended=None)
 
 
-def _exposing(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"])))
-
-
-def _gave_up(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, awaited=None, adopting=None)
-
-
-def _adopting(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, adopting=_shot(line.data))
-
-
 def _adopted(state: SessionState, line: JournalLine) -> SessionState:
     shot = state.adopting
     if shot is None or shot.number != line.data["shot"]:
         raise ValueError("no shot was being adopted")
     return replace(state, adopting=None, awaited=None, shots=(*state.shots, shot))
-
-
-def _judged(state: SessionState, line: JournalLine) -> SessionState:
-    return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
-
-
-def _lost(state: SessionState, line: JournalLine) -> SessionState:
-    return _with_shot(state, line, counts=False, reason=LOST, lost=True)
 
 
 def _with_shot(state: SessionState, line: JournalLine, **change: Any) -> SessionState:
@@ -253,28 +223,26 @@ def _given(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, given={**state.given, **files})
 
 
-def _ended(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, ended=str(line.data["how"]))
-
-
 CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
-    "told": _acknowledged,
-    "noticed": _noticed,
-    "learned": _learned,
+    "told": lambda state, line: replace(state, notices=()),
+    "noticed": lambda state, line: replace(state, notices=(*state.notices, str(line.data["say"]))),
+    "learned": lambda state, line: replace(state, facts={**state.facts, **line.data["facts"]}),
     "forgot": _forgot,
-    "step_began": _step_began,
+    "step_began": lambda state, line: replace(state, step=str(line.data["step"]), ended=None),
     "step_ended": _step_ended,
     "reopened": _reopened,
-    "exposing": _exposing,
-    "gave_up": _gave_up,
-    "adopting": _adopting,
+    "exposing": lambda state, line: replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"]))),
+    "gave_up": lambda state, line: replace(state, awaited=None, adopting=None),
+    "adopting": lambda state, line: replace(state, adopting=_shot(line.data)),
     "adopted": _adopted,
-    "judged": _judged,
-    "lost": _lost,
+    "judged": lambda state, line: _with_shot(
+        state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"])
+    ),
+    "lost": lambda state, line: _with_shot(state, line, counts=False, reason=LOST, lost=True),
     "derived": _derived,
     "found": _found,
     "given": _given,
-    "ended": _ended,
+    "ended": lambda state, line: replace(state, ended=str(line.data["how"])),
 }
 
 
@@ -292,3 +260,44 @@ def _shot(data: Mapping[str, Any]) -> SessionShot:
         exposure=dict(data["exposure"]),
         snapshot=dict(data["snapshot"]),
     )
+
+
+# --- The terms of a session's results: unit and specification, from its frozen configuration ---
+
+KEY = "specification"
+UNIT = "unit"
+
+
+def frozen(path: Path) -> dict[str, str]:
+    """A specification as frozen in a session. Raises BadParameter if it is invalid."""
+    text = specification_text(path)
+    parse_specification(text, str(path))
+    return {"path": str(path), "text": text}
+
+
+def terms_of_session(folder: Path) -> Terms:
+    """The terms of a session's results, or the default. Raises BadParameter for an invalid unit or specification."""
+    config, _ = read_config(folder)
+    frozen_config = config.get("config", {})
+    unit = unit_named(frozen_config.get(UNIT, Unit.CYCLES), TableSource(places={UNIT: (f"{folder}, {UNIT}",)}))
+    specification: Mapping[str, Any] = frozen_config.get(KEY, {})
+    if not isinstance(specification, Mapping) or not isinstance(specification.get("text"), str):
+        return USUAL if unit is Unit.CYCLES else Terms(unit)
+    return Terms(unit, specification=parse_specification(specification["text"], str(specification.get("path", ""))))
+
+
+def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
+    """Express a plane's result in these terms. If the unit requires an unknown, limits stay undecided for that reason,
+    frequencies are in cycles per pixel."""
+    terms = terms.with_known_unit(pixels)
+    if not terms.specification.limits:
+        return terms.apply(result, pixels)
+    try:
+        at = terms.frequencies(pixels)
+    except ProcedureError as error:
+        return terms.undecided(result, error.reason)
+    if result.psf is not None and result.quality is not None and at:
+        quality = with_frequencies(result.quality, result.psf, at)
+        numbers = dict(numbers_of(quality, result.pitch))
+        result = replace(result, quality=quality, numbers=numbers, curves=curves_of(quality))
+    return terms.apply(result, pixels)

@@ -24,10 +24,10 @@ import numpy as np
 import rawpy  # noqa: F401  (loaded once, before the forks)
 
 from drivers.frame_files.dng import Shot, write_dng
-from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.field_file import read_camera as read_camera_of_field
 from procedures.field.field_file import read_colours, read_field, write_field
 from procedures.field.interpolate import interpolate
+from procedures.field.maps import DEGREES, LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.outcome import ProcedureError, Verdict
 from procedures.pattern_print.source import Source
@@ -73,8 +73,7 @@ from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.reader import read_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder
-from station.results.result_seal import damage
+from station.results.result_files import ResultFolder, damage
 from station.results.specification_file import read_specification
 from station.sessions.index import Index
 from station.sessions.reader import check_whole, read_session, verify, verify_results

@@ -69,7 +69,7 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "drivers/transport.py",
             "drivers/grbl.py",
             "drivers/grbl_envelope.py",
-            "drivers/homing_state.py",
+            "drivers/move_checks.py",
             "drivers/move_checks.py",
             "drivers/watchdog.py",
             "drivers/zaber.py",

@@ -40,13 +40,12 @@ from procedures.pattern_psf.outline import SHEET
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import OPTICS, PITCH_UM
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, TruePsf, true_mtf, true_psf
 from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import TruePsf, true_mtf, true_psf
 from simulators.world.scene import Scene
-from station.demo.truth_comparison import align
+from station.demo.digital_twin import align
 
 S, K = 4, 17
 PIXELS = 102.4  # s/t = 1.6

@@ -25,8 +25,7 @@ sys.path[:0] = [str(ROOT)]
 import numpy as np  # noqa: E402
 
 from procedures.sensor.estimate import characterise  # noqa: E402
-from procedures.sensor.levels import measure_level  # noqa: E402
-from procedures.sensor.stacks import StackSums  # noqa: E402
+from procedures.sensor.stacks import StackSums, measure_level  # noqa: E402
 from procedures.sensor.uniformity import spatial_variances  # noqa: E402
 from station.calibration.sensor import measure_sensor  # noqa: E402
 from station.calibration.sensor_folder import find_shots  # noqa: E402

@@ -46,8 +46,12 @@ from procedures.outcome import Outcome, Verdict  # noqa: E402
 from procedures.plan import Advice, Go, Home, Plan, Shoot, Step  # noqa: E402
 from simulators.bench.bench import Setup, SimulatedBench  # noqa: E402
 from simulators.bench.body import Opening  # noqa: E402
-from simulators.devices.cable_faults import Faults  # noqa: E402
-from simulators.devices.serial_device import Cable, plug, unplug  # noqa: E402
+from simulators.devices.serial_device import (  # noqa: E402
+    Cable,
+    Faults,
+    plug,
+    unplug,
+)
 from station.bench import conform  # noqa: E402
 from station.bench.conform import FAULTS, Broken, StageRig, disturb, require  # noqa: E402
 from station.bench.opening import Bench, make_bench, simulated_tables  # noqa: E402

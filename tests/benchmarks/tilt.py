@@ -21,8 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from procedures.pattern import Chart
-from procedures.tilt.plane import Positions, behind_lens_um
-from procedures.tilt.screws import Screws
+from procedures.tilt.plane import Positions, Screws, behind_lens_um
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

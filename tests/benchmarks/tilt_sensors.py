@@ -26,7 +26,7 @@ from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.raw import Plane
 from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt
-from procedures.tilt.screws import Screws
+from procedures.tilt.plane import Screws
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

@@ -43,8 +43,8 @@ from procedures.reading.exposure import Exposure  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
 from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall  # noqa: E402
+from simulators.camera.camera import true_mtf, true_psf  # noqa: E402
 from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture  # noqa: E402
-from simulators.camera.truth import true_mtf, true_psf  # noqa: E402
 from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
 from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
 from tests.procedures.two_photo import endless as of_wall  # noqa: E402

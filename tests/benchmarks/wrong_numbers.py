@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.whole_camera.facts import NO_PANEL
+from procedures.whole_camera.plan import NO_PANEL
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
 from station.guide.frontend import ProblemEvent, StepEnded

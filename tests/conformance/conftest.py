@@ -1,7 +1,5 @@
 """Every driver at its twin, or, with `--driver NAME --port URL`, one driver at a real device."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess
@@ -15,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock import Clock, SystemClock
+from drivers.errors import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
 from drivers.frames import ExposureMetadata
 from drivers.gcs import GcsParser, GcsStage
@@ -28,13 +26,13 @@ from drivers.polled_stage import PolledAxis
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
-from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.scpi import ProbeChannel, ScpiLight, ScpiParser, ScpiProbe, SupplySettings
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.thorlabs import AptParser, AptStage
+from drivers.tmcl.link import TmclParser
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage

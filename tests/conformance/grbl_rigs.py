@@ -1,13 +1,11 @@
 """GRBL and grblHAL as their makers have them, with motors, switches and a power supply."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.protocols.grbl import GrblParser

@@ -1,11 +1,8 @@
 """What every shutter promises."""
 
-from __future__ import annotations
-
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected
+from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected, SystemClock
 
 
 @pytest.fixture

@@ -1,16 +1,13 @@
 """The drivers of Alpaca devices at a server that others wrote (alpaca-simulators)."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest
 
 from drivers.alpaca.camera import AlpacaCamera
-from drivers.alpaca.link import AlpacaAddress
-from drivers.alpaca.probe import AlpacaProbe
+from drivers.alpaca.link import AlpacaAddress, AlpacaProbe
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
-from drivers.frame_files.dng_folder import DngFolder
+from drivers.frame_files.dng import DngFolder
 from station.bench.opening import inspect_raw
 from station.service.hosting import Hosting, listen
 

@@ -1,7 +1,5 @@
 """GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
 
-from __future__ import annotations
-
 import json
 import threading
 
@@ -14,7 +12,7 @@ from ..aravis_fake import IGNORED, fake_camera, require_aravis
 require_aravis(module=True)
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
-from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata  # noqa: E402
+from drivers.frame_files.dng import DngFolder, OpticsMetadata  # noqa: E402
 from drivers.genicam.camera import GenicamCamera, GenicamSettings  # noqa: E402
 from drivers.interfaces import CameraSettings  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402

@@ -1,7 +1,5 @@
 """Every parser: any split of the stream gives the same events, garbage never raises, and noise is left behind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -13,10 +11,10 @@ from hypothesis import strategies as st
 from drivers import shutter as strig
 from drivers.light import DmxFrame, DmxParser, frame
 from drivers.protocols import grbl as grbl
-from drivers.protocols import tmcl as tmcl
 from drivers.protocols import zaber as zaber
 from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser, cobs_decode, crc16
 from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, JrtRangefinder, crc8
+from drivers.tmcl import link as tmcl
 from drivers.transport import SerialTransport
 from simulators.devices.imu import ccitt, stuff
 from simulators.devices.instruments import bosch

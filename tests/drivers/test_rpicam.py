@@ -1,7 +1,5 @@
 """RpicamCamera at a program that behaves as `rpicam-still`."""
 
-from __future__ import annotations
-
 import json
 import sys
 import threading
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
-from drivers.frame_files.dng_folder import DngFolder
+from drivers.frame_files.dng import DngFolder
 from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from procedures.raw import read_frame

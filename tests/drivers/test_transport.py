@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import select
 import threading
@@ -10,12 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import EmergencyStopped, LineLost, NoAnswer
+from drivers.errors import EmergencyStopped, LineLost, NoAnswer, SystemClock
 from drivers.protocols.framing import LineSplitter
 from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
-from drivers.wire.outgoing import STOP_TRIES, Outgoing
+from drivers.wire.connection import STOP_TRIES, Outgoing
 from drivers.wire.transcript import Transcript
 
 

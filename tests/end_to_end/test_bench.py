@@ -10,7 +10,7 @@ from procedures.outcome import Verdict
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.raw import read_frame
 from station.bench.opening import simulated_bench
-from station.demo.truth_comparison import compare
+from station.demo.digital_twin import compare
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from procedures import estimate_psf
-from procedures.facts import facts_as
 from procedures.field import conclusion
 from procedures.field import estimate as field_estimate
 from procedures.field.field_file import read_field
@@ -22,12 +21,11 @@ from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
 from procedures.geometry.chart_bins import photographs as geometry_photographs
 from procedures.geometry.plan import TURN_DEG
 from procedures.pattern_psf.facts import PatternFacts
-from procedures.plan import Advice, Shoot, Step
+from procedures.plan import Advice, Shoot, Step, facts_as
 from procedures.sensor.plan import enough as sensor_enough
 from procedures.sensor.plan import estimate_none
 from procedures.whole_camera.camera_file import read_camera_numbers
-from procedures.whole_camera.facts import WholeCameraFacts
-from procedures.whole_camera.plan import QUARTERS, plan
+from procedures.whole_camera.plan import QUARTERS, WholeCameraFacts, plan
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.simulated_operator import Person
 from simulators.camera.sensor import Sensor
@@ -42,7 +40,7 @@ from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
 from station.sessions.session import Session
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 ROOMS = (field_estimate, geometry_photographs)
 LEVELS, PICTURES, VIEWS = 20, 3, 4

@@ -172,6 +172,7 @@ def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
 # --- repeated and failing runs, with one photograph ------ -----------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_path, monkeypatch):
     first, out, again = SETUPS[0], tmp_path / "once", tmp_path / "again"
     found, _ = demo.run_demo(out, 1, setups=(first,))

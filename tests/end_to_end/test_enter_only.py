@@ -12,8 +12,8 @@ from station.guide.catalogue import PLANS
 from tests.end_to_end.enter_only import FRONTENDS, walk
 
 SEEDS = (0, 1, 2)
-EVERY_CHANGE = frozenset({("geometry", 0, "plain"), ("edge", 0, "app")})
-"""The walks in the normal suite, of a few seconds of processor time; `test_two_photo` and `test_app` walk two more, and
+EVERY_CHANGE = frozenset({("edge", 0, "app")})
+"""The walk in the normal suite, of a few seconds of processor time; `test_two_photo` and `test_app` walk two more, and
 `test_tilt_guide` the beginning of another; `test_sensor_guide` runs the plan of sensors."""
 
 

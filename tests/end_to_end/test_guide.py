@@ -9,14 +9,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from procedures.budget import COMMON, combined
+from procedures.choice import COMMON, combined
 from procedures.outcome import Verdict
 from procedures.pattern_psf import plan as pattern_plan
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.plan import Ask
 from procedures.raw import read_frame
 from station.bench.opening import simulated_bench
-from station.demo.truth_comparison import compare
+from station.demo.digital_twin import compare
 from station.guide import session_report
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result, RunBegan, ScanEvent, StepEnded

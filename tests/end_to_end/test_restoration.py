@@ -23,7 +23,7 @@ from station.guide.scripted import ScriptedOperator
 from station.guide.session_result import Frames
 from station.sessions.session import Session
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 NEAREST, ROUND, BACK = np.s_[10:110, 10:80], np.s_[5:45, 115:155], np.s_[76:110, 112:150]
 """Parts of the plane that show one sheet each, by where these hang."""

@@ -8,14 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.outcome import Outcome
-from procedures.plan import Ask
+from procedures.plan import Ask, facts_as
 from procedures.tilt.estimate import Tilt
-from procedures.tilt.facts import TiltFacts
-from procedures.tilt.plan import bracket_mm, off_reach_mm, plan
-from procedures.tilt.plane import fit_plane
-from procedures.tilt.screws import SURE, Screws, turns_for
+from procedures.tilt.plan import TiltFacts, bracket_mm, off_reach_mm, plan
+from procedures.tilt.plane import SURE, Screws, fit_plane, turns_for
 from simulators.bench.view import SensorMount
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
@@ -86,6 +83,7 @@ def test_each_round_has_its_result_with_a_page(done):
     assert all((one.folder / "report.html").is_file() and (one.folder / "tilt.csv").is_file() for one in done.results)
 
 
+@pytest.mark.nightly
 def test_the_chart_that_is_proposed_has_its_bracket_in_the_rail_s_reach(tmp_path):
     (tmp_path / "incoming").mkdir()
     bench = simulated_bench(tmp_path / "incoming", seed=0, virtual_time=True)

@@ -18,8 +18,7 @@ from procedures.geometry.estimate import GeometryParameters
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import fit_plane
-from procedures.tilt.screws import Screws, turns_for
+from procedures.tilt.plane import Screws, fit_plane, turns_for
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.sensor import Sensor
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude

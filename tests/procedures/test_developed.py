@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from procedures.developed import read_developed
 from procedures.outcome import BadInput
-from procedures.reading.tone_curve import curve_of_profile, named_curve
+from procedures.reading.development import curve_of_profile, named_curve
 from station.calibration.camera_metadata import CameraMetadata
 from station.calibration.picture_files import write_linear_dng
 

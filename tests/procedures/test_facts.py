@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.facts import AxisTravel, CameraFacts, dropped, facts_as
-from procedures.field.facts import FieldFacts
+from procedures.field.plan import FieldFacts
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.facts import PatternFacts, RangeLook
-from procedures.plan import Facts
+from procedures.plan import AxisTravel, CameraFacts, Facts, dropped, facts_as
 
 
 def test_each_fact_is_of_its_type_and_what_is_not_known_is_none():

@@ -15,7 +15,7 @@ import pytest
 
 import procedures
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
-from simulators.camera.truth import true_mtf
+from simulators.camera.camera import true_mtf
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "station" / "manual" / "how-to" / "library.md", ROOT / "README.md")

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import j0, j1
 
-from procedures import stray_tail
-from procedures.budget import with_frequencies, with_parts
+from procedures.choice import with_frequencies, with_parts
 from procedures.numbers import frequency_of
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
-from procedures.psf import Psf, PsfTail
+from procedures.psf import Psf, PsfTail, tail_energy_uncertainty
 from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
-from procedures.stray_tail import tail_energy_uncertainty
 
 S, K = 4, 33
 
@@ -280,7 +278,7 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
 def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stray_tail, "RINGS", 0.0)
+    monkeypatch.setattr("procedures.psf.RINGS", 0.0)
     sigma, k, outside, limit = 0.5, 17, 0.02, Diffraction(8, 5.0, 550)
     h, no_noise = gaussian(sigma, sigma, k=k), np.zeros((6, 6))
     tail = PsfTail(np.array([outside, 0, 0, 0, 0, 0]), no_noise, np.zeros((h.size, 6)))

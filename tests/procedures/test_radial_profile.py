@@ -11,7 +11,7 @@ import pytest
 
 from procedures.psf import Psf, PsfTail
 from procedures.quality import assess
-from procedures.radial_profile import radial_profile
+from procedures.transfer_function import radial_profile
 from station.results.exports import profile_table
 
 

@@ -10,8 +10,7 @@ from procedures.field.models import Separate
 from procedures.numerics.scattered import Polynomial
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
-from procedures.psf_field import Node, PsfField, in_half_diagonals
-from procedures.space_variant import SpaceVariantBlur
+from procedures.psf_field import Node, PsfField, SpaceVariantBlur, in_half_diagonals
 
 S, K, SHAPE = 2, 7, (40, 56)
 

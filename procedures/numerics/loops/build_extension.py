@@ -1,7 +1,5 @@
 """Build hook of hatch: compile the loops' C++ where that is possible. In a checkout, run this file."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import sysconfig

@@ -1,7 +1,5 @@
 """Sparse derivative of the samples by the offsets of printed edges: a few lines of each direction per sample."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,13 +1,10 @@
 """Saddles in square bins: the neighbours of a place, and triples and sides in the layout of a chart's x-corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, Complex, Indices
+from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules
 from procedures.numerics.compiled import compiled, vectorised
-from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules
 
 FAR = 1e9
 """Greatest coordinate, as homographies can map points arbitrarily far."""

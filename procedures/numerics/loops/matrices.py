@@ -1,7 +1,5 @@
 """Matrices of sampled convolutions, and triangular systems."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cubic B-splines of band-limited images: their spectra, and their values through a smooth map."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

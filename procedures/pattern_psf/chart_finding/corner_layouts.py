@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, Complex, Indices
-from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules, field_of
+from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 

@@ -13,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Complex
-from procedures.numerics.ordered import quantile
-from procedures.numerics.spatial_bins import field_of
+from procedures.numerics.arrays import Complex, field_of, quantile
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""

@@ -13,12 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.facts import facts_as
 from procedures.outcome import Quantity, verdict_of
 from procedures.pattern_psf.estimate import PUPIL_SPREAD, PatternPsf, estimate_psf
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.refine import TailPrior
-from procedures.plan import Advice, Facts, Reading
+from procedures.plan import Advice, Facts, Reading, facts_as
 from procedures.quality import Diffraction, beyond_diffraction
 from procedures.raw import RawFrame
 

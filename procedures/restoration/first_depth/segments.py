@@ -183,7 +183,7 @@ def joined(labels: Labels) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return labels[1:] == labels[:-1], labels[:, 1:] == labels[:, :-1]
 
 
-# --- local planes ----------------------------------------------------------------------------------------------------
+# --- local planes ---
 
 TRUNCATE = 3.5
 """Extent of the windows in sigma, where a Gaussian has 0.2 % of its height."""

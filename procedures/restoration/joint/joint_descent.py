@@ -284,7 +284,7 @@ def run(
     return done
 
 
-# --- restart of regions that a restoration does not explain, from the depths around them -----------------------------
+# --- restart of regions that a restoration does not explain, from the depths around them ---
 # Descent does not leave a region whose depth belongs to the wrong surface: it bends that surface until the photographs
 # nearly fit, and picture and depth are wrong together. Its residual exceeds the noise. Such regions are restarted from
 # the surfaces extrapolated into them from where the photographs fit, and the edges between these are localised again.

@@ -57,7 +57,7 @@ def _variance(image: Array, window: int) -> Array:
     return (_mean(centred**2, window) - _mean(centred, window) ** 2).clip(0)
 
 
-# --- occlusion at depth edges ----------------------------------------------------------------------------------------
+# --- occlusion at depth edges ---
 # The masks ignore it: each point's light is spread as if nothing stood in front. Within the reach of the blur, the side
 # of the edge to which a pixel belongs, and its value, are then uncertain beyond the noise.
 

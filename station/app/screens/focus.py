@@ -26,7 +26,7 @@ from station.app.commands import FOCUS, Command, EndFocus, EndRun, TurnFar, Turn
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.terminal_images import Thumbnail, thumbnail
 from station.app.widgets import BigText, CurveView, Part, Picture, lines_of, literal
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.diagrams import trend
 from station.guide.focus.live import LiveFocus, LiveFrame, PhotographSource
 from station.guide.frontend import MOVE

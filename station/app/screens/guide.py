@@ -31,7 +31,7 @@ from station.app.widgets import (
     literal,
     verdict_words,
 )
-from station.bench.axis_text import axis_words
+from station.bench.motions import axis_words
 from station.drawing.diagrams import drawn, trend
 from station.guide.coach import DOWN, LEFT, RIGHT, UP, way_words, ways
 from station.guide.frontend import (
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from procedures.plan import Reading
     from station.app.background import Problem
     from station.app.screens.result_view import Plotted
-    from station.drawing.glyphs import Glyphs
+    from station.drawing.terminal_plots import Glyphs
     from station.results.plane_result import PlaneResult
 
 COUNT_S = 0.5

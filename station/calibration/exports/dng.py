@@ -11,7 +11,7 @@ from procedures.geometry.conversion import as_radial
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
-from procedures.vignetting.formula import even_powers
+from procedures.vignetting.surface import even_powers
 from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import PLACES, pitch_of
 from station.calibration.vignetting import StoredVignetting

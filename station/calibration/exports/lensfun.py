@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procedures.field.chromatic import LateralColour
+from procedures.field.maps import LateralColour
 from procedures.geometry.conversion import RadialCamera, as_radial
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
-from procedures.vignetting.formula import LightSurface, even_powers
+from procedures.vignetting.surface import LightSurface, even_powers
 from station.calibration.exports.geometry import EXACT, StoredCamera, best_fit
 
 MODELS = ("poly3", "poly5", "ptlens")

@@ -12,9 +12,8 @@ import numpy as np
 from procedures.field.field_file import read_field
 from procedures.field.samplings import as_polynomial, grid_places, whole_psfs
 from procedures.outcome import BadInput, BadParameter
-from procedures.psf_field import PsfField
-from procedures.space_variant import SpaceVariantBlur
-from station.results.fits import Cards, primary_image, table_of_one_cube
+from procedures.psf_field import PsfField, SpaceVariantBlur
+from station.results.exports import Cards, primary_image, table_of_one_cube
 
 STDPSF_SAMPLES = 4
 """Samples per pixel: readers of STDPSF assume this number, which is not in the file."""

@@ -17,9 +17,8 @@ from procedures.correction.noise import noise_of
 from procedures.developed import LOSSY, RAW, pillow
 from procedures.outcome import Outcome, with_doubt
 from procedures.raw import RawFrame
-from procedures.reading.development import Development
+from procedures.reading.development import LINEAR, Development
 from procedures.reading.tiff_tags import ICC_PROFILE
-from procedures.reading.tone_curve import LINEAR
 from procedures.restoration.joint.result import Restoration
 from station.calibration.camera_metadata import read_metadata
 from station.calibration.picture_files import write_tiff

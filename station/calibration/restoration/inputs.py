@@ -36,7 +36,7 @@ ANY_SIZE = (240, 320)
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
-# --- records of an IMU -------------------------------------------------------------------------------------------
+# --- records of an IMU ---
 
 
 def read_imu(path: Path) -> ImuRecord:

@@ -23,8 +23,6 @@ from station.cli.terminal.numbers import SEED
 if TYPE_CHECKING:
     from station.bench.conform import TrialResult
 
-AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
-
 
 @click.command(cls=StationCommand)
 @click.argument("driver", required=False)
@@ -108,7 +106,7 @@ def _tried(
     """The results of all trials, and their record; `place` is the folder of a real stage's station.toml."""
     from station.bench.conform import at_port, at_twin
     from station.bench.conform import conform as findings_of
-    from station.common.leftovers import temporary_folder
+    from station.common.durable_files import temporary_folder
     from station.common.stop_signals import guarded
     from station.reports.conformance import conformance_record, source_of
 
@@ -133,6 +131,7 @@ def _tried(
 
 def _verify(folder: Path, key: Path | None, as_json: bool) -> None:
     """Show the checks of a record. Exits with 4 if one does not agree."""
+    from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
 
     checks = list(check_conformance(folder, key))

@@ -19,7 +19,7 @@ from station.cli.terminal.bench_options import (
 )
 from station.cli.terminal.columns import columns
 from station.cli.terminal.command import StationCommand, json_option
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from drivers.interfaces import Stage
@@ -50,7 +50,7 @@ def devices(
 ) -> None:  # fmt: skip
     """Show each device: driver, address, identity, state, and the remedy for problems."""
     from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
-    from station.common.leftovers import temporary_folder
+    from station.common.durable_files import temporary_folder
     from station.common.stop_signals import guarded
 
     check_shaker(simulate=simulate, shaker=shaker)

@@ -23,7 +23,7 @@ from station.cli.terminal.bench_options import (
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import UNITS, FiniteNumber
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab

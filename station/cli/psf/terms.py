@@ -81,7 +81,7 @@ config_option = inherited(
 
 def chosen_unit(name: str | None, config: Path | None) -> Unit:
     """The requested unit, else that of `config` or station.toml. Raises BadParameter for an unknown one."""
-    from station.results.preferred_unit import preferred_unit
+    from station.results.specification_file import preferred_unit
     from station.results.units import Unit
 
     return preferred_unit(config) if name is None else Unit(name.lower())

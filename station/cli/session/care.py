@@ -10,7 +10,7 @@ import click
 from station.cli.psf.terms import certificate_options, details_of, overlay_option
 from station.cli.session.group import find_session, session_argument, sessions_option
 from station.cli.terminal.command import StationCommand
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 
 @click.command("delete", cls=StationCommand)
@@ -40,7 +40,7 @@ def session_delete(name: str, root: Path, yes: bool) -> None:
 @log_json_option
 def session_report(name: str, root: Path, out: Path | None, overlays: tuple[Path, ...], **given: Any) -> None:
     """Write the report of SESSION's last result."""
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
     from station.guide.session_report import certificate_files, overlaid_page, session_page
     from station.reports.report import PAGE
     from station.results.overlay import read_overlay

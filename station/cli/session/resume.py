@@ -11,7 +11,7 @@ from station.cli.session.group import find_session, newest_unfinished, sessions_
 from station.cli.terminal.bench_options import config_option, usual_config
 from station.cli.terminal.command import StationCommand, strict_option
 from station.cli.terminal.inherited import inherited
-from station.common.log import log_json_option
+from station.common.errors import log_json_option
 
 
 @click.command("resume", cls=StationCommand)

@@ -14,7 +14,7 @@ from station.cli.session.group import find_session, session_argument
 from station.cli.terminal.columns import columns
 from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.progress import progress
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
     from station.sessions.reader import SessionRecord

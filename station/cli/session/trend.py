@@ -13,9 +13,8 @@ from station.cli.session.group import sessions_option
 from station.cli.session.list import chosen, filter_options
 from station.cli.terminal.columns import columns
 from station.cli.terminal.command import StationCommand, json_option
-from station.common.log import log, log_json_option
-from station.common.sanitise import printable
-from station.common.uncertainty_text import stated
+from station.common.errors import log, log_json_option
+from station.common.sanitise import printable, stated
 
 if TYPE_CHECKING:
     from station.reports.trend import Trend
@@ -79,7 +78,7 @@ def _row(one: Trend) -> tuple[str, ...]:
 
 
 def _draw(camera: str, lines: list[Trend], out: Path) -> None:
-    from station.common.atomic_files import write_whole
+    from station.common.durable_files import write_whole
     from station.reports.trend_figure import trend_picture
 
     write_whole(out, trend_picture(camera, lines, out))

@@ -79,7 +79,7 @@ def make_lab(
 
 def frozen_unit(name: str | None, config: Path | None) -> str | None:
     """The unit of frequencies in new sessions, by option or station.toml; None for the default one."""
-    from station.results.preferred_unit import preferred_unit
+    from station.results.specification_file import preferred_unit
     from station.results.units import Unit
 
     unit = Unit(name.lower()) if name else preferred_unit(config)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from station.common.log import quiet_option
+from station.common.errors import quiet_option
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Input": (

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
-from station.common.log import is_quiet, log, logs_json
+from station.common.errors import is_quiet, log, logs_json
 
 if TYPE_CHECKING:
     from station.common.progress import Progress

@@ -1,7 +1,5 @@
 """Figures of the rows: curves over one axis, and pictures side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 gamma is the sum of 1 / sigma_i^2, as in the thesis.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

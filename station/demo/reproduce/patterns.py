@@ -6,8 +6,6 @@ samples weighted by the PSF: a linear system with the M x N matrix S_s C[u], M =
 section 2.3.1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ The films come from the path tracer that the method's authors published, at 250 
 256 x 256, are not published.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -25,8 +23,8 @@ from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
 
-FILMS = {64: "rays/cornell_00064_f16.npz", 256: "rays/cornell_00256_f16.npz"}
-REFERENCE = "rays/cornell_reference.npz"
+FILMS = {n: f"rays/cornell_{n:05d}_f16.npz|rays/room_{n:05d}.npz" for n in (64, 256)}
+REFERENCE = "rays/cornell_reference.npz|rays/room_reference.npz"
 GAMMA = 2.2
 WIDE_PX = 6.0
 """Standard deviation of the low-pass filter that separates noise of low frequency, pixels: beyond the search block."""
@@ -42,22 +40,25 @@ def _reference(path: Path) -> Array:
     return checked_array(read_npz(path, ("reference",))[0]["reference"], f"the reference {path}", (None, None, 3))
 
 
-def _of(setting: Setting, samples: int) -> tuple[Film, Array]:
+def film_and_reference(setting: Setting, samples: int) -> tuple[Film, Array]:
+    """The film of the Cornell box, or else of the program's room, with that many samples, and the converged picture."""
     return _film(setting.path(FILMS[samples])), _reference(setting.path(REFERENCE))
 
 
 def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Array:
     """The film filtered by the paper's algorithms."""
-    film, _ = _of(setting, samples)
+    film, _ = film_and_reference(setting, samples)
     picture = filter_film(film, replace(PAPER, kappa=kappa, scales=scales), threads=setting.threads).picture
     return np.asarray(picture, dtype=np.float64)
 
 
-def _decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
-    return psnr_db(_filtered(setting, samples, kappa, scales), _of(setting, samples)[1])[0]
+def decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
+    """PSNR of a film filtered by the paper's algorithms."""
+    return psnr_db(_filtered(setting, samples, kappa, scales), film_and_reference(setting, samples)[1])[0]
 
 
-def _shown(picture: npt.NDArray[np.floating]) -> Array:
+def shown(picture: npt.NDArray[np.floating]) -> Array:
+    """The picture as displayed."""
     return np.asarray(np.clip(picture, 0, 1) ** (1 / GAMMA), dtype=np.float64)
 
 
@@ -78,12 +79,12 @@ CASES = (
 )
 def rays_cornell(setting: Setting) -> RowValues:
     """PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does."""
-    film, truth = _of(setting, 256)
-    ours = [_decibels(setting, *case) for case in CASES]
+    film, truth = film_and_reference(setting, 256)
+    ours = [decibels(setting, *case) for case in CASES]
     figure = pictures(
         "rays",
-        [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
-         ("converged", _shown(truth))],
+        [("256 samples", shown(film.mean)), ("filtered", shown(_filtered(setting, 256, 1.0, 3))),
+         ("converged", shown(truth))],
         columns=3,
     )  # fmt: skip
     return RowValues((psnr_db(film.mean, truth)[0], *ours), (figure,))
@@ -97,7 +98,7 @@ KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 @ordered(Order("the error has a minimum between", lambda v: min(v[1:]) > 1))
 def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
     error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in estimates])
     best = int(np.argmin(error))
@@ -105,11 +106,16 @@ def rays_kappa(setting: Setting) -> RowValues:
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", _detail(shown(estimates[i]))) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
+
+
+def _detail(picture: Array) -> Array:
+    rows, columns = picture.shape[:2]
+    return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
 
 
 # --- Figure 4.2 ----------------------------------------------------------------------------------------------------
@@ -118,19 +124,19 @@ def rays_kappa(setting: Setting) -> RowValues:
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
     wide = {scales: _wide_noise(one, truth) for scales, one in estimates.items()}
-    line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in estimates.items()}
-    across = np.arange(truth.shape[1])
+    middle, across = len(truth) // 2, np.arange(truth.shape[1])
+    line = {f"scales: {scales}": one[middle].mean(axis=-1) for scales, one in estimates.items()}
     figures = (
-        pictures("scales", [(f"scales: {n}", _shown(one)) for n, one in estimates.items()], columns=2),
+        pictures("scales", [(f"scales: {n}", shown(one)) for n, one in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],
-            x="column of row 125",
+            x="column of the middle row",
             y="mean of the colours",
-            published=Curve("converged", across, truth[125].mean(axis=-1)),
+            published=Curve("converged", across, truth[middle].mean(axis=-1)),
         ),
     )
     gain = psnr_db(estimates[3], truth)[0] - psnr_db(estimates[1], truth)[0]
@@ -151,8 +157,8 @@ OCTAVES = 2.0
 @ordered(Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10))
 def rays_samples(setting: Setting) -> RowValues:
     """PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level."""
-    rendered = {n: psnr_db(_of(setting, n)[0].mean, _of(setting, n)[1])[0] for n in FILMS}
-    filtered = {n: _decibels(setting, n, 1.0, 3) for n in FILMS}
+    rendered = {n: psnr_db(film_and_reference(setting, n)[0].mean, film_and_reference(setting, n)[1])[0] for n in FILMS}
+    filtered = {n: decibels(setting, n, 1.0, 3) for n in FILMS}
     figure = curves(
         "samples",
         [

@@ -1,14 +1,12 @@
 """Figure 2.9 of the thesis: noise pattern, Joshi et al. and slanted edge, on a known kernel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.numerics.solvers import solve_constrained
+from procedures.numerics.normal_equations import solve_constrained
 from procedures.outcome import Refused
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges

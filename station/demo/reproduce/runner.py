@@ -1,7 +1,5 @@
 """Rows computed one after the other; an error in one does not stop the others."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

@@ -7,25 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from procedures.facts import facts_as
+from procedures.clipping import SensorModel
 from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
 from procedures.geometry.plan import chart_views
 from procedures.outcome import BadInput, Outcome, Refused, Verdict, with_doubt, worst_of
-from procedures.plan import Facts, Known, Outcomes, Plan
+from procedures.plan import Facts, Known, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
 from procedures.sensor.estimate import sensor_model
-from procedures.sensor.facts import LIT, mark_of
 from procedures.sensor.photon_transfer import gain_and_noise
-from procedures.sensor_model import SensorModel
+from procedures.sensor.plan import LIT, mark_of
 from procedures.vignetting.estimate import joint_formula
 from procedures.whole_camera import plan as guide
-from procedures.whole_camera.facts import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
-from procedures.whole_camera.from_field import whole_camera
-from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
+from procedures.whole_camera.from_field import sensor_parts, vignetting_parts, whole_camera
 from procedures.whole_camera.joint import CameraPart
+from procedures.whole_camera.plan import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
@@ -67,7 +65,7 @@ def subset(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSu
     return FrameSubset(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
 
 
-# --- estimate ----------------------------------------------------------------------------------------------------
+# --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
@@ -167,7 +165,7 @@ def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
     return {name: one.value for name, one in outcomes.items() if one.value is not None}
 
 
-# --- results and files -------------------------------------------------------------------------------------------
+# --- results and files ---
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:

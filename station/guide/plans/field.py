@@ -7,16 +7,15 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
-from procedures.facts import facts_as
 from procedures.field import plan as guide
 from procedures.field.conclusion import FieldResult, conclude
 from procedures.field.estimate import NO_SENSORS, Sensors
-from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
+from procedures.field.plan import FieldFacts
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
-from procedures.plan import Facts, Known, Outcomes, Plan
+from procedures.plan import Facts, Known, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit

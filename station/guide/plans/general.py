@@ -35,7 +35,7 @@ from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.terms import Terms
-from station.sessions.session_terms import terms_of_session
+from station.sessions.state import terms_of_session
 
 COUNTS = {Inputs.PHOTOGRAPH: 1, Inputs.PAIR: 2, Inputs.PHOTOGRAPHS: None}
 """Number of photographs by kind of input; None where the operator chooses it."""
@@ -103,7 +103,7 @@ def _accept(frame: RawFrame, facts: Facts) -> Advice:
     return Advice(True, "The photograph has been read.")
 
 
-# --- settings ----------------------------------------------------------------------------------------------------
+# --- settings ---
 
 
 def _asked(procedure: Procedure[Any]) -> list[ModelField]:
@@ -158,7 +158,7 @@ def _single(kind: type, answer: Fact) -> Any:
     return int(number) if kind is int and number.is_integer() else number
 
 
-# --- measurement -------------------------------------------------------------------------------------------------
+# --- measurement ---
 
 
 def _estimate(

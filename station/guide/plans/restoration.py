@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from procedures.facts import facts_as
-from procedures.plan import Facts, Outcomes, Plan
+from procedures.plan import Facts, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
 from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.joint.result import Restoration

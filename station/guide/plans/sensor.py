@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from procedures.facts import facts_as
 from procedures.outcome import BadInput, Outcome, Verdict
-from procedures.plan import Facts, Known, Outcomes, Plan
+from procedures.plan import Facts, Known, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
 from procedures.sensor import plan as guide
-from procedures.sensor.facts import SensorFacts, mark_of
+from procedures.sensor.plan import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from procedures.facts import facts_as, required
 from procedures.field.estimate import FIELD
 from procedures.field.measuring import measure_frames
 from procedures.pattern_psf.checks import shown
-from procedures.plan import Facts, Known, Outcomes, Plan
+from procedures.plan import Facts, Known, Outcomes, Plan, facts_as, required
 from procedures.raw import RawFrame
 from procedures.tilt import plan as guide
 from procedures.tilt.estimate import TiltParameters
-from procedures.tilt.facts import DEPTH, TiltFacts
-from procedures.tilt.plan import MARK
+from procedures.tilt.plan import DEPTH, MARK, TiltFacts
 from procedures.tilt.plane import Positions
 from station.calibration.tilt import measure_tilt, tilt_measurement
 from station.guide.plans.geometry import results as results

@@ -32,7 +32,16 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
         Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
         | None
     ) = None
-    field: Annotated[Path, setting("What `station psf field` wrote: its folder, or field.h5 in it.")]
+    field: (
+        Annotated[
+            Path,
+            setting(
+                "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of "
+                "`station profile find PHOTO`]"
+            ),
+        ]
+        | None
+    ) = None
     scale: Annotated[
         int,
         setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "
@@ -76,9 +85,7 @@ class Correct(Procedure[CorrectSettings]):
 
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
         """The field."""
-        from station.calibration.exports.psf import field_path
-
-        return [field_path(settings.field)]
+        return [_field(paths, settings)]
 
     def measure(
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
@@ -91,14 +98,19 @@ class Correct(Procedure[CorrectSettings]):
             correction_files,
             correction_numbers,
         )
-        from station.calibration.exports.psf import field_path
 
+        field = _field(paths, settings)
         results = correct_photographs(
-            paths, field_path(settings.field), settings.parameters, settings.layout, _by_hundredths(progress),
+            paths, field, settings.parameters, settings.layout, _by_hundredths(progress),
             insisted=settings.insist,
         )  # fmt: skip
         used = settings.parameters.splitting or Splitting.usual(len(paths))
-        given = {**to_record(settings), "iterations": used.iterations, "tile_px": str(settings.tile_px or "auto")}
+        given = {
+            **to_record(settings),
+            "field": str(settings.field or field),
+            "iterations": used.iterations,
+            "tile_px": str(settings.tile_px or "auto"),
+        }
         given = {name: one for name, one in given.items() if (name, one) not in (("scale", 1), ("insist", False))}
         value = results.outcome.value
         head = RecordHead(self.name, files_read((results.frame, *results.others)), given)
@@ -120,6 +132,17 @@ class Correct(Procedure[CorrectSettings]):
             for frame, place in zip(whole.others, places, strict=bool(places))
             if place.reason
         ]
+
+
+def _field(paths: Sequence[Path], settings: CorrectSettings) -> Path:
+    """The field's file: the one that was given, else that of the library for the first photograph."""
+    from procedures.raw import read_frame
+    from station.calibration.exports.psf import field_path
+    from station.calibration.profiles import profile_for
+
+    if settings.field is not None:
+        return field_path(settings.field)
+    return profile_for(read_frame(paths[0], layout=settings.layout).exposure)
 
 
 def _by_hundredths(progress: Progress) -> Callable[[int, int], None]:

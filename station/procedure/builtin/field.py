@@ -14,8 +14,7 @@ from procedures.reading.exposure import Exposure
 from station.calibration.field_photographs import check_noted, focus_positions
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, beside
-from station.procedure.optics import INSIST
-from station.procedure.psf import ChartPsfSettings, PsfProcedure
+from station.procedure.psf import INSIST, ChartPsfSettings, PsfProcedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay, read_height_overlays

@@ -1,7 +1,5 @@
 """The PSF of each plane from one photograph of the noise chart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """The picture of a Monte Carlo render without its noise, from the samples' histograms."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections import Counter, deque

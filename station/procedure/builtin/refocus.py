@@ -1,7 +1,5 @@
 """A restoration's picture with another aperture and another plane of focus."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,12 +10,12 @@ import numpy as np
 from procedures.field.field_file import read_field
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter, Outcome
+from procedures.psf_field import SpaceVariantBlur
 from procedures.reading.arrays import parse_npy
 from procedures.restoration.masks.blur_models import named, read_shape
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import BEHIND
 from procedures.restoration.refocus import refocus
-from procedures.space_variant import SpaceVariantBlur
 from station.common.durable_files import sha256_of
 from station.common.progress import Progress, silent
 from station.common.sanitise import printable

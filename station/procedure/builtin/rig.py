@@ -1,7 +1,5 @@
 """The poses of the cameras on a rig by the first, from the results of their geometries."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A sensor's gain, noise, linearity, dark current and non-uniformity: EMVA 1288."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated

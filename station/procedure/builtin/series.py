@@ -1,7 +1,5 @@
 """A lens over aperture, focus and ISO, from photographs of the noise chart from one mounting."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any

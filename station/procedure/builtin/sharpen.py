@@ -1,14 +1,17 @@
 """One sharp picture from whatever photographs there are: the way is chosen, stated with its reasons, and taken."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from msgspec.structs import replace as replace_settings
+
+from procedures.outcome import ProcedureError
 from procedures.raw import RawFrame
 from station.calibration.exports.psf import field_path
+from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
@@ -26,7 +29,14 @@ class SharpenSettings(PictureSettings, frozen=True, kw_only=True):
     """Knowledge besides the photographs, and decisions that are not left to the program."""
 
     field: (
-        Annotated[Path, setting("What `station psf field` wrote of the lens: its folder, or field.h5 in it.")] | None
+        Annotated[
+            Path,
+            setting(
+                "What `station psf field` wrote of the lens: its folder, or field.h5 in it.  [default: of one "
+                "photograph, the best one of `station profile find`]"
+            ),
+        ]
+        | None
     ) = None
     way: Annotated[
         Literal["field", "finer", "defocus", "shaken"] | None, setting("How they are sharpened.  [default: chosen]")
@@ -73,6 +83,9 @@ class Sharpen(Procedure[SharpenSettings]):
     ) -> Measurement:
         """The record of the procedure that was chosen, with the decision."""
         frames = [settings.read(path) for path in paths]
+        if len(frames) == 1 and settings.field is None:
+            with suppress(ProcedureError):
+                settings = replace_settings(settings, field=profile_for(frames[0].exposure))
         way, why, more = self._choice(frames, settings)
         reasons = (WAYS[way], *why)
         for words in reasons:

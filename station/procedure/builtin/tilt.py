@@ -52,8 +52,7 @@ class TiltSettings(ChartSettings, frozen=True, kw_only=True):
     def parameters(self, first: Path) -> TiltParameters:
         """The settings, completed from the first photograph's metadata. Raises BadParameter."""
         from procedures.tilt.estimate import TiltParameters
-        from procedures.tilt.plane import Positions
-        from procedures.tilt.screws import Screws
+        from procedures.tilt.plane import Positions, Screws
         from station.calibration.tilt import known_optics
 
         pitch_um, focal_length_mm = known_optics(first, self.pixel_pitch_um, self.focal_length_mm)

@@ -1,7 +1,5 @@
 """The PSF of each plane from two photographs of a wall at different distances."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

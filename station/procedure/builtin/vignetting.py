@@ -1,7 +1,5 @@
 """Vignetting and colour shading from flats."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

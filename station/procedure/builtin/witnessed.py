@@ -1,7 +1,5 @@
 """The PSF of each plane from a photograph of the noise chart with three witnesses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,32 +1,47 @@
-"""The page of a batch: both verdicts counted, what is wrong with which photograph, and the numbers by camera."""
+"""The page of a batch: both verdicts counted, the numbers of every item with error bars, outliers, reasons."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
 from procedures.numbers import label
-from station.drawing.colours import FAINT, INK, PLANE_COLOURS
-from station.drawing.plots import DASHED, Figure, finished, plot_axes
-from station.reports.page import Block, Figures, Note, Section, Table, html, page, plane_name, tag
-from station.results.comparison import measurement_words
+from procedures.outcome import Quantity
+from station.common.sanitise import stated
+from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
+from station.drawing.hover import title_along
+from station.drawing.plots import DASHED, Figure, drawn, legend, points
+from station.drawing.style import axes_grid
+from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
+from station.results.plane_result import measurement_words
 
 MAX_LINES = 500
-"""Photographs in the page's table; summary.csv has all."""
-MAX_STROKES = 1000
-"""Strokes of a group in a figure."""
+"""Photographs in the page's table and figures; summary.csv has all."""
+MAX_COLUMNS = 3
+"""Numbers in the page's table."""
+MAX_BINS = 40
+"""Bins of a histogram, at most."""
 MAX_NAME = 18
-"""Characters of a camera's name beside a figure."""
+"""Characters of a camera's name in a legend."""
+OUTLIER = 3.5
+"""Robust standard deviations from the median: B. Iglewicz, D. Hoaglin, How to detect and handle outliers, ASQC 1993."""
+LEAST_VALUES = 5
+"""Values among which an outlier can be recognised."""
+MAD = 1.4826
+"""Standard deviation over median absolute deviation of a normal distribution."""
+MARKERS = "osD^vPX"
 
 
 @dataclass(frozen=True)
 class BatchLine:
-    """One item: its files, both verdicts, the reason against it, and its folder, from the page's."""
+    """One item: files, both verdicts, the reason against it, its folder from the page's, camera, numbers by plane."""
 
     files: str
     measurement: str
@@ -34,6 +49,8 @@ class BatchLine:
     against: str
     folder: str
     page: bool = False
+    camera: str = ""
+    planes: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -45,6 +62,12 @@ class NumberGroup:
     number: str
     unit: str
     values: Sequence[float]
+    uncertainties: Sequence[float]
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Camera, plane and number."""
+        return self.camera, self.plane, self.number
 
 
 @dataclass(frozen=True)
@@ -67,7 +90,16 @@ class BatchReport:
     bounds: Mapping[str, Sequence[float]] = field(default_factory=dict)
     undone: int = 0
 
+    @cached_property
+    def by_key(self) -> dict[tuple[str, str, str], NumberGroup]:
+        """The groups by camera, plane and number."""
+        return {one.key: one for one in self.groups}
 
+
+MEANING = (
+    f"Outliers lie more than {OUTLIER:g} robust standard deviations from the median of their camera and plane; the "
+    "standard deviation is that of the values by their median absolute deviation, and their own uncertainty is added."
+)
 FILES = (
     'All items are in <a href="summary.csv">summary.csv</a>, with every number, and in '
     '<a href="results.jsonl">results.jsonl</a>.'
@@ -87,16 +119,18 @@ def batch_page(report: BatchReport) -> str:
     ]
     undone = [f"{report.undone} were not begun before the batch was stopped."] if report.undone else []
     summary: list[Block] = [Table(counts, columns="ww", style="numbers verdicts", boxed=False), *undone]
-    rows = [
-        [_link(one), tag(one.measurement), tag(one.specification, one.specification), one.against] for one in shown
-    ]  # fmt: skip
+    names = list(dict.fromkeys(one.number for one in report.groups))[:MAX_COLUMNS]
+    columns = [", ".join(filter(None, (label(name), _unit(report, name)))) for name in names]
+    head = ["files", "plane", "measurement", "specification", *columns, "why"]
+    rows = [row for one in shown for row in _rows(one, names, report)]
     sections = [
         Section(report.title, summary, verdict="pass", kicker="batch"),
-        *([Section("Distribution by camera", _distributions(report))] if report.groups else []),
+        *([Section("Distribution of the numbers", _distributions(report))] if report.groups else []),
         Section(
             "All items",
             [
-                Table(rows, ["files", "measurement", "specification", "why"], "rwwr"),
+                Table(rows, head, f"rwww{'n' * len(names)}r", SORTABLE),
+                Note(f"± is one standard uncertainty. {MEANING}"),
                 Note(html(f"And {rest} more. {FILES}" if rest else FILES)),
             ],
         ),
@@ -114,44 +148,110 @@ def _link(one: BatchLine) -> str:
     return html('<a href="{}">{}</a>', target, one.files) if one.folder else one.files
 
 
+def _rows(one: BatchLine, names: Sequence[str], report: BatchReport) -> list[list[str]]:
+    """A row for each plane of an item, or one without."""
+    rows = []
+    for plane, numbers in one.planes.items() or [("", {})]:
+        cells = [_cell(numbers.get(name), report.by_key.get((one.camera, plane, name))) for name in names]
+        judged = tag(one.specification, one.specification)
+        rows.append([_link(one), plane and plane_name(plane), tag(one.measurement), judged, *cells, one.against])
+    return rows
+
+
+def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
+    """A number with its uncertainty, marked if it is an outlier of its group."""
+    if number is None:
+        return "—"
+    words = stated(number.value, number.uncertainty)
+    if group is None or not _outliers(group, [number.value], [number.uncertainty])[0]:
+        return words
+    return html('<strong class="outlier">{}<small>outlier</small></strong>', words)
+
+
+def _unit(report: BatchReport, name: str) -> str:
+    return next((unit for one in report.groups if one.number == name and (unit := one.unit) != "1"), "")
+
+
+# --- distributions -----------------------------------------------------------------------------------------------
+
+
+def _outliers(group: NumberGroup, values: npt.ArrayLike, uncertainties: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Which values with standard uncertainties are outliers among those of the group."""
+    all_values = np.asarray(group.values)
+    middle = np.median(all_values)
+    spread = MAD * np.median(np.abs(all_values - middle))
+    away: npt.NDArray[np.bool_] = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
+    return away & (len(all_values) >= LEAST_VALUES)
+
+
 def _distributions(report: BatchReport) -> list[Block]:
     by_number: dict[str, list[NumberGroup]] = {}
     for group in report.groups:
         by_number.setdefault(group.number, []).append(group)
     figures = [_distribution(groups, name, report) for name, groups in by_number.items()]
     rows = []
-    for one in sorted(report.groups, key=lambda group: (group.camera, group.plane, group.number)):
+    for one in sorted(report.groups, key=lambda group: group.key):
         values, unit = np.asarray(one.values), "" if one.unit == "1" else one.unit
-        shown = [f"{value:.4g}" for value in (np.median(values), values.min(), values.max())]
-        rows.append([one.camera or "—", plane_name(one.plane), label(one.number), str(len(values)), *shown, unit])
-    head = ["camera", "plane", "number", "photographs", "median", "least", "greatest", "unit"]
-    return [Figures(figures), Table(rows, head, "rwwnnnnw")]
-
-
-def _strokes(values: np.ndarray) -> np.ndarray:
-    """All values, or as many of their quantiles as the figure can resolve."""
-    return values if len(values) <= MAX_STROKES else np.quantile(values, np.linspace(0, 1, MAX_STROKES))
+        shown = [
+            f"{value:.4g}"
+            for value in (np.median(values), np.std(values, ddof=len(values) > 1), values.min(), values.max())
+        ]
+        count = str(np.count_nonzero(_outliers(one, values, one.uncertainties)))
+        rows.append(
+            [one.camera or "—", plane_name(one.plane), label(one.number), str(len(values)), *shown, count, unit]
+        )
+    head = ["camera", "plane", "number", "items", "median", "standard deviation", "least", "greatest", "outliers",
+            "unit"]  # fmt: skip
+    return [Figures(figures, wide=True), Table(rows, head, "rwwnnnnnnw", SORTABLE)]
 
 
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
-    """Every item's number as a point, a row for each camera and plane, with the medians and the limits."""
-    unit = groups[0].unit
-    several = len({one.camera for one in groups}) > 1
-    axes = plot_axes(4.6, 0.9 + 0.28 * len(groups), (1.6 if several else 0.4, 0.25, 0.42, 0.08))
-    for row, one in enumerate(groups):
-        values = np.asarray(one.values)
-        color = PLANE_COLOURS.get(one.plane, INK)
-        strokes = _strokes(values)
-        axes.plot(strokes, np.full(len(strokes), row), "|", ms=9, mew=1, color=color, alpha=0.7)
-        axes.plot(np.median(values), row, "o", ms=4, color=INK)
-    for bound in report.bounds.get(name, ()):
-        axes.axvline(bound, color=FAINT, lw=1, ls=DASHED)
-    labels = [f"{textwrap.shorten(one.camera, MAX_NAME, placeholder='…')} {one.plane}".strip() if several else one.plane
-              for one in groups]  # fmt: skip
-    axes.set_yticks(range(len(groups)), labels)
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    each = "each photograph" if max(len(one.values) for one in groups) <= MAX_STROKES else f"{MAX_STROKES} quantiles"
-    caption = f"{label(name)}: a stroke for {each}, a point for their median"
-    caption += "; dashed, the limits." if report.bounds else "."
-    settings = {"ylim": (len(groups) - 0.5, -0.5), "xlabel": unit if unit != "1" else ""}
-    return finished(axes, f"batch-{name.replace('.', '-')}", caption, **settings)
+    """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
+    figure, ((axes, beside),) = axes_grid(
+        6.0, 2.4, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
+    )  # fmt: skip
+    cameras = list(dict.fromkeys(one.camera for one in groups))
+    edges = np.histogram_bin_edges(np.concatenate([one.values for one in groups]), "auto")
+    edges = edges if len(edges) <= MAX_BINS + 1 else np.linspace(edges[0], edges[-1], MAX_BINS + 1)
+    titles: dict[int, list[str]] = {}
+    for group in groups:
+        colour, marker = PLANE_COLOURS.get(group.plane, INK), MARKERS[cameras.index(group.camera) % len(MARKERS)]
+        measured = [
+            (at, one.files, number)
+            for at, one in enumerate(report.lines[:MAX_LINES], 1)
+            if one.camera == group.camera and (number := one.planes.get(group.plane, {}).get(name)) is not None
+        ]
+        if measured:
+            at, _, numbers = zip(*measured, strict=True)
+            x, values, own = np.array(at), [one.value for one in numbers], [one.uncertainty for one in numbers]
+            name_of_group = _short(group, several=len(cameras) > 1)
+            points(axes, x, values, own, colour=colour, marker=marker, ls="none", label=name_of_group)
+            odd = _outliers(group, values, own)
+            axes.plot(x[odd], np.array(values)[odd], "o", ms=9, mfc="none", mec=MARK, mew=1.4)
+            for place, file, number in measured:
+                words = f"{group.plane} {stated(number.value, number.uncertainty)} {unit_of(number)}"
+                titles.setdefault(place, [file]).append(words.strip())
+        beside.hist(group.values, edges, orientation="horizontal", histtype="stepfilled", color=colour, alpha=0.35)
+    for one in (axes, beside):
+        for bound in report.bounds.get(name, ()):
+            one.axhline(bound, color=FAINT, lw=1, ls=DASHED)
+    if titles:
+        title_along(axes, np.array(sorted(titles), dtype=np.float64), ["; ".join(titles[at]) for at in sorted(titles)])
+    low, high = axes.get_ylim()
+    axes.set(xlabel="item", ylabel="" if (unit := groups[0].unit) == "1" else unit)
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    beside.set(ylim=(min(low, edges[0]), max(high, edges[-1])), xlabel="items", yticks=[])
+    axes.set_ylim(beside.get_ylim())
+    beside.xaxis.set_major_locator(MaxNLocator(2, integer=True))
+    legend(axes, "best", handles=axes.get_legend_handles_labels()[0], fontsize=7, handlelength=0.6)
+    caption = f"{label(name)}: every item with its 95 % interval, and the histogram of all; outliers are ringed"
+    return drawn(
+        figure,
+        f"batch-{name.replace('.', '-')}",
+        caption + ("; dashed, the limits." if report.bounds.get(name) else "."),
+    )
+
+
+def _short(group: NumberGroup, *, several: bool) -> str:
+    camera = textwrap.shorten(group.camera, MAX_NAME, placeholder="…") if several else ""
+    return f"{camera} {group.plane}".strip()

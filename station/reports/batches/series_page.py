@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from station.calibration.series import Best, Point
-from station.common.uncertainty_text import stated
+from station.common.sanitise import stated
 from station.drawing.colours import INK, PLANE_COLOURS
 from station.drawing.plots import Figure, finished, plot_axes, points
 from station.reports.page import Figures, Note, Section, Table, html, page, plane_name, sentence

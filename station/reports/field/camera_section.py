@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from procedures.field.maps import COLUMNS, FieldMap, grid
 from procedures.numbers import COLOUR_SHADING
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from procedures.whole_camera.from_field import WholeCamera
 from procedures.whole_camera.joint import JointNumbers
 from station.drawing.colours import INK

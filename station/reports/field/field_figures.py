@@ -10,8 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Polygon, Rectangle
 
-from procedures.field.chromatic import LateralColour
-from procedures.field.maps import FieldMap
+from procedures.field.maps import FieldMap, LateralColour
 from procedures.field.models import SymmetryAxis
 from procedures.numbers import ASTIGMATISM, COLOUR_SHADING, FOCUS, without_photosite
 from procedures.numerics.scattered import Hull

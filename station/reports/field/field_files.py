@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from procedures.field import field_file
-from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.image_height import HeightCurve, over_height
-from procedures.field.maps import FieldMap
+from procedures.field.maps import FieldMap, HeightCurve, LateralColour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.reading.exposure import Exposure
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
 from station.calibration.camera_metadata import exposure_of

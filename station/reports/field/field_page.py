@@ -8,15 +8,15 @@ from functools import partial
 
 from markupsafe import Markup
 
-from procedures.budget import FREQUENCIES, TERMS
-from procedures.field.chromatic import LateralColour
+from procedures.choice import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.maps import FieldMap
+from procedures.field.maps import FieldMap, LateralColour
 from procedures.field.photosite import Photosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
 from station.drawing.plots import Figure
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
+from station.reports.field.explored_places import explored_places
 from station.reports.field.field_files import FieldParts, mm_per_pixel
 from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
@@ -69,7 +69,8 @@ def field_page(report: Report) -> str:
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
-    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
+    spots = {name: explored_places(one.interpolation.field) for name, one in whole.fitted.items()}
+    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 
 def _summary(whole: FieldParts) -> list[Block]:
@@ -92,7 +93,7 @@ def _summary(whole: FieldParts) -> list[Block]:
     return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
 
 
-# --- one plane ---------------------------------------------------------------------------------------------------
+# --- one plane ---
 
 
 def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list[Block]:
@@ -188,7 +189,7 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
-# --- the whole field ---------------------------------------------------------------------------------------------
+# --- the whole field ---
 
 
 def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from procedures.field.image_height import HeightCurve
+from procedures.field.maps import HeightCurve
 from station.drawing.hover import title_along
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.otf_figures import MAX_NAME, FrequencyAxis

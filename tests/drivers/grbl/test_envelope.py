@@ -1,7 +1,5 @@
 """Travel, rates and places as the controller is set to them."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import (
@@ -14,7 +12,7 @@ from drivers.grbl_envelope import Controls, GrblAxis
 from drivers.interfaces import Travel
 from drivers.light import GrblLight
 from simulators.devices.grbl import GrblController
-from simulators.devices.grbl_state import Outputs
+from simulators.devices.grbl_motion import Outputs
 from simulators.devices.serial_device import Cable, plug
 
 

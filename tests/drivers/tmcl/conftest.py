@@ -1,8 +1,6 @@
-from __future__ import annotations
-
 import pytest
 
-from drivers.protocols.tmcl import TmclParser
+from drivers.tmcl.link import TmclParser
 from drivers.tmcl.stage import TmclStage
 from drivers.transport import SerialTransport
 from simulators.devices.serial_device import Cable, plug

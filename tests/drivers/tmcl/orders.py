@@ -1,10 +1,8 @@
 """What the tests of TMCL move, send and look for."""
 
-from __future__ import annotations
-
 import struct
 
-from drivers.protocols.tmcl import checksum
+from drivers.tmcl.link import checksum
 from drivers.tmcl.stage import TmclAxis
 
 STEP = 1 / 320

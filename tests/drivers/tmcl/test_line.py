@@ -1,14 +1,11 @@
 """Datagrams of TMCL: in step, late, cut off, and the stop past all of them."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest
 
 from drivers.errors import NoAnswer, NotHomed, Rejected, WasReset
-from drivers.protocols.tmcl import checksum
-from drivers.tmcl.link import PendingReply, library, stop_bytes
+from drivers.tmcl.link import PendingReply, checksum, library, stop_bytes
 from drivers.tmcl.stage import TmclAxis
 from simulators.devices.serial_device import Cable, plug
 from simulators.devices.tmcl import TmclModule

@@ -30,7 +30,7 @@ def picture():
     return scene(SHAPE).astype(np.float32)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_error_appears_at_detail_and_grows_with_contrast(picture):
     optics = PlaneFields.of(
         {"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {}
@@ -44,7 +44,7 @@ def test_error_appears_at_detail_and_grows_with_contrast(picture):
     assert one.rms == pytest.approx(np.sqrt(np.mean(one.noise + one.interpolation)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_propagated_error_agrees_with_corrections_through_erroneous_fields():
     lens = SmallLens(SHAPE, 0.8, growth=0.0, coma=0.0)
     photograph = grey(lens, scene(tuple(n + 2 * RIM for n in SHAPE)), Sensor(white_e=60000.0))

@@ -1,12 +1,10 @@
 """Strengths of corruptions in linear systems whose truth is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.corruption.directions import GHOST_PX, filters, mask, mirrored
-from procedures.corruption.scores import SampleGroup, Strength, strengths
+from procedures.corruption.family import SampleGroup, Strength, strengths
 
 Array = np.ndarray
 

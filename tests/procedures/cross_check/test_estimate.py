@@ -12,10 +12,9 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
 from procedures.raw import Plane
 from procedures.slanted_edge.strip import Roi, strip_of
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Wall
 
 SLOW_FIXTURES = {"checks"}

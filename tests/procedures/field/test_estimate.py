@@ -1,7 +1,5 @@
 """Charts of one frame become nodes, in every plane at their positions in that plane."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +12,8 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Shape
 
 SLOW_FIXTURES = {"shot"}

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path
@@ -9,11 +7,10 @@ import numpy as np
 import pytest
 
 from procedures.field import field_file
-from procedures.field.chromatic import lateral_colour
 from procedures.field.interpolate import interpolate
-from procedures.field.maps import derive
+from procedures.field.maps import derive, lateral_colour
 from procedures.outcome import BadInput, Outcome
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 
 from ..correction.small_lens import SmallLens
 from .lens import NEAR, SHAPE, FieldCamera, grid, nodes

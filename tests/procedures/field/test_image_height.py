@@ -1,12 +1,10 @@
 """Sagittal and meridional MTF over image height, compared with the simulated lens."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from procedures.field.image_height import DIRECTIONS, over_height
 from procedures.field.interpolate import interpolate
+from procedures.field.maps import DIRECTIONS, over_height
 
 from .lens import SHAPE
 

@@ -1,10 +1,8 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.field.locations import AHEAD, Location, chosen_locations, pan_tilt_deg, rail_mm
+from procedures.field.measuring import AHEAD, Location, chosen_locations, pan_tilt_deg, rail_mm
 from procedures.numerics.scattered import monomials
 from procedures.outcome import BadParameter
 

@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from procedures.field.chromatic import lateral_colour
 from procedures.field.interpolate import interpolate
-from procedures.field.maps import MAPS, derive, grid, numbers_of, radius_direction
+from procedures.field.maps import MAPS, derive, grid, lateral_colour, numbers_of, radius_direction
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node

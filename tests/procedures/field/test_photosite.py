@@ -1,14 +1,11 @@
 """An isotropic lens over square photosites: the anisotropy of the camera's maps is theirs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from procedures.field.image_height import over_height
-from procedures.field.maps import FieldMap, derive, mtf50_about
+from procedures.field.maps import FieldMap, derive, mtf50_about, over_height
 from procedures.field.photosite import ASSUMED, Photosite, WithoutPhotosite
 from procedures.outcome import BadParameter
 from procedures.psf import Psf

@@ -1,7 +1,5 @@
 """Moves of a field's tour, compared with an independent projection by the bench's geometry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,17 +9,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from procedures.facts import facts_as
-from procedures.field.facts import BASE, FieldFacts
-from procedures.field.locations import Location
-from procedures.field.plan import NEAR, bring, check_place, check_places, locations, say_place, to_place
+from procedures.field.measuring import Location
+from procedures.field.plan import (
+    BASE,
+    NEAR,
+    FieldFacts,
+    bring,
+    check_place,
+    check_places,
+    locations,
+    say_place,
+    to_place,
+)
 from procedures.geometry.plan import check_start
 from procedures.pattern import Chart
+from procedures.plan import facts_as
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure
 from simulators.camera.camera import pixels_at
 from simulators.camera.sensor import Sensor
-from simulators.camera.subjects import frame_camera
+from simulators.camera.sheets import frame_camera
 from simulators.world.scene import Scene
 
 ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0

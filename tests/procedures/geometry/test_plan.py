@@ -9,14 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.geometry import plan as geometry_plan
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
 from procedures.geometry.next_view import NextView
 from procedures.geometry.plan import STEP_DEG, turn_chart
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.pose import ChartPose
-from procedures.plan import Advice, Reading
+from procedures.plan import Advice, Reading, facts_as
 
 READINGS = tuple(Reading(name, value, "°", -7.0, 7.0) for name, value in (("off", 0.0), ("yaw", 40.0), ("pitch", 0.0)))
 WANTED = NextView((0.5, 0.5), -35.0, 0.0, 1000.0, 0.4, 0.3)
@@ -46,7 +45,7 @@ def seen(monkeypatch):
         "shown": lambda frame: plane, "changed_settings": lambda exposure, known: seen["changed"],
         "seen_chart": lambda plane, known: seen["sighting"], "wanted_pose": lambda number, known: WANTED,
         "chart_pose": lambda H, shape, optics: seen["pose"], "off_place": lambda *of: seen["off"],
-        "wanted_outline": lambda *of: (), "view_goal": lambda *of: None,
+        "wanted_outline": lambda *of: (),
         "light_readings": lambda *of: (seen["white"], seen["clipped"]), "marks_of": lambda sighting: ((1.0, 2.0),),
         "correction": lambda *of: {"pan_deg": 2.0}, "to_place": lambda at, facts: {"pan_deg": 5.0} if facts else {},
     }.items():  # fmt: skip

@@ -1,12 +1,10 @@
 """Bessel functions compared with SciPy's, computed by other methods."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.special
 from scipy.integrate import quad
 
-from procedures.numerics.bessel import integral_of_j0, j0, j1
+from procedures.numerics.transforms import integral_of_j0, j0, j1
 
 X = np.concatenate([[0.0, 1e-9], np.linspace(-30, 30, 301), [123.4, 1000.7]])
 
@@ -28,6 +26,6 @@ def test_integral_of_j0_is_that_of_a_quadrature_and_has_j0_for_its_slope():
 
 
 def test_shape_is_kept_and_blocks_join(monkeypatch):
-    monkeypatch.setattr("procedures.numerics.bessel.LARGEST_BLOCK", 500)
+    monkeypatch.setattr("procedures.numerics.transforms.LARGEST_BLOCK", 500)
     grid = np.linspace(0, 20, 60).reshape(5, 12)
     np.testing.assert_allclose(j1(grid), scipy.special.j1(grid), atol=2e-14)

@@ -1,7 +1,5 @@
 """The compiled extension computes what the loops' Python source does, refuses what it cannot take, and is optional."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -12,8 +10,8 @@ import numpy as np
 import pytest
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import field_of
 from procedures.numerics.loops import build_extension, edges, layouts, matrices, saddles, splines
-from procedures.numerics.spatial_bins import field_of
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM, RULES
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS
 

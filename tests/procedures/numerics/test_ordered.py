@@ -1,11 +1,9 @@
 """Quantiles and distinct values compared with NumPy's, which interpolate and sort in the same way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from procedures.numerics.ordered import distinct, quantile
+from procedures.numerics.arrays import distinct, quantile
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 100])

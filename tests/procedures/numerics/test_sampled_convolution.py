@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.signal
 
 from procedures.numerics.loops import convolve_at, sums_of_groups
-from procedures.numerics.sampled_convolution import sample_convolution
+from procedures.numerics.transforms import sample_convolution
 
 S, K, ROWS, COLUMNS = 3, 5, 20, 24
 

@@ -1,12 +1,15 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.optimize
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures.numerics.solvers import cholesky_inverse, cholesky_solve, non_negative_least_squares, solve_constrained
+from procedures.numerics.normal_equations import (
+    cholesky_inverse,
+    cholesky_solve,
+    non_negative_least_squares,
+    solve_constrained,
+)
 
 pytestmark = pytest.mark.delicate
 

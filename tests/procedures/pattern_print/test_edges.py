@@ -1,14 +1,11 @@
 """Chart with slanted edges: the chart is unchanged, and two edges in white are added."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.pattern import BLOCK, BLOCKS, CELLS, EDGES
 from procedures.pattern_print.formats import bitmap, encode
-from procedures.pattern_print.outline import outline
-from procedures.pattern_print.sheet import EDGE_MM, Size, lay_out
+from procedures.pattern_print.sheet import EDGE_MM, Size, lay_out, outline
 from procedures.pattern_print.source import Source
 
 from .filling import winding

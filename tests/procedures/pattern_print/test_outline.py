@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.pattern import BLACK_BLOCKS, BLOCK, X_CORNER_BLOCKS
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_print.outline import outline
+from procedures.pattern_print.sheet import outline
 from procedures.pattern_print.source import Source
 
 from .filling import winding

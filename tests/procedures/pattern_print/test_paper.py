@@ -1,9 +1,7 @@
-from __future__ import annotations
-
 import pytest
 
 from procedures.outcome import BadParameter
-from procedures.pattern_print.paper import ISO_PAPERS, PAPERS, US_PAPERS, paper_named, papers_of_locale
+from procedures.pattern_print.sheet import ISO_PAPERS, PAPERS, US_PAPERS, paper_named, papers_of_locale
 
 
 @pytest.mark.parametrize(

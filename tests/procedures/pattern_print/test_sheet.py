@@ -1,13 +1,20 @@
-from __future__ import annotations
-
 import math
 from itertools import combinations
 
 import pytest
 
 from procedures.outcome import BadParameter
-from procedures.pattern_print.paper import PAPERS, Paper
-from procedures.pattern_print.sheet import EDGE_MM, LARGEST_WIDTH_MM, Sheet, Size, check_fits, largest_width_mm, lay_out
+from procedures.pattern_print.sheet import (
+    EDGE_MM,
+    LARGEST_WIDTH_MM,
+    PAPERS,
+    Paper,
+    Sheet,
+    Size,
+    check_fits,
+    largest_width_mm,
+    lay_out,
+)
 from procedures.pattern_print.source import Source
 
 from .boxes import apart, line_boxes, text_box

@@ -1,7 +1,5 @@
 """A chart over several sheets: its cells, each on one sheet, and the marks by which the sheets are joined."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -17,11 +15,9 @@ import pytest
 from procedures.outcome import BadParameter
 from procedures.pattern import CELLS
 from procedures.pattern_print.formats import pdf
-from procedures.pattern_print.paper import PAPERS
-from procedures.pattern_print.sheet import EDGE_MM, Sheet, Size
+from procedures.pattern_print.sheet import EDGE_MM, PAPERS, Sheet, Size
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tile_sheets import tiled
-from procedures.pattern_print.tiles import BAND_MM, DRAWN_CELLS, Tiling, tiling_of
+from procedures.pattern_print.tile_sheets import BAND_MM, DRAWN_CELLS, Tiling, tiled, tiling_of
 
 from .boxes import apart, line_boxes, text_box
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.budget import COMMON
+from procedures.choice import COMMON
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset

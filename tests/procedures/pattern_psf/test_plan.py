@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.outcome import BadParameter
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import check_light
 from procedures.pattern_psf.facts import RATIO, PatternFacts
 from procedures.pattern_psf.plan import DISTANCE, PRINT, chart_page, plan, rail_places, say_distance, towards_distance
-from procedures.plan import Ask
+from procedures.plan import Ask, facts_as
 from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
 from simulators.camera.sensor import Sensor

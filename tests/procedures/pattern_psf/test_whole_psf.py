@@ -45,7 +45,7 @@ def truths() -> list[float]:
 
 @pytest.mark.slow
 def test_numbers_are_those_of_the_whole_psf() -> None:
-    estimate, verdict = found()
+    estimate, verdict = found(PatternParameters(print_blur=0.075))
     assert verdict is Verdict.PASS
     for name, true in zip(NAMES, truths(), strict=True):
         number = estimate.quality.numbers[name]
@@ -189,7 +189,7 @@ def test_what_a_hand_leaves_of_the_chart_is_enough(rng: np.random.Generator) -> 
         assert abs(number.value - true) < 3.5 * number.uncertainty, name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_errors_are_those_that_the_uncertainties_tell() -> None:
     errors, shares = [], []
     for otf, seeds in ((F56, range(2, 6)), (F8, range(4))):

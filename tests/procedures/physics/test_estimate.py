@@ -1,7 +1,5 @@
 """Recovery of the parts of simulated cameras from their PSFs; simulator and model share no code for the optics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +9,19 @@ from scipy.optimize import minimize
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.physics.estimate import Physics, _fill_factor, estimate_physics
-from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
-from procedures.physics.model import Grid, names_of
-from procedures.physics.pupil import TERMS, Pupil
-from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_otf
+from procedures.physics.estimate import (
+    Physics,
+    WhitenedPsf,
+    _fill_factor,
+    distance_of_rise,
+    estimate_physics,
+    fit_parts,
+)
+from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, Pupil, aperture_otf, names_of
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.camera import Lens, SimulatedCamera, true_psf
 from simulators.camera.optics import (
     WAVELENGTHS_UM,
     CircularPupil,
@@ -31,7 +33,6 @@ from simulators.camera.optics import (
 )  # fmt: skip
 from simulators.camera.pupil import Wavefront, aberrated_otf, circular_otf
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_psf
 from simulators.world.scene import Scene
 
 S, K = 4, 17
@@ -210,7 +211,7 @@ def test_fill_factor_over_one_is_one_sided() -> None:
     assert _fill_factor(Quantity(0.99, "1", 0.02, "m", 9)) is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.random.Generator) -> None:
     # figure 3.7 of Delbracio's thesis: transfer functions of red and blue look like green's rotated by 90 degrees
     optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.outcome import BadParameter
-from procedures.plan import HAS_SHAKER, Ask
+from procedures.plan import HAS_SHAKER, Ask, facts_as
 from procedures.raw import Plane, RawFrame, ShakerPath
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import BOTH, MOTIONS, RestorationFacts

@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
-from procedures.plan import HAS_IMU, Ask, Shoot
+from procedures.plan import HAS_IMU, Ask, Shoot, facts_as
 from procedures.raw import ImuRecord, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, ORDER, RestorationFacts

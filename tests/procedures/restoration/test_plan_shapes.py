@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter
-from procedures.plan import HAS_SHAKER
+from procedures.plan import HAS_SHAKER, facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import MOTIONS, RestorationFacts

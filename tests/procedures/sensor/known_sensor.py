@@ -3,8 +3,6 @@
 Electrons are Poisson distributed; response, noise, offset, gain, rounding and clipping follow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,9 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from procedures.sensor.levels import measure_level
-from procedures.sensor.recording import SensorRecording
-from procedures.sensor.stacks import measure_stack
+from procedures.sensor.stacks import SensorRecording, measure_level, measure_stack
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint16]

@@ -1,7 +1,5 @@
 """Every number compared with the parameters of the simulated sensor; refusals by name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +8,8 @@ from scipy.stats import norm
 
 from procedures.outcome import Verdict
 from procedures.sensor.estimate import SensorResult, characterise, sensor_model
+from procedures.sensor.information import linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
-from procedures.sensor.signal_to_noise import linear_snr, total_snr
 from procedures.sensor.uniformity import spatial_variances
 
 from .known_sensor import SHARES, KnownSensor

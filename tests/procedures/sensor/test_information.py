@@ -1,7 +1,5 @@
 """NEQ of a known sensor with a known PSF; sharpening and smoothing do not change it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.ndimage
@@ -9,7 +7,7 @@ import scipy.signal
 
 from procedures.psf import Psf
 from procedures.sensor.information import information
-from procedures.sensor.noise_power import measure_noise_power
+from procedures.sensor.spectrograms import measure_noise_power
 
 from .known_sensor import KnownSensor
 

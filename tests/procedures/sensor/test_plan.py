@@ -1,18 +1,15 @@
 """Checks of a picture by the guided sensor measurement, with and without a controlled panel."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from procedures.facts import facts_as
+from procedures.plan import facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.sensor.facts import LIT, SensorFacts
-from procedures.sensor.plan import TRIAL_LEVEL, check_panel, check_picture, ladder
+from procedures.sensor.plan import LIT, TRIAL_LEVEL, SensorFacts, check_panel, check_picture, ladder
 
 HASH = "abcdef0123456789" * 4
 BY_PANEL = {"light_level": 0.5, "exposure_s": 0.02, "iso": 100.0}

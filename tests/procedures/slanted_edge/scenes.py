@@ -1,16 +1,14 @@
 """Simulated edges: a bright half plane on a dark ground, through known optics, on a known sensor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 
 from procedures.raw import Plane
+from simulators.camera.camera import true_mtf
 from simulators.camera.optics import GaussianBlur, Optics
 from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.sensor import Sensor
-from simulators.camera.truth import true_mtf
 from simulators.world.projection import Projection
 from simulators.world.scene import Illumination, Scene, Shape, Wall
 

@@ -1,20 +1,17 @@
 """Computations of the guided tilt: distance of the chart, distances of the bracket, and turns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.facts import facts_as
-from procedures.field.facts import TourStart
-from procedures.field.locations import Location
+from procedures.field.measuring import Location
+from procedures.field.plan import TourStart
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.pose import ImagingGeometry
-from procedures.plan import Ask, Give, Home
-from procedures.tilt.facts import TiltFacts
+from procedures.plan import Ask, Give, Home, facts_as
 from procedures.tilt.plan import (
     BY_HAND,
+    TiltFacts,
     bracket_mm,
     check_width,
     depth_mm,

@@ -1,7 +1,5 @@
 """Simulated sensors with known tilt, backfocus and screws, and brackets of a simulated lens."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +7,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused, Verdict
 from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um, shim_words
-from procedures.tilt.plane import Positions, behind_lens_um, fit_plane
-from procedures.tilt.screws import Screws, turns_for
+from procedures.tilt.plane import Positions, Screws, behind_lens_um, fit_plane, turns_for
 from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
 
 FRAME = (36.0, 24.0)

@@ -1,15 +1,13 @@
 """Parts of a camera from simulated charts: their covariance compared with that of draws."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from procedures.field.chromatic import lateral_colour
 from procedures.field.estimate import MeasuredChart
+from procedures.field.maps import lateral_colour
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration

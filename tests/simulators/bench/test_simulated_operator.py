@@ -1,12 +1,10 @@
 """What the simulated person does who restores: the ring of apertures, the time, and what shakes the rig."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
-from simulators.camera.subjects import MOTIONS
+from simulators.camera.sheets import MOTIONS
 
 
 @pytest.fixture

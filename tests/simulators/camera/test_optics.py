@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import j1
 
+from simulators.camera.camera import true_psf
 from simulators.camera.optics import WAVELENGTHS_UM, CircularPupil, FourSpots, GaussianBlur, Optics, Path, PixelAperture
 from simulators.camera.pupil import Wavefront, defocus_um
-from simulators.camera.truth import true_psf
 
 ABERRATED = Wavefront(
     defocus_um=0.05, astigmatism_um=0.03, oblique_astigmatism_um=-0.02,

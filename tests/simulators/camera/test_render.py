@@ -1,14 +1,12 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import erf
 
 from procedures.pattern import X_CORNERS, Chart
+from simulators.camera.camera import ChartTruth, true_psf
 from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
 from simulators.camera.render import IdealImage, Region, render_region
-from simulators.camera.truth import ChartTruth, true_psf
 from simulators.world.projection import ObjectPose, Projection
 from simulators.world.scene import Illumination, PlacedChart, Scene, Shape, Wall
 from tests.simulators.clutter import cover

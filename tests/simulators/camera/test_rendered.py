@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.raw import read_frame
 from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
-from simulators.camera.rendered import blur_and_sample, photograph_render
+from simulators.camera.render import blur_and_sample, photograph_render
 from simulators.camera.sensor import SENSITIVITY, Sensor
 
 SENSOR = Sensor(rows=40, columns=60)

@@ -1,10 +1,8 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from simulators.bench.device_faults import CABLE_FAULTS, cable_fault, random_fault_events
-from simulators.devices.cable_faults import Faults
+from simulators.bench.bench import CABLE_FAULTS, cable_fault, random_fault_events
+from simulators.devices.serial_device import Faults
 
 DATA = bytes(range(256)) * 40
 

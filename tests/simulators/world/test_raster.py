@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulators.world.raster import coverage, outline
+from simulators.world.projection import coverage, outline
 
 ROUNDING = 1e-11
 coordinates = st.floats(-3.0, 12.0, allow_nan=False)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, SystemClock
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.wire.transcript import Transcript
 from procedures.drawings import steps as drawings

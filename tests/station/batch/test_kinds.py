@@ -1,7 +1,5 @@
 """Batches of edges, of fields and of a series are the same work as that of their commands."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
@@ -18,7 +16,7 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
-from station.common.atomic_files import WrittenFile
+from station.common.durable_files import WrittenFile
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 

@@ -3,8 +3,6 @@
 The record of every item, of those that failed too, follows the schema that is generated from the procedure.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -17,8 +15,7 @@ import pytest
 from procedures.field import measuring
 from procedures.outcome import Outcome
 from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import fit_plane
-from procedures.tilt.screws import Screws, turns_for
+from procedures.tilt.plane import Screws, fit_plane, turns_for
 from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.calibration import tilt as tilt_module

@@ -1,7 +1,5 @@
 """Processes that die: the item is named, the rest is finished."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -21,15 +19,16 @@ import pytest
 
 from procedures.outcome import BadParameter, Refused
 from station.batch import dask_pool, process_pool
-from station.batch.allowance import Allowance, limited_memory
 from station.batch.dask_pool import run_on_cluster
 from station.batch.process_pool import (
     DEATHS_IN_A_ROW,
     NO_LIMIT,
     ONE_THREAD,
     TRIES,
+    Allowance,
     Lost,
     Stop,
+    limited_memory,
     one_thread,
     run_in_processes,
     single_threads,

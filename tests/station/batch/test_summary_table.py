@@ -1,7 +1,5 @@
 """Rows of a batch on the disk, and the summary as CSV and Parquet from them."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 
@@ -9,10 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from station.__main__ import main
-from station.batch import summary_table
+from station.batch import stored_rows
 from station.batch.item import ItemRow, PlaneRow
-from station.batch.stored_rows import StoredRows, Tally
-from station.batch.summary_table import GROUP_ROWS, write_csv, write_parquet
+from station.batch.stored_rows import GROUP_ROWS, StoredRows, Tally, write_csv, write_parquet
 
 NUMBER = "mtf50_horizontal"
 
@@ -86,7 +83,7 @@ def test_the_parquet_file_has_the_lines_of_the_csv_file_with_types_and_units(row
 
 
 def test_without_pyarrow_nothing_is_begun(tmp_path, monkeypatch):
-    monkeypatch.setattr(summary_table, "find_spec", lambda name: None)
+    monkeypatch.setattr(stored_rows, "find_spec", lambda name: None)
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.pgm").write_bytes(b"P5 2 2 255\n1234")
     (tmp_path / "p.toml").write_text('procedure = "pattern"\n')

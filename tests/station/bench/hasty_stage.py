@@ -1,16 +1,13 @@
 """A hastily written driver of an ESP301: it keeps every promise on a good line, and stops once without asking again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
-from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.making import LineOptions
-from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.newport import NewportParser
 from drivers.wire.connection import anything, not_connected, opened
 from simulators.devices.newport import Esp301Twin

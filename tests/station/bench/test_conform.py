@@ -1,7 +1,5 @@
 """The trials of `station conform`: every stage's driver at its twin, and a hasty one that they refuse."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 
@@ -72,7 +70,7 @@ def test_a_move_that_reaches_its_server_after_the_stop_is_halted(tmp_path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("driver", [*BUILT_IN, *TWINS])
 def test_a_stage_stands_every_fault(driver, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert soak(rig, np.random.default_rng(1), 60, FAULTS) == "60 operations"

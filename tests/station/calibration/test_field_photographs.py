@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.outcome import BadInput, BadParameter
 from station.calibration.field_photographs import check_noted, focus_positions, photographs

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from scipy.ndimage import map_coordinates
 
 from drivers.frame_files.dng import Shot, write_dng
-from procedures.field.chromatic import LateralColour
+from procedures.field.maps import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.conversion import as_radial
@@ -22,7 +22,7 @@ from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame
 from procedures.reading.dng_opcodes import OPCODE_LIST_2, fix_vignette_radial, with_opcodes
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
 from station.calibration.exports.geometry import StoredCamera

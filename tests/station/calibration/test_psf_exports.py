@@ -14,8 +14,7 @@ from procedures.field.interpolate import interpolate
 from procedures.field.samplings import as_polynomial, powers, whole_psfs
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf import Psf, PsfTail
-from procedures.psf_field import Node
-from procedures.space_variant import SpaceVariantBlur
+from procedures.psf_field import Node, SpaceVariantBlur
 from station.__main__ import main
 from station.calibration.exports.psf import export_field, read_plane
 

@@ -16,7 +16,7 @@ from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.outcome import Refused
 from procedures.reading.exposure import Exposure
-from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.surface import LightSurface
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
 from tests.procedures.correction.small_lens import NOTED, RIM, SmallLens, bayer, burst, grey, scene

@@ -7,7 +7,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from procedures.budget import COMMON, TERMS, combined
+from procedures.choice import COMMON, TERMS, combined
 from station.__main__ import main
 from station.demo import digital_twin
 from station.results.explanation import REMEDIES

@@ -11,6 +11,7 @@ from drivers.errors import BadConfiguration
 from procedures.outcome import BadParameter
 from station.batch.procedure_file import USUAL_PROCEDURE, read_procedure
 from station.bench.opening import make_bench, read_config
+from station.common.signature import public_key
 from station.procedure.builtin.pattern import PatternSettings
 from station.reports.certificate_details import CertificateDetails
 from station.results.specification_file import read_specification
@@ -108,6 +109,19 @@ def test_nothing_that_is_there_is_touched(run, tmp_path):
 
 
 def test_every_detail_of_the_certificate_is_known(written):
-    (written / "logo.png").touch()
+    for name in ("logo.png", "laboratory.pem"):
+        (written / name).touch()
     details = CertificateDetails.read(without_comment_marks(written / "certificate.toml"))
     assert all(getattr(details, one.name) for one in fields(details))
+
+
+def test_a_key_is_written_for_its_owner_and_never_over_another(run, tmp_path):
+    pytest.importorskip("cryptography", reason="cryptography is not installed (extra `sign`)")
+    key = tmp_path / "laboratory.pem"
+    assert run("init", "--key", key).exit_code == 0
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["laboratory.pem", "laboratory.pub"]
+    assert key.stat().st_mode & 0o077 == 0
+    assert public_key(key) == public_key(key.with_suffix(".pub"))
+    done = run("init", "--key", key)
+    assert done.exit_code == 2
+    assert "name a file that does not exist" in done.stderr

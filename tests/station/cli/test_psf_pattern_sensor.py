@@ -9,7 +9,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from procedures.sensor_model import SensorModel
+from procedures.clipping import SensorModel
 
 MODEL = SensorModel(0.3, 0.001, 60.0, 4.0, 3800.0, 4000.0, (-0.05, 0.01), 0.0003, 1.5, 0.005)
 SIGNAL, BLOCKS = 1800.0, 400

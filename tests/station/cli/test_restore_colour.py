@@ -13,8 +13,7 @@ from scipy.ndimage import gaussian_filter
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.developed import read_developed
 from procedures.raw import Exposure, Plane, RawFrame
-from procedures.reading.development import Development
-from procedures.reading.tone_curve import named_curve
+from procedures.reading.development import Development, named_curve
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator
 from station.__main__ import main

@@ -60,7 +60,7 @@ def test_a_ground_truth_of_another_size_is_refused_before_any_work(photographs, 
     assert "round 0" not in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_batch_uses_the_ground_truth_next_to_each_first_photograph(photographs, tmp_path):
     work = tmp_path / "work"
     shutil.copytree(photographs, work)

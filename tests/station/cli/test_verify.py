@@ -1,9 +1,10 @@
-"""A certificate is compared with its record and originals, and its numbers are computed again."""
+"""A certificate is compared with its signature, record and originals, and its numbers are computed again."""
 
 from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 
 import pytest
 from click.testing import CliRunner
@@ -17,11 +18,16 @@ def run(*words):
     return CliRunner().invoke(main, [str(one) for one in words])
 
 
+pytest.importorskip("cryptography", reason="cryptography is not installed (extra `sign`)")
+
+
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("verify")
-    photo = chart_photograph(folder / "photo.dng", 1)
-    done = run("psf", "pattern", photo, "--certificate", "--out", folder / "out")
+    photo, details = chart_photograph(folder / "photo.dng", 1), folder / "certificate.toml"
+    assert run("init", "--key", folder / "laboratory.pem").exit_code == 0
+    details.write_text('laboratory = "Optics laboratory"\nauthoriser = "A. Example"\nsigning_key = "laboratory.pem"\n')
+    done = run("psf", "pattern", photo, "--certificate-details", details, "--out", folder / "out")
     assert done.exit_code == 0, done.output
     return folder
 
@@ -40,7 +46,8 @@ def checks(done):
 def test_untouched_certificate_agrees_with_record_originals_and_numbers(measured, name):
     done = run("verify", measured / "out" / name, "--json")
     assert done.exit_code == 0, done.output
-    assert checks(done) == {"record": True, "files of the result": True, "originals": True, "numbers": True}
+    names = ("signature", "record", "files of the result", "originals", "numbers")
+    assert checks(done) == dict.fromkeys(names, True)
 
 
 def test_changed_number_in_certificate_or_record_is_found(copy):
@@ -49,11 +56,39 @@ def test_changed_number_in_certificate_or_record_is_found(copy):
     done = run("verify", page, "--json")
     assert done.exit_code == 4
     assert checks(done)["files of the result"] is False
+    assert checks(done)["signature"] is False
     record = copy / "out" / "result.json"
     record.write_text(record.read_text().replace('"verdict": "pass"', '"verdict": "doubtful"', 1))
     done = run("verify", copy / "out" / "certificate.pdf", "--json")
     assert done.exit_code == 4
-    assert checks(done) == {"record": False}
+    assert checks(done) == {"signature": True, "record": False}
+
+
+def signature_of(out, *words):
+    done = run("verify", out / "certificate.html", "--json", *words)
+    return next(one for one in json.loads(done.stdout)["checks"] if one["name"] == "signature")
+
+
+def test_the_signer_is_named_and_compared_with_known_keys(copy, tmp_path):
+    out = copy / "out"
+    assert "signed by A. Example, Optics laboratory" in signature_of(out)["words"]
+    assert "the key of" in signature_of(out, "--signer", copy)["words"]
+    assert run("init", "--key", tmp_path / "other.pem").exit_code == 0
+    assert signature_of(out, "--signer", tmp_path / "other.pub")["agrees"] is False
+    statement = out / "certificate.sha256"
+    statement.write_text(statement.read_text().replace("A. Example", "B. Example"))
+    assert signature_of(out)["agrees"] is False
+    statement.unlink()
+    assert signature_of(out)["agrees"] is None
+    assert signature_of(out, "--signer", copy / "laboratory.pub")["agrees"] is False
+
+
+@pytest.mark.skipif(not shutil.which("openssl"), reason="openssl is not installed")
+def test_other_programs_verify_the_signature(measured):
+    out = measured / "out"
+    subprocess.run(["sha256sum", "--check", "--strict", "certificate.sha256"], cwd=out, check=True)
+    words = ["-verify", "-pubin", "-inkey", measured / "laboratory.pub", "-rawin", "-in", out / "certificate.sha256"]
+    subprocess.run(["openssl", "pkeyutl", *words, "-sigfile", out / "certificate.sha256.sig"], check=True)
 
 
 def test_originals_are_found_elsewhere_by_their_hash(copy, measured, tmp_path):

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import pytest
 
 from procedures.outcome import BadParameter
-from station.common.atomic_files import write_whole
+from station.common.durable_files import write_whole
 
 
 def test_older_file_is_replaced(tmp_path: Path) -> None:

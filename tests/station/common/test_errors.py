@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 
 import click
@@ -7,8 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from station.common.errors import reporting_errors
-from station.common.log import log, log_json_option
+from station.common.errors import log, log_json_option, reporting_errors
 
 
 class StageLost(Exception):

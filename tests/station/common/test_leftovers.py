@@ -1,7 +1,5 @@
 """What a killed run left behind is removed by the next one; what another run holds is not touched."""
 
-from __future__ import annotations
-
 import os
 import signal
 import stat
@@ -10,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from station.common.leftovers import make, release, sweep, temporary_folder
+from station.common.durable_files import make, release, sweep, temporary_folder
 from station.results.result_files import ResultFolder
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no locks of folders, and nothing to kill")

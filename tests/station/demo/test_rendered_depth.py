@@ -1,7 +1,5 @@
 """A rendered scene in depth, from its light to the restored depth, on a small picture."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -12,7 +10,7 @@ from station.__main__ import main
 from station.demo.rendered import RenderPlan, rendered_demo, steps
 from station.demo.rendered_depth import NAME, RATIO
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 SMALL = RenderPlan(columns=144, samples=32, converged=32, scenes=())
 

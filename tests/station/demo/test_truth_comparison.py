@@ -1,9 +1,7 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from station.demo.truth_comparison import align
+from station.demo.digital_twin import align
 
 
 def gaussian(x, y, k=17, sigma=1.8):

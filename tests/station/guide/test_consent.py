@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procedures.plan import Advice, Go, Look
-from simulators.bench.device_faults import FaultEvent
+from simulators.bench.bench import FaultEvent
 from station.guide.frontend import MOVE, FrameEvent
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator

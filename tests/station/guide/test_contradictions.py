@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procedures.facts import CameraFacts, derived_from
-from procedures.plan import Advice, Ask, Look, Plan, Reading, Shoot, Step
+from procedures.plan import Advice, Ask, CameraFacts, Look, Plan, Reading, Shoot, Step, derived_from
 from station.guide.contradictions import CORRECT, INSIST, LookProgress
 from station.guide.frontend import ProblemEvent
 from station.guide.run import Run

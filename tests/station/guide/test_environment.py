@@ -23,7 +23,7 @@ from station.guide.session_report import _environment, drift_lines
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 from station.reports.report import environment_lines
-from station.results.environment import ENVIRONMENT, environment_of
+from station.results.record_head import ENVIRONMENT, environment_of
 from station.sessions.state import SessionShot, SessionState
 
 from ..sessions.short_plan import CHART, PARAMETERS

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.facts import INSISTED
+from procedures.plan import INSISTED
 from procedures.raw import Exposure, Plane, RawFrame
 from station.guide.catalogue import PLANS, plan_named
 from station.guide.provenance import NAMES, provenance_of

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from procedures.outcome import Refused
 from procedures.plan import HAS_SHAKER, Ask, Shake
 from procedures.raw import Exposure, ImuRecord, RawFrame, ShakerPath

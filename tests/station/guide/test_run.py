@@ -13,7 +13,7 @@ from drivers.errors import FrameMissing
 from drivers.light import LampProperties
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
-from simulators.bench.device_faults import FaultEvent
+from simulators.bench.bench import FaultEvent
 from station.guide.frontend import (
     LAMP,
     FrameEvent,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from station.guide.catalogue import plan_named
 from station.guide.frontend import FrameEvent, Result
 from station.guide.run import Run

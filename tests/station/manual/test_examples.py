@@ -16,7 +16,9 @@ from station.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "station" / "manual").glob("*/*.md"))]
-FENCE = re.compile(r"^```sh run(?P<slow> slow)?(?: exit (?P<code>\d+))?\n(?P<lines>.*?)^```", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(
+    r"^```sh run(?P<mark> slow| nightly)?(?: exit (?P<code>\d+))?\n(?P<lines>.*?)^```", re.MULTILINE | re.DOTALL
+)
 
 WIDEST = 78
 """Characters of a line of an example that `station manual` does not break: a terminal's 80 less its margins."""
@@ -29,8 +31,8 @@ def examples():
         for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
             told = block["lines"], int(block["code"] or 0)
             names.setdefault(told, []).append(f"{page.stem}-{number}")
-            if block["slow"]:
-                marks[told] = [pytest.mark.slow]
+            if block["mark"]:
+                marks[told] = [getattr(pytest.mark, block["mark"].strip())]
     for told, pages in names.items():
         yield pytest.param(*told, id=" ".join(pages), marks=marks.get(told, []))
 

@@ -1,7 +1,5 @@
 """What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -18,8 +16,15 @@ from hypothesis import strategies as st
 from procedures.outcome import Quantity
 from procedures.psf import Psf, PsfTail
 from procedures.reading.exposure import Exposure
-from station.results.exports import gaussian_radius, kernel_fits, numbers_table, psf_fits, psf_tiff
-from station.results.fits import primary_image, table_of_one_cube
+from station.results.exports import (
+    gaussian_radius,
+    kernel_fits,
+    numbers_table,
+    primary_image,
+    psf_fits,
+    psf_tiff,
+    table_of_one_cube,
+)
 
 
 def gaussian(sigma_px, s=4, k=33, sd=1e-4):

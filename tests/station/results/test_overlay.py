@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.field.image_height import HeightCurve
+from procedures.field.maps import HeightCurve
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess

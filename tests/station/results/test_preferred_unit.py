@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from click.testing import CliRunner
 
@@ -8,7 +6,7 @@ from station.__main__ import main
 from station.bench.opening import read_config
 from station.cli.psf.terms import terms_of
 from station.cli.terminal.bench_options import frozen_unit
-from station.results.preferred_unit import preferred_unit
+from station.results.specification_file import preferred_unit
 from station.results.units import Unit
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import contextlib
 import csv
 import errno
@@ -13,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.budget import with_parts
+from procedures.choice import with_parts
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from procedures.sensor.measured import IntervalNumber
-from station.drawing.psf_picture import psf_picture
+from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead

@@ -17,7 +17,7 @@ from drivers.errors import (
     FrameWrong,
     Rejected,
 )
-from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
+from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw

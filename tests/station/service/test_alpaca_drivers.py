@@ -8,8 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.alpaca.link import AlpacaAddress, AlpacaLink
-from drivers.alpaca.probe import AlpacaProbe
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, AlpacaProbe
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.errors import (

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.errors import SystemClock
 from station.sessions.journal import SUM
 from station.sessions.session import Session
 

@@ -1,7 +1,5 @@
 """Every file of a finished session, deleted, emptied, flipped: named by show, and by list where it is of a result."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path
@@ -11,7 +9,7 @@ from click.testing import CliRunner
 
 from procedures.outcome import ProcedureError
 from station.__main__ import main
-from station.results.result_seal import damage, is_sealed
+from station.results.result_files import damage, is_sealed
 from station.sessions import reader
 from station.sessions.index import Index
 from station.sessions.session import Session

@@ -1,23 +1,20 @@
 """A session's specification: frozen when it begins, compared with every result, reported as text and exit code."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
-from procedures.budget import knot_budgets, with_parts
+from drivers.errors import SystemClock
+from procedures.choice import knot_budgets, with_parts
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
-from station.results.comparison import Comparison, Compliance
-from station.results.plane_result import PlaneResult
+from station.results.plane_result import Comparison, Compliance, PlaneResult
 from station.results.terms import USUAL
 from station.results.units import Pixels
 from station.sessions.session import Session
-from station.sessions.session_terms import KEY, UNIT, frozen, in_terms, terms_of_session
+from station.sessions.state import KEY, UNIT, frozen, in_terms, terms_of_session
 
 TEXT = """\
 title = "lens \u00b5"

@@ -26,8 +26,8 @@ def test_reduced_pixels_have_the_centres_that_enlarging_assumes():
     np.testing.assert_array_equal(covariance, 9 * np.eye(2))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("gaussian_px", "most_px"), [pytest.param(0.3, 0.02, marks=pytest.mark.nightly), (2.0, 0.1)])
+@pytest.mark.nightly
+@pytest.mark.parametrize(("gaussian_px", "most_px"), [(0.3, 0.02), (2.0, 0.1)])
 def test_a_chart_too_large_for_its_psf_is_measured_in_all_pixels(gaussian_px, most_px):
     sensor = Sensor(560, 560, None, bits=16, full_well_e=1.3 * WHITE_E, gain_e_per_dn=1.3 * WHITE_E / 65000)
     optics = Optics.typical(f_number=5.6, pitch_um=PITCH_UM, gaussian_px=gaussian_px)

@@ -32,6 +32,7 @@ def test_a_chart_near_the_corner_of_a_fisheye_is_measured(corner):
     assert np.sqrt(np.mean(error**2)) < 0.05
 
 
+@pytest.mark.nightly
 def test_the_turned_camera_shows_all_marks(corner):
     location = locate_chart(corner[0])
     assert location.turned is not None

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.facts import AxisTravel
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS, X_CORNERS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting
@@ -20,6 +19,7 @@ from procedures.pattern_psf.distance.consistency import (
     size_contradiction,
 )
 from procedures.pattern_psf.facts import SIZES, PatternFacts, RangeLook
+from procedures.plan import AxisTravel
 from procedures.raw import Exposure, Plane
 
 TRUE = PatternFacts(focal_length_mm=24.0, pixel_pitch_um=5.94, chart_width_mm=96.0, ruler_mm=99.5)

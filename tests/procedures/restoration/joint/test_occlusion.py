@@ -28,7 +28,7 @@ def test_an_edge_is_marked_within_the_reach_of_blur_and_a_slope_is_not():
     assert not occlusion_of(np.full(X.shape, 2.0), STACKS).mask.any()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_uncertainties_at_an_edge_hold_with_occlusion():
     shape, openings = (120, 144), ((lens(9), 1.0), (lens(9), 1.25))
     case = two_flats(picture, shape, (2.5, 1.5), openings, 40.0, 4)

@@ -4,8 +4,6 @@
 hexadecimal digits. `!` stops the motor at once, also within a line.
 """
 
-from __future__ import annotations
-
 import itertools
 from binascii import crc_hqx
 from collections.abc import Callable, Sequence
@@ -14,11 +12,10 @@ from typing import Annotated, NamedTuple
 
 from toy_twin import ToyTwin
 
-from drivers.clock import Clock
-from drivers.errors import Rejected
-from drivers.homing_state import HOME
+from drivers.errors import Clock, Rejected
 from drivers.interfaces import Transport, Travel
 from drivers.making import LineOptions, MakerContext
+from drivers.move_checks import HOME
 from drivers.options import positive
 from drivers.polled_stage import REPLY_S, AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter

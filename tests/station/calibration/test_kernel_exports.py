@@ -1,0 +1,118 @@
+"""Filters as other programs apply them, compared with the convolutions by SciPy."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import convolve
+
+from procedures.correction.kernel_tiles import kernel_tiles
+from procedures.outcome import BadParameter
+from station.calibration.exports.kernels import export_kernels
+from tests.procedures.correction.lens_photographs import Sensor, blurred, kernels_over
+from tests.procedures.correction.small_lens import RIM, SmallLens, scene
+
+SHAPE = (128, 160)
+LENSES = {"R": SmallLens((64, 80), 0.6), "G1": SmallLens((64, 80), 0.5), "B": SmallLens((64, 80), 0.5)}
+WHITE = 65535
+
+
+@pytest.fixture(scope="module")
+def tiles():
+    return kernel_tiles({name: lens.field(name).field for name, lens in LENSES.items()}, columns=4, size=11)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return np.moveaxis(scene((SHAPE[0] + 2 * RIM, SHAPE[1] + 2 * RIM), channels=3), 0, -1)
+
+
+@pytest.fixture(scope="module")
+def picture(truth):
+    """A developed picture through the lens (rows, columns, RGB), 16 bit."""
+    rng, out = np.random.default_rng(1), []
+    for colour, lens in enumerate(LENSES.values()):
+        kernels = kernels_over(lambda x, y, lens=lens: lens.kernel(x / 2, y / 2, 2), SHAPE, (5, 7))
+        out.append(Sensor(white_e=60000.0).read(blurred(truth[..., colour], kernels, RIM), rng))
+    return np.rint(WHITE * np.stack(out, axis=-1)).astype(np.uint16)
+
+
+@pytest.fixture(scope="module")
+def expected(tiles, picture):
+    """Convolutions with every filter, times the hat function of its node."""
+    hats = [[np.interp(np.arange(n), at, row) for row in np.eye(len(at))]
+            for n, at in zip(SHAPE, (tiles.y, tiles.x), strict=True)]  # fmt: skip
+    out = np.zeros(picture.shape)
+    for i, j, colour in np.ndindex(tiles.kernels.shape[:3]):
+        through = convolve(picture[..., colour].astype(float), tiles.kernels[i, j, colour], mode="nearest")
+        out[..., colour] += np.outer(hats[0][i], hats[1][j]) * through
+    return out.clip(0, WHITE)
+
+
+def applied(tmp_path, picture, tiles, form, command, suffix="ppm"):
+    """The picture after a command, in which THIS, IN and OUT are the files."""
+    files = {"THIS": tmp_path / f"this.{form}", "IN": tmp_path / f"in.{suffix}", "OUT": tmp_path / f"out.{suffix}"}
+    files["THIS"].write_text(export_kernels(tiles, form, "Bench One, f/2.8").text)
+    cv2.imwrite(str(files["IN"]), picture[..., ::-1])
+    words = [str(files.get(word, word)) for word in command]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    return cv2.imread(str(files["OUT"]), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(float)
+
+
+def test_one_python_file_applies_the_filters_with_numpy_alone(tmp_path, picture, tiles, expected, truth):
+    loads = "import sys, runpy; sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__');" \
+        "assert not {'scipy', 'cv2', 'station', 'procedures'} & set(sys.modules)"  # fmt: skip
+    made = applied(tmp_path, picture, tiles, "python", [sys.executable, "-I", "-c", loads, "THIS", "IN", "OUT"])
+    np.testing.assert_allclose(made, expected, atol=0.51)  # rounded to whole numbers
+    inside = (slice(12, -12), slice(12, -12))
+    light = WHITE * truth[RIM:-RIM, RIM:-RIM]
+    before, after = (np.sqrt(np.mean((one - light)[inside] ** 2)) for one in (picture, made))
+    assert after < 0.74 * before  # the error that the filters' own equations expect, for a spectrum 1/f^2
+
+
+def test_the_python_file_refuses_a_picture_of_another_size(tmp_path, picture, tiles):
+    program = tmp_path / "filters.py"
+    program.write_text(export_kernels(tiles, "python", "Bench One").text)
+    np.save(tmp_path / "in.npy", picture[1:])
+    done = subprocess.run([sys.executable, "-I", program, tmp_path / "in.npy", tmp_path / "out.npy"],
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert "a picture of (128, 160, 3) rows, columns, colours is required; got (127, 160, 3)" in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("sh") is None, reason="a shell script")
+def test_imagemagick_applies_the_filters(tmp_path, picture, tiles, expected):
+    magick = shutil.which("magick") or shutil.which("convert")
+    version = subprocess.run([magick, "-version"], capture_output=True, text=True, check=False) if magick else None
+    if version is None or "ImageMagick" not in version.stdout:
+        pytest.skip("ImageMagick is not installed")
+    made = applied(tmp_path, picture, tiles, "imagemagick", ["sh", "THIS", "IN", "OUT"])
+    # filters of five digits, and six roundings to 16 bit; it clips each of the four results that are blended
+    unclipped = (expected > 0.02 * WHITE) & (expected < 0.98 * WHITE)
+    assert np.percentile(np.abs(made - expected)[unclipped], 99) < 4
+    assert np.median(np.abs(made - expected)) < 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gmic") is None, reason="G'MIC is not installed")
+def test_gmic_applies_the_filters(tmp_path, picture, tiles, expected):
+    command = ["gmic", "THIS", "IN", "station_correct", "0", "cut", f"0,{WHITE}", "-o", "OUT"]
+    made = applied(tmp_path, picture, tiles, "gmic", command, "tiff")
+    np.testing.assert_allclose(made, expected, atol=4)  # filters of five digits
+
+
+def test_rawtherapee_receives_the_radius_and_its_growth(tiles):
+    export = export_kernels(tiles, "rawtherapee", "Bench One")
+    values = dict(line.split("=") for line in export.text.splitlines() if "=" in line)
+    radius, offset = float(values["DeconvRadius"]), float(values["DeconvRadiusOffset"])
+    # two decimals of a linear fit to the nodes, the corners among them
+    assert radius + offset == pytest.approx(tiles.sigma_px[0, 0], abs=0.06)
+    assert "the PSF is replaced by a round Gaussian" in export.lost
+    with pytest.raises(BadParameter, match="filters are written as python, imagemagick, gmic, rawtherapee"):
+        export_kernels(tiles, "darktable", "Bench One")
