@@ -213,7 +213,7 @@ class GuideScreen(StationScreen):
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
         if not self.answers.open:
-            self.answers.show_sentence(preview.advice.say or AT_WORK)
+            self.answers.show_sentence(AT_WORK if preview.hold_s is not None else preview.advice.say or AT_WORK)
 
     @show.register
     def _(self, event: GoalEvent) -> None:
@@ -367,6 +367,7 @@ class GuideScreen(StationScreen):
         values = self.query_one("#values", Part)
         values.update(lines_of(*lines, *others))
         values.display = bool(planes)
+        self._make_room()
 
     def _show_curve(self, drawn: Plotted | None) -> None:
         curve = self.query_one(CurveView)
