@@ -362,7 +362,7 @@ class GuideScreen(StationScreen):
     def _show_values(self, planes: Sequence[PlaneResult]) -> None:
         """The numbers that one accepts: all of one plane, the sharpness of the others."""
         first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
-        lines = [line for plane in first for line in (literal(plane.name, "bold"), *number_lines(plane, self.glyphs))]
+        lines = [line for plane in first for line in (plane.name, *number_lines(plane, self.glyphs))]
         others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
         values = self.query_one("#values", Part)
         values.update(lines_of(*lines, *others))
