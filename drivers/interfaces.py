@@ -316,7 +316,7 @@ class Parser(Protocol[E_co]):
 
 
 class Line(Protocol):
-    """What a device is reached by: a port, a server, a controller or a box with several devices."""
+    """The way to a device: a port, a server, a controller or a box with several devices."""
 
     @property
     def address(self) -> str:

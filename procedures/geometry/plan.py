@@ -220,7 +220,7 @@ def view_goal(number: int, facts: Facts) -> Goal:
     known = facts_as(GeometryFacts, facts)
     wanted = wanted_pose(number, known)
     left = int(USUAL if known.views is None else known.views) - number + 1
-    return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
+    return Goal(left, "projection", "px of the plane", wanted.before, wanted.after)
 
 
 def pose_advice(

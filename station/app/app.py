@@ -45,7 +45,7 @@ from station.app.working_app import BENCH, FOCUS, GUIDE, RESULTS, WorkingApp
 from station.common.stop_signals import EXIT_DEVICE
 
 if TYPE_CHECKING:
-    from station.drawing.terminal_plots import Glyphs
+    from station.drawing.glyphs import Glyphs
     from station.guide.workspace import StationLab
 
 END_TIMEOUT_S = 5.0

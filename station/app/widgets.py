@@ -21,8 +21,8 @@ from textual.widgets import Static
 from station.app.terminal_report import Graphics, Kind
 from station.common.sanitise import printable
 from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
-from station.drawing.terminal_plots import Glyphs, big_lines
-from station.results.plane_result import measurement_words
+from station.drawing.glyphs import Glyphs, big_lines
+from station.results.comparison import measurement_words
 
 if TYPE_CHECKING:
     from textual.geometry import Region
@@ -46,9 +46,9 @@ def literal(text: str, style: str = "") -> Content:
     return Content.styled(printable(text), style) if style else Content(printable(text))
 
 
-def lines_of(*lines: Content | str) -> Content:
+def lines_of(*lines: object) -> Content:
     """Lines one below the other."""
-    return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
+    return Content("\n").join(line if isinstance(line, Content) else literal(str(line)) for line in lines)
 
 
 class Part(Static):

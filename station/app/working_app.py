@@ -30,7 +30,7 @@ from station.app.terminal_report import Graphics
 from station.common.errors import TRACEBACK
 from station.common.sanitise import printable
 from station.common.stop_signals import EXIT_DEVICE
-from station.drawing.terminal_plots import Glyphs, glyphs_for
+from station.drawing.glyphs import Glyphs, glyphs_for
 
 if TYPE_CHECKING:
     from pathlib import Path

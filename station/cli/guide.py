@@ -18,7 +18,7 @@ from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
-from station.results.plane_result import Compliance
+from station.results.comparison import Compliance
 from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:

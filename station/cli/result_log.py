@@ -34,7 +34,8 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
-    from station.results.plane_result import line_numbers, measurement_words
+    from station.results.comparison import measurement_words
+    from station.results.plane_result import line_numbers
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
@@ -56,7 +57,7 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
     The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
     is `strict`, is doubtful or undecided.
     """
-    from station.results.plane_result import specification_words
+    from station.results.comparison import specification_words
 
     for one in records:
         comparison = one.specification

@@ -66,7 +66,7 @@ def _quoted(text: str) -> str:
 KeyPath = tuple[str | int, ...]
 """Keys, and indices within lists, from the root."""
 CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
-"""What completes a file that is cut off at the end of a line."""
+"""The text that completes a file that is cut off at the end of a line."""
 
 
 def line_of(text: str, path: KeyPath) -> int | None:
