@@ -23,7 +23,7 @@ from drivers.options import GRBL_STAGE, Baud, FolderName, Port, device
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.transport import SerialTransport
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,6 @@ class MakerContext:
 class DriverOptions:
     """Options of a driver, checked by their annotations.
 
-    Attributes
-    ----------
     provides : kinds of device that others may name it as
     twin : makes its simulation for `station conform`, see `station.bench.conform.Twin`
     """

@@ -193,7 +193,9 @@ TERMS = {
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-COMMON = ("mismatch", "processing", "variation", "print blur")
+UNSEEN = ("processing", "variation", "print blur")
+"""Terms by corruptions that a photograph of the chart does not exclude."""
+COMMON = ("mismatch", *UNSEEN)
 """Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
 """Prefixes of the numbers that are frequencies."""

@@ -453,8 +453,8 @@ PRINCIPAL_POINT = tuple(
               short=name, symbol=name)
     for name in ("cx", "cy")
 )  # fmt: skip
-for _one_name in ("k", *(f"k{i}" for i in range(1, 9)), "p1", "p2", *(f"s{i}" for i in range(1, 5)), "sx1", "sy1",
-                  "omega", "alpha", "beta", "xi"):  # fmt: skip
+for _one_name in ("k", *(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
+                  "sx1", "sy1", "omega", "alpha", "beta", "xi"):  # fmt: skip
     _geometry(
         _one_name, "1", f"Distortion {_one_name}", "coefficient of the camera model's distortion", short=_one_name
     )
@@ -465,6 +465,18 @@ _CHART_TERMS = (
 )  # fmt: skip
 for _one_name in _CHART_TERMS:
     _geometry(_one_name, "mm", f"Chart: {_one_name.replace('_', ' ')}", "departure of the printed chart at its rim")
+ROW_TIME = _geometry("row_time", "us", "Row time", "time between the exposures of neighbouring rows", _H, _C, _T, _U)
+READOUT_TIME = _geometry(
+    "readout_time",
+    "ms",
+    "Readout time",
+    "time from the exposure of the first row to that of the last",
+    _H,
+    _L,
+    _C,
+    _T,
+    _U,
+)
 BASELINE = _geometry(
     "baseline", "mm", "Baseline", "distance between the centres of a rig's two cameras", _H, _L, _C, _T, _U
 )

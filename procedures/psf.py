@@ -71,7 +71,7 @@ class Sampling:
                 f"the solver must be one of {', '.join(SOLVERS)}; got {self.solver!r}", "give one of them"
             )
 
-    def to_record(self) -> dict[str, int | str | list[float]]:
+    def to_record(self) -> dict[str, int | float | str | list[float]]:
         """Entries of a record."""
         at = {"at": list(self.at)} if self.at else {}
         return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver, **at}

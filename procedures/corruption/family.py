@@ -67,6 +67,12 @@ SCATTER = Corruption(
     "take a cut edge or a finer print, keep the camera still, and take the RAW file",
     "take a cut edge or a finer print, and keep the camera still",
 )
+PERIODIC = Corruption(
+    "period",
+    "the MTF rises to {} near 1 cycle/pixel, as no lens makes it: the edge moved, or was printed, with the period at "
+    "which it crosses the pixels",
+    *2 * ("keep the camera still, turn the chart by 2 degrees, and photograph it again",),
+)
 FILTERED = _processing("filter", "edges look unlike any image by a lens ({}): the photograph was denoised")
 SELECTIVE = _processing("sharpening", "strong detail is sharpened more than faint detail ({})")
 WIDE = _processing("sharpening", "light is missing around edges, as by a wide unsharp mask ({})")

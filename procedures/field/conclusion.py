@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from procedures.choice import Budget
-from procedures.field.estimate import MeasuredChart, mean_budgets
+from procedures.choice import UNSEEN, Budget, combined, with_modes
+from procedures.field.estimate import MeasuredChart, mean_budgets, mean_modes
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, LateralColour, derive, lateral_colour
 from procedures.field.measuring import MeasuredFrames
 from procedures.field.photosite import Photosite, WithoutPhotosite
-from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE
+from procedures.numbers import CYCLES, ERROR_INTERPOLATION, ERROR_NOISE, MTF50_RADIAL
 from procedures.outcome import Check, Miss, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -132,9 +132,9 @@ def _plane_field(
     maps = derive(interpolation.field, without=WithoutPhotosite(photosite, plane.pitch) if photosite else None)
     centre = interpolation.field.at((columns - 1) / 2, (rows - 1) / 2)
     diffraction = limit(plane)
-    quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)
+    quality = with_modes(assess(centre, n=len(nodes), diffraction=diffraction, at=at), centre, mean_modes(charts))
     checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
-    numbers = _numbers(interpolation, maps)
+    numbers = _numbers(interpolation, maps, _unseen(quality))
     return verdict_of(
         checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, mean_budgets(charts))
     )
@@ -167,7 +167,15 @@ def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
     return Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
 
 
-def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
+def _unseen(quality: Quality) -> float:
+    """Relative uncertainty of MTF50 by corruptions that the charts do not exclude."""
+    if MTF50_RADIAL not in quality.numbers:
+        return 0.0
+    terms = {term: size for term, size in quality.budgets[MTF50_RADIAL].items() if term in UNSEEN}
+    return combined(terms) / quality.numbers[MTF50_RADIAL].value
+
+
+def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap], unseen: float) -> dict[str, Quantity]:
     n, axis, numbers = len(interpolation.field.nodes), interpolation.axis, {}
     if axis is not None:
         half = float(np.hypot(*interpolation.field.shape)) / 2
@@ -177,6 +185,8 @@ def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str
             numbers[f"decentring_{name}"] = Quantity(float(at) * half, "pixel", error, method, n)
     for one in maps:
         if one.uncertainty is not None and np.isfinite(one.median(one.value)):
-            spread, method = one.median(one.uncertainty), "median over the field, and of the uncertainty"
-            numbers[f"{one.name}_median"] = Quantity(one.median(one.value), one.unit, spread, method, n)
+            value, spread = one.median(one.value), one.median(one.uncertainty)
+            common = unseen * value if one.unit == CYCLES else 0.0
+            method = "median over the field, and of the uncertainty"
+            numbers[f"{one.name}_median"] = Quantity(value, one.unit, float(np.hypot(spread, common)), method, n)
     return numbers

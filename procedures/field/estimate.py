@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from procedures.choice import Budget
+from procedures.choice import UNSEEN, Budget, combined
 from procedures.clipping import SensorModel
 from procedures.field.interpolate import interpolate
 from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
@@ -47,6 +47,7 @@ class MeasuredChart:
     gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
     correspondences : in pixels of the plane
     budgets : uncertainty budgets of the numbers
+    modes : see `PatternPsf`
     """
 
     node: Node
@@ -56,6 +57,7 @@ class MeasuredChart:
     correspondences: Correspondences
     shared: SharedErrors
     budgets: Mapping[str, Budget] = field(default_factory=dict)
+    modes: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, estimate: PatternPsf, node: Node) -> MeasuredChart:
@@ -65,7 +67,16 @@ class MeasuredChart:
         numbers = {name: quality.numbers[name] for name in names}
         gradients = {name: quality.gradients[name] for name in names}
         budgets = {name: quality.budgets[name] for name in names}
-        return cls(node, numbers, gradients, estimate.registration, estimate.correspondences, estimate.shared, budgets)
+        return cls(
+            node,
+            numbers,
+            gradients,
+            estimate.registration,
+            estimate.correspondences,
+            estimate.shared,
+            budgets,
+            estimate.modes,
+        )
 
     @property
     def joint_covariance(self) -> Array:
@@ -104,7 +115,6 @@ class MapLike(Protocol):
         self, function: Callable[[Job], Outcome[PatternPsf]], jobs: Sequence[Job], /
     ) -> Iterable[Outcome[PatternPsf]]:
         """Results in the order of the jobs."""
-        ...
 
 
 def measure_frame(
@@ -216,12 +226,24 @@ def _enlarged(estimate: PatternPsf) -> Psf:
     nodes do not average."""
     psf, all_budgets = estimate.psf, estimate.quality.budgets
     budgets = [all_budgets[name] for name in HEADLINE if name in all_budgets]
-    shares = [sum(b.get(term, 0.0) ** 2 for term in SYSTEMATIC_TERMS) / sum(v**2 for v in b.values()) for b in budgets]
+    shares = [sum(b.get(term, 0.0) ** 2 for term in SYSTEMATIC_TERMS) / combined(_own_terms(b)) ** 2 for b in budgets]
     if not any(shares):
         return psf
     factor = float(np.mean([1 / (1 - min(share, MAX_SYSTEMATIC_SHARE)) for share in shares]))
     C = psf.parameter_covariance
     return Psf.of(psf.parameters, factor * C, psf.k, psf.s, (factor - 1) * C)
+
+
+def _own_terms(budget: Budget) -> Budget:
+    """Terms of a budget without those of corruptions, which a field adds for all charts together."""
+    return {term: size for term, size in budget.items() if term not in UNSEEN}
+
+
+def mean_modes(charts: Sequence[MeasuredChart]) -> dict[str, Array]:
+    """Root mean squares of the charts' modes, which no number of charts lowers."""
+    known = [chart.modes for chart in charts if chart.modes]
+    terms = dict.fromkeys(term for modes in known for term in modes)
+    return {term: np.sqrt(sum(np.asarray(modes.get(term, 0.0)) ** 2 for modes in known) / len(known)) for term in terms}
 
 
 def _in_order(sightings: Sequence[ChartSighting]) -> list[ChartSighting]:

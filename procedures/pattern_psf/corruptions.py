@@ -33,8 +33,14 @@ VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
 WIDE_PRESENT = 0.5
 """Prior probability that such a picture was sharpened by a wide mask at all."""
-PRINT_CELLS = 0.075
-"""Prior standard deviation of the print's blur, in cells: a laser printer's, on a chart 300 mm wide."""
+PRINT_UNKNOWN = 0.36
+"""Prior standard deviation of the print's blur, in cells, where nothing is known of the print."""
+PRINTED_DOTS = 1.44
+"""Prior standard deviation of the blur in dots of the printer."""
+MOST_EXPONENT = 1.0
+"""Largest exponent of the change of a transfer function by the print's blur."""
+DOTS_VISIBLE = 0.008
+"""Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
 def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -> list[Check]:
@@ -55,15 +61,30 @@ def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
 
 
-def modes_of(evidence: ChartEvidence, f: Array, registration: Registration, *, raw: bool) -> dict[str, Array]:
+def print_prior(edges: Array) -> float:
+    """Prior standard deviation of the print's blur, in cells, by the offsets (514,) or (0,) of the printed lines: a
+    printer rounds both axes to its dots."""
+    offsets = [float(np.std(one)) for one in np.split(edges, 2)] if len(edges) else [0.0]
+    dot = 12**0.5 * float(np.mean(np.square(offsets))) ** 0.5
+    return min(PRINTED_DOTS * dot, PRINT_UNKNOWN) if min(offsets) > DOTS_VISIBLE else PRINT_UNKNOWN
+
+
+def print_blur_mode(f: Array, variance_px: float) -> Array:
+    """Relative change of the transfer function (n,) by a print's blur of a variance in square pixels."""
+    return np.asarray(np.expm1(np.minimum(2 * (np.pi * f) ** 2 * variance_px, MOST_EXPONENT)))
+
+
+def modes_of(
+    evidence: ChartEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
+) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
-    excluded."""
+    excluded; `print_blur` in cells."""
     cell_px, square = block_size_px(registration) / BLOCK, 2 * (np.pi * f) ** 2
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
     varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
     modes = {
-        PRINT_BLUR: square * (PRINT_CELLS * cell_px) ** 2,
+        PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
         "variation": square * varied,
     }
     if raw:

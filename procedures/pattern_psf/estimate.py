@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,11 +29,11 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import Check, Outcome, Refused, Verdict, checked_type, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Refused, Verdict, checked_type, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
-from procedures.pattern_psf.corruptions import corruption_checks, modes_of
+from procedures.pattern_psf.corruptions import corruption_checks, modes_of, print_prior
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.evidence import examine
@@ -91,6 +91,9 @@ class PatternParameters(Sampling):
         Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
     origin : "marks", "centroid" or "peak"
         The point about which widths, encircled energies and the Strehl ratio are taken.
+    print_blur : float, optional
+        Standard deviation of the print's blur in cells. None: by the printer's dots where the photograph shows them,
+        otherwise `corruptions.PRINT_UNKNOWN`.
     """
 
     s: int | None = None
@@ -99,6 +102,20 @@ class PatternParameters(Sampling):
     at: tuple[float, ...] = ()
     chosen: bool = False
     origin: Origin = "marks"
+    print_blur: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.print_blur is not None and not 0 <= self.print_blur <= 1:
+            raise BadParameter(
+                f"the print's blur must be 0 to 1 cells; got {self.print_blur:g}",
+                "give the standard deviation of its blur over the side of a cell",
+            )
+
+    def to_record(self) -> dict[str, int | float | str | list[float]]:
+        """Entries of a record."""
+        known = {} if self.print_blur is None else {"print_blur": self.print_blur}
+        return {**super().to_record(), **known}
 
 
 @dataclass(frozen=True)
@@ -124,6 +141,7 @@ class PatternPsf:
     correspondences : positions of parts of the chart, each measured by its own cells: the input of geometric
         calibration
     shared : covariances of PSF, centre and these positions
+    modes : relative changes of the transfer function, at `quality.frequencies`, by corruptions that are not excluded
     probability : probability that MTF50 along rows lies within two stated uncertainties: see `pattern_psf.probability`
     """
 
@@ -147,6 +165,7 @@ class PatternPsf:
     correspondences: Correspondences
     shared: SharedErrors
     probability: float = float("nan")
+    modes: Mapping[str, Array] = field(default_factory=dict)
 
     __repr__ = summary
     _repr_html_ = html
@@ -277,14 +296,17 @@ def _estimate(
     )
     curve = quality.frequencies, quality.mtf_radial
     evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
-    modes = modes_of(evidence, quality.frequencies, final.fit.registration, raw=plane.raw)
+    print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
+    modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
     quality = with_modes(quality, psf, modes)
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
     corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
     checks = [*checks_of(diagnostics, final.fit, inputs), *corrupted]
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(checks, replace(result, probability=math.nan if plane.raw else _probability(checks, quality)))
+    return verdict_of(
+        checks, replace(result, modes=modes, probability=math.nan if plane.raw else _probability(checks, quality))
+    )
 
 
 def _probability(checks: Sequence[Check], quality: Quality) -> float:

@@ -9,6 +9,7 @@ from procedures.choice import START_K, START_S
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
 from procedures.pattern_print.distance import LENGTH_MM, PHOTOSITES_PER_PIXEL
 from procedures.pattern_print.sheet import ISO_PAPERS, Paper, Size, largest_width_mm, paper_named
+from procedures.pattern_psf.corruptions import PRINTED_DOTS
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import CameraFacts, Facts, derived_from, gathered, number, required
@@ -20,6 +21,8 @@ RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
 same number of shots has half the error at 1.3 (simulated: 24 mm at f/5.6 on pixels of 11.9 um)."""
 SIZES = ("focal_length_mm", "pixel_pitch_um", "chart_width_mm", "ruler_mm")
 """Facts that relate the chart's size in the image to its distance."""
+DOT_MM = 25.4 / 600
+"""Dot of an office printer."""
 LOOKS = "range_"
 MOSAIC, MONOCHROME = SENSORS = ("mosaic", "monochrome")
 
@@ -129,11 +132,16 @@ class PatternFacts(CameraFacts):
         return Size(width).cell_mm * (LENGTH_MM if self.ruler_mm is None else self.ruler_mm) / LENGTH_MM
 
     @property
+    def print_blur(self) -> float | None:
+        """Standard deviation of the print's blur in cells, by the printer's dots; None before the print."""
+        return None if self.chart_width_mm is None else PRINTED_DOTS * DOT_MM / self.cell_mm
+
+    @property
     def parameters(self) -> PatternParameters:
         """Sampling of the PSF: given by the facts, else chosen automatically."""
         if self.s is None or self.k is None:
-            return PatternParameters()
-        return PatternParameters(self.s, self.k, chosen=True)
+            return PatternParameters(print_blur=self.print_blur)
+        return PatternParameters(self.s, self.k, chosen=True, print_blur=self.print_blur)
 
     @property
     def quick_parameters(self) -> PatternParameters:

@@ -10,13 +10,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
-from procedures.corruption.family import threshold
+from procedures.choice import with_modes
+from procedures.corruption.family import PRINT_BLUR, nuisance, threshold
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores
 from procedures.numbers import (
     WITNESS_BLACK,
@@ -28,6 +29,7 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
 from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, print_blur_mode
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.quality import Diffraction
@@ -45,6 +47,8 @@ CURVATURE_UNCERTAINTY = 0.001
 MASKS_PX = (0.7, 1.0, 2.0)
 LEAST_RATIO, LEAST_NEARER = 1.3, 1.2
 """Least ratio of the exposures, and of the chart's widths."""
+FOCUS_UNCERTAINTY = 0.015
+"""Relative standard uncertainty of the ratio of two distances' MTF, each focused in steps."""
 LEAST_MTF = 0.2
 """MTF down to which curves from two distances are compared."""
 
@@ -83,8 +87,10 @@ def witnessed_psf(
         )
     if photographs.short.samples.shape != photographs.long.samples.shape:
         return _refused("both exposures must have one size", "take both with one camera, and nothing moved")
+    parameters = parameters or PatternParameters()
+    sharp = replace(parameters, print_blur=0.0)
     main, near, defocused = (
-        estimate_psf(plane, chart, parameters, diffraction)
+        estimate_psf(plane, chart, sharp, diffraction)
         for plane in (photographs.long, photographs.near, photographs.defocused)
     )
     if main.value is None:
@@ -95,7 +101,8 @@ def witnessed_psf(
     except Refused as refusal:
         return _refused(refusal.reason, refusal.remedy)
     checks.append(_defocus(defocused))
-    value = WitnessedPsf(main.value, numbers)
+    prior = PRINT_UNKNOWN if parameters.print_blur is None else parameters.print_blur
+    value = WitnessedPsf(_with_print_blur(main.value, numbers.get(WITNESS_PRINT_BLUR), prior), numbers)
     return with_causes(Outcome(value, main.verdict, main.reason, main.remedy, main.other_causes), verdict_of(checks))
 
 
@@ -204,11 +211,21 @@ def _print_blur(main: PatternPsf, near: PatternPsf) -> Quantity:
     cells = [(one.pixels_per_pattern / CELLS) ** 2 for one in (main, near)]
     used = (f > 0) & (np.minimum(H, Hn) > LEAST_MTF)
     scale = 1 / (2 * np.pi**2 * f[used] ** 2 * (cells[1] - cells[0]))
-    uncertainty = np.hypot(u[used] / H[used], un[used] / Hn[used]) * scale
+    uncertainty = np.sqrt((u[used] / H[used]) ** 2 + (un[used] / Hn[used]) ** 2 + FOCUS_UNCERTAINTY**2) * scale
     best = int(np.argmin(uncertainty))
     value = float(np.log(H[used][best] / Hn[used][best]) * scale[best])
     method = f"ratio of two distances' MTF at {f[used][best]:.2f} cycles/pixel"
     return Quantity(value, "1", float(uncertainty[best]), method, near.n)
+
+
+def _with_print_blur(main: PatternPsf, measured: Quantity | None, prior: float) -> PatternPsf:
+    """The PSF with the term of the print's blur, by its measured variance or, without one, by its prior in cells."""
+    quality, variance = main.quality, prior**2
+    if measured is not None and prior:
+        unseen = min(measured.value, threshold() * measured.uncertainty)
+        variance = nuisance(unseen, measured.uncertainty, variance)
+    change = print_blur_mode(quality.frequencies, variance * (main.pixels_per_pattern / CELLS) ** 2)
+    return replace(main, quality=with_modes(quality, main.psf, {PRINT_BLUR: change}))
 
 
 def _black(plane: Plane, one: PatternPsf) -> float:

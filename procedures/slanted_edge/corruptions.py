@@ -7,6 +7,7 @@ import numpy as np
 from procedures.corruption.family import (
     GHOSTED,
     OVERSHOOT,
+    PERIODIC,
     SCATTER,
     SHARPENED,
     SMOOTHED,
@@ -26,10 +27,12 @@ MASK_PRIOR, HALO_PRIOR = 0.08, 0.05
 HALO_MODEL = 0.02
 """Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
 tests/benchmarks/adversarial.py."""
-GHOST_PRESENT = 0.3
-"""Prior probability of a ghost behind an edge in a RAW file, which takes light from beside it as a mask does."""
+GHOST_MODEL = 0.03
+"""Standard uncertainty of the amount of a ghost, which takes light as a mask does, by the lens."""
 MISSING_MODEL = 0.005
 """Part of that uncertainty that may also be negative: light that a lens lacks beside the edge."""
+PERIODIC_PLACES = 10
+"""Independent frequencies among those searched for a rise of the MTF."""
 TONE_PRIOR = 0.3
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 TONE_MODEL = 0.3
@@ -56,6 +59,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
         OVERSHOOT.check(evidence.halo.amount / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
         VEILED.check(evidence.tail, raw=raw),
+        PERIODIC.check(evidence.period, f"{evidence.rise:.2f}", raw=raw, places=PERIODIC_PLACES),
     ]
 
 
@@ -67,11 +71,13 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
         "bins": np.gradient(mtf, STEP) * f * REPEATED * (f / REPEATED_AT) ** 4,
         SCATTER.name: mtf * (1 - np.exp(-2 * (np.pi * f * evidence.scatter_px) ** 2)),
     }
-    missing = evidence.halo.unseen, math.hypot(evidence.halo.uncertainty, HALO_MODEL), HALO_PRIOR
+    unseen, noise = evidence.halo.unseen, evidence.halo.uncertainty
+    ghost = min(abs(evidence.ghost), 1.0) * nuisance(unseen, math.hypot(noise, GHOST_MODEL), HALO_PRIOR)
+    modes[GHOSTED.name] = mtf * ghost * _mask(HALO_PX)
     if raw:
-        return modes | {GHOSTED.name: mtf * nuisance(*missing, GHOST_PRESENT) * _mask(HALO_PX)}
+        return modes
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
-    wide = nuisance(*missing)
+    wide = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
     return modes | {
         SHARPENED.name: mtf * amount * _mask(1.0),

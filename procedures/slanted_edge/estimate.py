@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Budget, combined
+from procedures.corruption.directions import mirrored
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
 from procedures.numerics.arrays import Array
@@ -157,9 +158,11 @@ def _measure_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffrac
 
 
 def _with_plane(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
-    """The strip with quantisation, tail and provenance of its plane."""
-    tail = None if diffraction is None else Tail.of_pupil(diffraction)
-    return replace(strip, quantisation=plane.quantisation, tail=tail, raw=plane.raw)
+    """The strip with quantisation, tail, provenance and possible ghost of its plane."""
+    tail, roi = None if diffraction is None else Tail.of_pupil(diffraction), strip.roi
+    ghost = mirrored(plane.samples, (roi.x, roi.y), (roi.height, roi.width))
+    ghost = ghost.T if strip.turned else ghost
+    return replace(strip, quantisation=plane.quantisation, tail=tail, raw=plane.raw, mirrored=ghost)
 
 
 def _with_region(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
@@ -181,7 +184,7 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    evidence = examine(strip, course, profile, mtf)
+    evidence = examine(strip, course, profile, mtf, np.std(draws, axis=0))
     modes = modes_of(evidence, profile, mtf, raw=strip.raw)
     checks = checks_of(course, profile, mtf50, uncertainty)
     outcome: Outcome[EdgeMtf] = verdict_of([*checks, *corruption_checks(evidence, raw=strip.raw)])

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.clipping import step_of
+from procedures.corruption.directions import GHOST_PX
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
 from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
@@ -37,6 +38,8 @@ WINDOWS_PX = (1, 2, 4, 8)
 """Lengths whose means are compared to see a falling spread function."""
 MIN_SAMPLES = 20
 """Least number of samples in such a mean."""
+PERIODIC_FROM, LOBE, MTF_MODEL = 0.75, 0.15, 0.02
+"""Frequency from which the MTF is searched for a rise, in cycles/pixel; rise behind a defocused pupil; model error."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,9 @@ class Evidence:
     fall, windows : largest fall of the spread function to a neighbouring window, in standard uncertainties; number of
         windows
     tail : excess of the tail over that of any lens, in standard uncertainties
+    period : excess of the MTF near one cycle per pixel over that of any lens, in standard uncertainties; `rise`, that
+        MTF
+    ghost : contrast across the edge of the plane mirrored through its centre, relative to the edge's
     """
 
     masks: list[MaskScore]
@@ -67,6 +73,9 @@ class Evidence:
     fall: float
     windows: int
     tail: float
+    period: float
+    rise: float
+    ghost: float
 
 
 @dataclass(frozen=True)
@@ -79,8 +88,8 @@ class _Samples:
     variances: tuple[float, float]
 
 
-def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array) -> Evidence:
-    """Scores of a measured edge."""
+def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_mtf: Array) -> Evidence:
+    """Scores of a measured edge; `of_mtf` are the standard uncertainties of its MTF by noise."""
     d = course.distances(strip)
     value = values_of(profile.light, strip, d)
     inside = strip.usable & (np.abs(d) < strip.reach_px)
@@ -103,6 +112,8 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array) -> E
     scatter, scatter_px, scattered = _scatter(samples, profile)
     fall, windows = _fall(averaged)
     tail = profile.tail_estimate
+    excess = (mtf - np.minimum.accumulate(mtf) - LOBE) / np.maximum(of_mtf, MTF_MODEL)
+    worst = int(np.argmax(np.where(FREQUENCIES < PERIODIC_FROM, -np.inf, excess)))
     return Evidence(
         masks=mask_scores(fields, MASK_RADII),
         textured=mask_scores(fields, MASK_RADII, [texture_correlation(FREQUENCIES, mtf)]),
@@ -115,7 +126,17 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array) -> E
         fall=fall,
         windows=windows,
         tail=(tail.px - MAX_TAIL) / max(tail.uncertainty_px, 1e-12),
+        period=float(excess[worst]),
+        rise=float(mtf[worst]),
+        ghost=0.0 if strip.mirrored is None else _across(strip.mirrored, d, inside) / profile.contrast,
     )
+
+
+def _across(picture: Array, d: Array, inside: Mask) -> float:
+    """Difference of a picture (n, m) between the two sides of the edge, near it."""
+    sides = [inside & (d * side > GHOST_PX) & (d * side < 3 * GHOST_PX) for side in (1, -1)]
+    bright, dark = (float(picture[side].mean()) if side.any() else 0.0 for side in sides)
+    return bright - dark
 
 
 def _noise(plain: Array, d: Array, far: Mask) -> Array:

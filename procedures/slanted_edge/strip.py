@@ -71,6 +71,7 @@ class Strip:
     tail : prior of the approach to the plains, where there is one
     quantisation : one digital number, in units of the samples
     raw : whether they come from a RAW file or a dump: no program has processed them
+    mirrored : (n, m) the plane mirrored through its centre and blurred, as a ghost of it lies there; None if not known
     """
 
     samples: Array
@@ -81,6 +82,7 @@ class Strip:
     tail: Tail | None = None
     quantisation: float = 0.0
     raw: bool = False
+    mirrored: Array | None = None
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:

@@ -38,6 +38,8 @@ CHART = "chart.pdf"
 PAGE = "index.html"
 SHOWN_PLANE = "G1"
 """Plane whose photograph and residual are drawn."""
+PRINT_BLUR = 0.075
+"""Standard deviation of the print's blur, in cells: that of a fine print."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
@@ -51,7 +53,6 @@ class ComparedPlane:
 
     @property
     def name(self) -> str:
-        """Name of the plane."""
         return self.result.name
 
 
@@ -135,15 +136,13 @@ def run_demo(
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives chart, photographs, results, record and page, all at once at the end.
     seed : int
         Seed of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed().with_edges(), PatternParameters()
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters(print_blur=PRINT_BLUR)
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")
@@ -315,7 +314,7 @@ def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
         taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
         frame = read_frame(path)
     frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
-    (plane,) = compared_planes(frame, taken, chart, PatternParameters(), SETUP, progress)
+    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, progress)
     estimate, truth = plane.result.estimate, plane.comparison
     assert estimate is not None  # the simulated photograph is a good one
     assert truth is not None

@@ -24,8 +24,15 @@ from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.render_films import passes, render_film
-from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
+from station.demo.rendered_depth import (
+    DepthPlan,
+    RestoredDepth,
+    depth_entry,
+    depth_row,
+    passes,
+    render_film,
+    restored_depth,
+)
 from station.demo.rendered_depth import steps as depth_steps
 from station.drawing.pictures import display_png
 from station.reports.ray_page import RenderRow, StripRow, ray_page
@@ -41,8 +48,6 @@ REFERENCE_SEED = 1 << 32
 class RenderPlan:
     """Settings of a rendering.
 
-    Attributes
-    ----------
     columns : int
         Width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles.
     samples, converged : int
@@ -69,7 +74,6 @@ class RenderPlan:
 
     @property
     def rows(self) -> int:
-        """Height of the pictures."""
         return 3 * self.columns // 4
 
 
@@ -95,8 +99,6 @@ def rendered_demo(
 ) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
     """Render, filter, photograph, restore and show; returns the scenes, the restoration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives `films` as they grow, and pictures, photographs, page and record all at once at the end.
     """

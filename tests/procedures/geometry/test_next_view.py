@@ -8,7 +8,6 @@ from scipy.spatial import ConvexHull
 
 from procedures.geometry.adjustment import AdjustmentProblem
 from procedures.geometry.cameras import simple_camera
-from procedures.geometry.choice import first_state, fit_model
 from procedures.geometry.estimate import SMALL_SHARE
 from procedures.geometry.next_view import (
     COVER,
@@ -20,6 +19,7 @@ from procedures.geometry.next_view import (
     next_views,
     planned_view,
 )
+from procedures.geometry.reference import first_state, fit_formula
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes
 
@@ -33,7 +33,7 @@ def few():
     taken = take(replace(SMALL, camera=PLAIN, print_mm=0.0, width_px=1200.0), np.random.default_rng(3))
     views = [view for view, pose in zip(taken.views, taken.poses, strict=True) if abs(pose.t[0]) < 0.2 * pose.t[2]][:5]
     problem = AdjustmentProblem(taken.nodes, views, shape_model(taken.nodes, 0.001))
-    return taken, fit_model("OPENCV", first_state(problem, PLAIN.size), problem)
+    return taken, fit_formula("OPENCV", first_state(problem, PLAIN.size), problem)
 
 
 @pytest.mark.slow
@@ -49,12 +49,12 @@ def test_the_proposed_view_reduces_the_uncertainty_as_predicted(few):
         points = image[inside] + 0.01 * np.random.default_rng(1).standard_normal((len(inside), 2))
         more = [*fit.problem.views, ChartView("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
         start = replace(fit.state, poses=(*fit.state.poses, pose))
-        again = fit_model("OPENCV", start, replace(fit.problem, views=more))
-        reached.append(next_views(again)[0].before_px)
-    assert best.after_px < 0.8 * best.before_px
+        again = fit_formula("OPENCV", start, replace(fit.problem, views=more))
+        reached.append(next_views(again)[0].before)
+    assert best.after < 0.8 * best.before
     assert reached[0] < reached[1]
     # predicted with the noise of the residuals of five views, 640 coordinates, and for known errors of the print
-    assert reached[0] == pytest.approx(best.after_px, rel=0.25)
+    assert reached[0] == pytest.approx(best.after, rel=0.25)
 
 
 def test_the_nearer_sides_are_named():
@@ -73,7 +73,7 @@ def _camera():
 
 def test_successive_planned_views_tilt_to_several_sides_and_reduce_the_uncertainty():
     views, poses = planned(LONG, 5, (0.25, 0.3))
-    reached = [one.after_px for one in views]
+    reached = [one.after for one in views]
     assert {one.at[0] for one in views} <= {0.25, 0.5, 0.75}
     assert sorted(reached, reverse=True) == reached
     assert reached[-1] < reached[0] / 5**0.5  # as by the same view five times
@@ -123,3 +123,18 @@ def test_charts_in_the_corners_enclose_the_expected_area():
     enclosed = (0.6 * 639 + width) * (0.5 * 479 + width) / (640 * 480)
     # the chart hangs on a sphere about the camera: farther off by the square of 3 degrees, half of it
     assert corner_share(LONG, nodes, 1700.0, (0.2, 0.25)) == pytest.approx(enclosed, rel=0.003)
+
+
+def test_a_view_for_a_pixel_improves_its_direction_most(few):
+    x, y = 0.85 * PLAIN.size[0], 0.8 * PLAIN.size[1]
+    best = next_views(few[1], (x, y))[0]
+    assert best.after < 0.9 * best.before
+    whole = next_views(few[1])[0]
+    assert best.of.startswith("direction of pixel")
+    # the direction of that pixel is improved at least as much as by the view for the whole frame
+    same = next(
+        one for one in next_views(few[1], (x, y))
+        if (one.at, one.yaw_deg, one.pitch_deg, one.distance_mm)
+        == (whole.at, whole.yaw_deg, whole.pitch_deg, whole.distance_mm)
+    )  # fmt: skip
+    assert best.after <= same.after

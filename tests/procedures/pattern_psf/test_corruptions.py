@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from procedures.corruption.directions import mask
-from procedures.outcome import Outcome, Verdict
+from procedures.numbers import MTF50_HORIZONTAL
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
+from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, PRINTED_DOTS, print_prior
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
+from tests.benchmarks.adversarial import CORRUPTIONS, photograph
 
 from .analytic_camera import View, circular, light, mtf50
 
@@ -91,3 +94,33 @@ def test_a_mild_mask_is_within_the_uncertainty_of_a_picture_and_a_clean_chart_pa
     term = grey.result().quality.budgets["mtf50_horizontal"]["processing"]
     assert of_grey.uncertainty == pytest.approx(np.hypot(of_raw.uncertainty, term), rel=1e-6)
     assert raw.result().quality.budgets["mtf50_horizontal"]["processing"] == 0
+
+
+@pytest.mark.slow
+def test_a_blurred_print_lies_within_three_uncertainties_unless_the_print_is_known():
+    """One photograph cannot distinguish a print blurred by half a cell from a softer lens."""
+    blurred, sharp = (photograph(11004, CORRUPTIONS[name], source="raw", scene="chart")
+                      for name in ("print blurred by 0.5 cell", "clean"))  # fmt: skip
+    for known, within in ((None, True), (0.075, False)):
+        number = found(estimate_psf(blurred.plane, Chart.from_seed(), PatternParameters(print_blur=known)))
+        assert (abs(number.value - blurred.mtf50) < 3 * number.uncertainty) == within
+    number = found(estimate_psf(sharp.plane, Chart.from_seed(), PatternParameters(print_blur=0.075)))
+    assert abs(number.value - sharp.mtf50) < 3 * number.uncertainty < 0.03 * sharp.mtf50
+
+
+def found(outcome: Outcome[PatternPsf]) -> Quantity:
+    """MTF50 along rows of a photograph that passes."""
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    return outcome.result().quality.numbers[MTF50_HORIZONTAL]
+
+
+def test_a_print_whose_dots_show_is_as_sharp_as_they_are_fine(rng):
+    dots = rng.uniform(-0.5, 0.5, 514) * 0.05  # offsets of lines that are rounded to dots of 0.05 cells
+    assert print_prior(dots) == pytest.approx(PRINTED_DOTS * 0.05, rel=0.1)
+    vibration = np.concatenate([np.zeros(257), dots[257:]])  # a printer rounds both axes
+    assert print_prior(vibration) == print_prior(np.zeros(0)) == PRINT_UNKNOWN
+
+
+def test_the_blur_of_a_print_is_a_share_of_its_cells():
+    with pytest.raises(BadParameter, match="the print's blur must be 0 to 1 cells"):
+        PatternParameters(print_blur=1.5)

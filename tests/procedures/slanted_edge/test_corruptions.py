@@ -89,6 +89,31 @@ def test_roughness_and_vibration_are_flagged_and_in_the_uncertainty(raw: bool, r
     assert mtf50.value + 2 * mtf50.uncertainty > CAMERA.mtf50(ANGLE)
 
 
+def test_vibration_of_the_period_of_the_crossings_is_flagged(rng: np.random.Generator) -> None:
+    # the edge crosses a column every 9.5 rows: vibration of that period displaces all samples of one phase alike
+    rows = np.arange(120)
+    shifts = 0.2 * np.sin(2 * np.pi * rows * np.tan(np.radians(ANGLE)))
+    light = np.stack([
+        edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE, shift_px=shift)[row] for row, shift in enumerate(shifts)
+    ])  # fmt: skip
+    outcome = measured(picture(rng, light), raw=True)
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "as no lens makes it" in outcome.reason
+
+
+def test_a_ghost_may_hide_where_the_mirrored_frame_has_an_edge(rng: np.random.Generator) -> None:
+    light = edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE)
+    ghost = 0.95 * light + 0.05 * gaussian_filter(light[::-1, ::-1], 3.0, mode="nearest")
+    outcome = measured(picture(rng, ghost), raw=True)
+    assert outcome.value is not None
+    mtf50 = outcome.value.numbers["mtf50"]
+    assert 0.03 < mtf50.value / CAMERA.mtf50(ANGLE) - 1 < 3 * mtf50.uncertainty / CAMERA.mtf50(ANGLE)
+    beside = picture(rng, np.pad(light, ((0, 0), (0, 80)), mode="edge"))
+    alone = estimate_edge(Plane("Y", beside.astype(np.float32), 1 / 65535, raw=True), Roi(0, 0, 80, 120)).value
+    assert alone is not None
+    assert alone.budgets["mtf50"]["ghost"] < 0.1 * outcome.value.budgets["mtf50"]["ghost"]
+
+
 def test_a_mild_mask_is_not_seen_and_is_within_the_uncertainty(rng: np.random.Generator) -> None:
     clean = picture(rng)
     outcome = measured(unsharp(0.05, 1.0)(clean))
@@ -194,7 +219,7 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
 
 def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_is_sharpened() -> None:
     none = MaskScore(1.0, 0.0, 0.1)
-    clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
         one = replace(none, amount=amount)
         checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
@@ -207,7 +232,7 @@ def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_i
 def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(corruptions, "_by_tone", lambda profile: np.zeros_like(FREQUENCIES))
     none = MaskScore(1.0, 0.0, 0.1)
-    evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0)
+    evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     mtf = 1 - FREQUENCIES / 2
     modes = corruptions.modes_of(evidence, None, mtf, raw=False)  # type: ignore[arg-type]
     point, n = np.zeros(81), np.arange(-40, 41)

@@ -57,7 +57,10 @@ def test_uncertainties_cover_the_whole_psf(rng: np.random.Generator, known: bool
         told = Diffraction(1.0, camera.cutoff, 1000.0) if known else None
         for _ in range(8):
             angle = rng.uniform(3, 10)
-            outcome = whole(photograph(edge(camera, angle_deg=angle, shift_px=rng.uniform(-0.5, 0.5)), rng), told)
+            light = edge(camera, angle_deg=angle, shift_px=rng.uniform(-0.5, 0.5))
+            # beside the frame's centre, where no ghost of it hides
+            plane = photograph(np.pad(light, ((0, 0), (0, light.shape[1])), mode="edge"), rng)
+            outcome = estimate_edge(plane, Roi(0, 0, light.shape[1], light.shape[0]), told)
             assert outcome.verdict is Verdict.PASS
             assert outcome.value is not None
             q = outcome.value.numbers["mtf50"]
