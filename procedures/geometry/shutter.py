@@ -47,7 +47,7 @@ ENDS = 1
 
 
 @dataclass(frozen=True)
-class Shutter:
+class ShutterTiming:
     """Row time of a camera.
 
     Attributes
@@ -80,7 +80,7 @@ class Shutter:
         }[self.kind]
 
 
-def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Shutter, AdjustmentProblem]:
+def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, AdjustmentProblem]:
     """The row time by a simple camera, and the problem with points corrected to the middle row's time.
 
     Raises
@@ -92,7 +92,7 @@ def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Sh
         raise Refused(
             f"the row time of a shutter needs {FEWEST_FRAMES} frames that show the chart; there are "
             f"{len(problem.views)}",
-            "record a longer video, or leave out --frame-rate-hz",
+            "record a longer video, or omit --frame-rate-hz",
         )
     original, total = problem.views, 0.0
     for _ in range(ITERATIONS):
@@ -102,10 +102,10 @@ def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Sh
         problem = replace(problem, views=_corrected(fit, original, total))
         if abs(change) < NEGLIGIBLE * sigma:
             break
-    return Shutter(total, sigma, state.camera.rows), problem
+    return ShutterTiming(total, sigma, state.camera.rows), problem
 
 
-def with_row_time(fit: Adjustment, first: Shutter) -> tuple[Shutter, Adjustment]:
+def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming, Adjustment]:
     """The row time by the final camera, and the adjustment with its uncertainty among the doubts."""
     change, sigma, response = row_time(fit)
     row = (sigma * response)[None]
