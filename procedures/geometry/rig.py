@@ -277,8 +277,10 @@ def _next_view(
     before, views = _depth_spread(information, depth, share * depth_mm), []
     for at, (yaw, pitch), ratio in product(product(PLACES, PLACES), TILTS_DEG, DISTANCE_RATIOS):
         pose = visible_chart(cameras[0][0], at, yaw, pitch, ratio * usual)
+        if pose is None:
+            continue
         gain, seen = np.zeros((known + POSE, known + POSE)), 0
-        for c, (camera, place) in enumerate(cameras if pose is not None else []):
+        for c, (camera, place) in enumerate(cameras):
             derivatives = view_derivatives(camera, _compose(placed[c], pose), nodes, shape, sigma)
             if derivatives is None:
                 continue
