@@ -23,7 +23,7 @@ from drivers.options import GRBL_STAGE, Baud, FolderName, Port, device
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.transport import SerialTransport
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 
 
 @dataclass(frozen=True)

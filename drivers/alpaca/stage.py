@@ -138,7 +138,7 @@ class AlpacaStage:
 
     def position(self) -> Mapping[str, float]:
         self._require_open()
-        return {name: part.scale.to_unit(_position(part)) for name, part in self._parts.items()}
+        return {name: part.scale.to_unit(int(part.link.number_of("position"))) for name, part in self._parts.items()}
 
     def moving(self) -> bool:
         self._require_open()
@@ -246,10 +246,6 @@ class AlpacaStage:
             thread.start()
         for thread in threads:
             thread.join(HALTED_S / len(threads))
-
-
-def _position(part: FocuserAxis) -> int:
-    return int(part.link.number_of("position"))
 
 
 def _moving(part: FocuserAxis) -> bool:

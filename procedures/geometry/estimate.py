@@ -196,7 +196,7 @@ class Geometry:
 
     @property
     def formula(self) -> FittedFormula | None:
-        """Of a spline, the formula whose parameters are reported; single control points have no meaning."""
+        """For a spline, the formula whose parameters are reported; single control points have no meaning."""
         return most_apt(self.formulas, max(self.noise_px, NEGLIGIBLE_PX)) if self.formulas else None
 
     def numbers(self) -> dict[str, Quantity]:

@@ -15,8 +15,7 @@ from procedures.geometry.budget import TERMS
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
-from procedures.whole_camera.from_field import WholeCamera
-from procedures.whole_camera.joint import CovarianceBlock
+from procedures.whole_camera.from_field import CovarianceBlock, WholeCamera
 
 if TYPE_CHECKING:
     import h5py

@@ -29,15 +29,12 @@ class Blur(Protocol):
     @property
     def separable(self) -> bool:
         """Whether its transfer function is that at (fx, 0) times that at (0, fy)."""
-        ...
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
         """Its transfer function at frequencies in cycles per sensor pixel, broadcast over fx and fy."""
-        ...
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
         """Radius beyond which its light is negligible, in sensor pixels."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,6 @@ class Placed(Protocol):
     @property
     def pose(self) -> ObjectPose:
         """Pose of its centre and plane."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from drivers.errors import Clock
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import HOME_FIRST, Controls, GrblEnvelope
 from drivers.interfaces import Stage, Travel
+from drivers.protocols.grbl import HOME_FIRST, Controls, GrblEnvelope
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 
@@ -27,15 +27,12 @@ class Operator(Protocol):
 
     def show(self, words: str) -> None:
         """Display a line."""
-        ...
 
     def agrees(self, question: str) -> bool:
         """Whether the operator consents; no by default."""
-        ...
 
     def measures(self, question: str) -> float | None:
         """A measured length, or None."""
-        ...
 
 
 @dataclass(frozen=True)

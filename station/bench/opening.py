@@ -17,10 +17,13 @@ shutter = "shutter"
 ```
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NotConnected, SystemClock
 from drivers.frames import ExposureMetadata
@@ -38,16 +41,73 @@ from drivers.interfaces import (
     Stage,
 )
 from drivers.making import DriverOptions, MakerContext
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
-from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_text import key_lines
+
+if TYPE_CHECKING:
+    from procedures.plan import Fact, Facts
+    from simulators.bench.bench import SimulatedBench
+
+
+class OperatorActions(Protocol):
+    """Interface to an operator's actions and observations."""
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the bench's time passes as for a person, so that its moves can be watched."""
+
+    def knows(self, key: str) -> Fact | None:
+        """The operator's answer; None if the question's default applies."""
+
+    def do(self, key: str, facts: Facts) -> None:
+        """The action of the operator who confirms this question."""
+
+    def take_up(self, facts: Facts) -> None:
+        """Restore the state left by an earlier run with these facts."""
+
+    def follow(self, by_hand: Mapping[str, float]) -> None:
+        """Adjust what was requested in numbers: chart angle, focus ring, exposure dial."""
+
+
+class Surroundings:
+    """A real room, in which the operator acts."""
+
+    @property
+    def hands(self) -> OperatorActions | None:
+        """None: the operator acts."""
+        return None
+
+    def stand_before(self, subject: str) -> None:
+        """Place "chart", "wall", "depth", "panel" or "edge" before the camera."""
+
+    def number_next_frame(self, number: int) -> None:
+        """Announce the session's shot number of the next frame."""
+
+
+class SimulatedSurroundings(Surroundings):
+    """The room of a simulated bench: its subjects, its operator, and frames with noise seeded by their number."""
+
+    def __init__(self, truth: SimulatedBench) -> None:
+        self._truth = truth
+
+    @property
+    def hands(self) -> OperatorActions:
+        """The simulated operator."""
+        return self._truth.hands
+
+    def stand_before(self, subject: str) -> None:
+        """Place that subject before the camera."""
+        self._truth.show(subject)
+
+    def number_next_frame(self, number: int) -> None:
+        """Seed the noise of the next frame by this number."""
+        self._truth.body.next_number = number
 
 
 @dataclass(frozen=True)
@@ -115,7 +175,6 @@ class Bench:
 
     @property
     def camera(self) -> Camera:
-        """The camera."""
         return cast(Camera, self._find("camera"))
 
     @property
@@ -170,7 +229,11 @@ class Bench:
             raise EmergencyStopped("everything was stopped", "make it safe, then home")
 
     def close(self) -> None:
-        """Release all lines, in the reverse order."""
+        """Switch the lamp off if it is lit, and release all lines, in the reverse order."""
+        lamp = self.devices.get("light")
+        with suppress(DeviceError):
+            if lamp is not None and "light" in self.identities and cast(Light, lamp).level():
+                cast(Light, lamp).set_level(0.0)
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:
@@ -197,7 +260,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
+    read_devices(devices, TableSource(path.name, text, error=BadConfiguration))
     return devices
 
 
@@ -247,13 +310,15 @@ def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -
 
 
 def simulated_bench(
-    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
-) -> Bench:
-    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand."""
+    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False,
+    speed: float = 1.0,
+) -> Bench:  # fmt: skip
+    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand. Its time
+    runs `speed` times as fast as real time."""
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
-    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
+    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time, speed=speed)
     truth = SimulatedBench(folder, setup)
     tables = simulated_tables(truth.address, folder, shaker=shaker)
     sensor = truth.view.camera.sensor

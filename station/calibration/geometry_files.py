@@ -19,8 +19,7 @@ from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from procedures.whole_camera.camera_file import write_camera_numbers
-from procedures.whole_camera.from_field import WholeCamera
-from procedures.whole_camera.joint import CameraPart, join
+from procedures.whole_camera.from_field import CameraPart, WholeCamera, join
 from station.calibration.chart_scale import ChartScale
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
 from station.calibration.stored_results import table_prefix

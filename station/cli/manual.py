@@ -86,8 +86,7 @@ def _write_schemas(folder: Path) -> None:
     import json
 
     from station.common.durable_files import write_whole
-    from station.procedure.registry import procedure_named, procedure_names
-    from station.procedure.schema import schema_of
+    from station.procedure.schema import procedure_named, procedure_names, schema_of
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in procedure_names():

@@ -53,7 +53,6 @@ class ComparedPlane:
 
     @property
     def name(self) -> str:
-        """Name of the plane."""
         return self.result.name
 
 

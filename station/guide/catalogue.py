@@ -56,7 +56,7 @@ class GuidedProcedure:
     write : writes and publishes the files of a result, from its folder, results, photographs and the record's head;
         gives the record's text
     in_session : whether the plan requires the session's folder, since it reads files stored there
-    general : whether the plan is the general one, `station.guide.plans.general`
+    general : whether its results are those of the general plan, `station.guide.plans.general`
     """
 
     title: str
@@ -93,7 +93,7 @@ def _write_measured(
     frames: Sequence[RawFrame], head: RecordHead,
 ) -> str:  # fmt: skip
     """Write the files of a procedure's command for a session; the record alone for a refused result."""
-    from station.procedure.registry import procedure_named
+    from station.procedure.schema import procedure_named
     from station.results.measurement import write_measurement
 
     known, measured = procedure_named(procedure), measurement(planes, frames, head)
@@ -116,14 +116,19 @@ PLANS = {
         "sharp image and depth map from blurred photographs", "restoration", "restore", in_session=True
     ),
     "edge": _general("MTF across slanted edges", "edge"),
-    "witnessed": _general("the PSF with witnesses: two exposures, two distances, a defocus", "witnessed"),
+    "witnessed": replace(
+        _guided(
+            "the PSF with witnesses: two exposures, two distances, a defocus", "witnessed", "witnessed", in_session=True
+        ),
+        general=True,
+    ),
 }
 DEFAULT = "pattern"
 
 
 def entries() -> dict[str, GuidedProcedure]:
     """All guided procedures by name, also those of installed packages that measure photographs."""
-    from station.procedure.registry import added, procedure_named
+    from station.procedure.schema import added, procedure_named
 
     known = dict(PLANS)
     for name in added():

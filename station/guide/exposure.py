@@ -37,7 +37,6 @@ class Photographer(Protocol):
 
     def expose(self) -> ExposedFile:
         """One photograph. Raises DeviceError."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

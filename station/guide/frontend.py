@@ -108,11 +108,12 @@ class Matched:
 
 @dataclass(frozen=True)
 class ScanEvent:
-    """A scan so far: settings of the axis and their scores (NaN where none could be computed)."""
+    """A scan so far: settings of the axis and their scores (NaN where none could be computed), of a quantity."""
 
     axis: str
     places: tuple[float, ...]
     scores: tuple[float, ...]
+    quantity: str = "sharpness"
 
 
 @dataclass(frozen=True)
@@ -165,11 +166,9 @@ class Frontend(Protocol):
 
     def notify(self, event: Event) -> None:
         """Show the event. Returns at once; never raises."""
-        ...
 
     def answer(self, ask: Ask) -> Fact:
         """The operator's answer, of the requested kind. Blocks; raises `Stopped` when the operator ends the run."""
-        ...
 
 
 @runtime_checkable
@@ -178,7 +177,6 @@ class WatchedFrontend(Frontend, Protocol):
 
     def settle(self, fact: Fact) -> bool:
         """Answer the open question; False where none is open. From any thread."""
-        ...
 
 
 class Stopped(Exception):

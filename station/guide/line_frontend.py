@@ -31,7 +31,8 @@ from station.guide.frontend import (
     StepEnded,
     Stopped,
 )
-from station.results.plane_result import line_numbers, measurement_words, specification_words
+from station.results.comparison import measurement_words, specification_words
+from station.results.plane_result import line_numbers
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult

@@ -14,9 +14,8 @@ from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
 from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
-from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, drawn, finished, legend, picture, plot_axes
-from station.drawing.style import axes_grid
+from station.drawing.style import axes_grid, title_along
 
 Array = npt.NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.plane_result import measurement_words
+from station.results.comparison import measurement_words
 from station.results.record_head import PartBeside
 from station.results.units import Unit
 
@@ -121,7 +121,19 @@ class PrintedPicture:
                     "beside" if self.width_mm < SMALL_MM else "", uri, self.width_mm, self.caption)  # fmt: skip
 
 
-Block = Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
+@dataclass(frozen=True)
+class Scripted:
+    """HTML that the script of this name completes and shows."""
+
+    markup: Markup
+    script: str
+
+    def __html__(self) -> Markup:
+        """The HTML."""
+        return self.markup
+
+
+Block = Scripted | Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
 
 
 @dataclass(frozen=True)
@@ -152,6 +164,7 @@ def page(title: str, sections: Iterable[Section], *, explored: Markup | None = N
     blocks = [block for one in shown for block in one.blocks]
     scripts = ["sort.js"] if any(isinstance(one, Table) and one.style == SORTABLE for one in blocks) else []
     scripts += ["explore.js"] if explored else []
+    scripts += sorted({one.script for one in blocks if isinstance(one, Scripted)})
     return render("page.html", title=title, sections=shown, scripts=scripts, explored=explored or "")
 
 

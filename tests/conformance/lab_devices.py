@@ -1,7 +1,5 @@
 """Devices without a port: behind other people's software, at the kernel's boundary, or behind a program."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -18,12 +16,11 @@ from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.frame_files.dng import DngFolder
 from drivers.frames import ExposureMetadata
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
-from drivers.micromanager.camera import MicroManagerCamera, MicroManagerShutter
-from drivers.micromanager.core import Core
+from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from drivers.v4l2.camera import V4l2Camera
-from simulators.devices.v4l2 import FakeCamera
+from tests.drivers.v4l2_twin import FakeCamera
 
 from ..aravis_fake import IGNORED, fake_camera, require_aravis
 from ..drivers.rpicam_twin import install_twin

@@ -1,7 +1,5 @@
 """Micro-Manager's adapters through its real core, at its own demo devices."""
 
-from __future__ import annotations
-
 import threading
 import time
 
@@ -21,8 +19,7 @@ from drivers.errors import (
 )
 from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings
-from drivers.micromanager.camera import MicroManagerCamera, MicroManagerShutter
-from drivers.micromanager.core import Core
+from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw, make_bench, read_config

@@ -1,15 +1,12 @@
 """The watchdog at its twin: heartbeats keep the motors enabled, and without them every axis has lost its position."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest
 
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, NotHomed
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
-from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from drivers.watchdog import StrigWatchdog

@@ -9,8 +9,8 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from procedures.sensor_model import SensorModel
 
+from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
@@ -119,7 +119,7 @@ def accuracy(setting: Setting) -> RowValues:
 # --- Figure 2.14: the response ---
 
 CURVATURE = 0.05
-"""Of the simulated sensor: a departure from a straight line by 0.8 % of the chart's contrast."""
+"""Curvature of the simulated sensor: a departure from a straight line by 0.8 % of the chart's contrast."""
 GREYS = np.linspace(0.05, 1.2, 24)
 """Uniform light of the photographs that measure the response, white = 1."""
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
-from procedures.sensor_model import SensorModel
 
+from procedures.clipping import SensorModel
 from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf

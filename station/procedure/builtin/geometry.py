@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from procedures.outcome import BadParameter
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartSettings, Inputs, Procedure
-from station.procedure.settings import setting
+from station.procedure.base import ChartSettings, Inputs, Procedure, setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
@@ -105,7 +104,6 @@ class CameraGeometry(Procedure[GeometrySettings]):
     def measure(
         self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The camera in every plane."""
         from station.calibration.geometry import conclude, measure_views
         from station.calibration.geometry_files import geometry_measurement
 

@@ -15,8 +15,7 @@ from station.calibration.exports.geometry import read_camera
 from station.calibration.geometry_files import NODES, POINTS
 from station.calibration.stored_results import StoredRecord, plane_entry, stored_record, table_prefix
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure, plane_result, upper_plane
-from station.procedure.settings import Settings, setting, to_record
+from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record, upper_plane
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, npy
@@ -93,7 +92,7 @@ def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
 PROCEDURE = Rig()
 
 
-# --- a camera of a rig with its views of the chart, read from its result of station geometry -------------------------
+# --- a camera of a rig with its views of the chart, read from its result of station geometry ---
 
 _GIVE = "name the folder that station geometry wrote"
 

@@ -11,10 +11,9 @@ from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_
 from procedures.raw import RawFrame
 from station.calibration.planes import plane_result
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs
+from station.procedure.base import Inputs, setting
 from station.procedure.builtin.pattern import GRADE, PatternSettings
 from station.procedure.psf import PsfProcedure
-from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.result_files import number_record
@@ -42,12 +41,6 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
     is LONG with the focus slightly off. The PSF is that of LONG. The others show what a single photograph has to
     assume: a linear response, no sharpening, a sharp print, no stray light."""
     inputs = Inputs.PHOTOGRAPHS
-    shots = (
-        "Halve the exposure time of a good exposure of the chart.",
-        "Double the exposure time again. Move nothing else.",
-        "Move to two thirds of the distance, and focus on the chart.",
-        "Move back, focus, then turn the focus slightly off.",
-    )
     Settings = WitnessedSettings
     argument = " ".join(ROLES)
 

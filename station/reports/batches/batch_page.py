@@ -16,11 +16,10 @@ from procedures.numbers import label
 from procedures.outcome import Quantity
 from station.common.sanitise import stated
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
-from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, Figure, drawn, legend, points
-from station.drawing.style import axes_grid
+from station.drawing.style import axes_grid, title_along
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
-from station.results.plane_result import measurement_words
+from station.results.comparison import measurement_words
 
 MAX_LINES = 500
 """Photographs in the page's table and figures; summary.csv has all."""
@@ -172,7 +171,7 @@ def _unit(report: BatchReport, name: str) -> str:
     return next((unit for one in report.groups if one.number == name and (unit := one.unit) != "1"), "")
 
 
-# --- distributions -----------------------------------------------------------------------------------------------
+# --- distributions ---
 
 
 def _outliers(group: NumberGroup, values: npt.ArrayLike, uncertainties: npt.ArrayLike) -> npt.NDArray[np.bool_]:

@@ -1,7 +1,5 @@
 """What ends a move of GRBL or a homing, and what is left then."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import (
@@ -13,7 +11,7 @@ from drivers.errors import (
     NotHomed,
     WasReset,
 )
-from drivers.grbl_envelope import GrblAxis
+from drivers.protocols.grbl import GrblAxis
 
 
 def test_a_feed_hold_at_the_controller_ends_the_move_in_an_error(homed, bench):

@@ -1,7 +1,5 @@
 """The same pictures through the published reference program for EMVA 1288, by its own data set and simulator."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.sensor.measured import IntervalNumber
+from procedures.sensor.defects import IntervalNumber
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import find_shots
 

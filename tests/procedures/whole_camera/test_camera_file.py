@@ -1,7 +1,5 @@
 """Writing and reading of a camera's file, and refusal of others."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest
@@ -11,8 +9,7 @@ from procedures.outcome import BadInput, Outcome, Verdict
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.vignetting.estimate import JointFormula
 from procedures.whole_camera.camera_file import write_camera_numbers
-from procedures.whole_camera.from_field import WholeCamera, sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import ZERO, join
+from procedures.whole_camera.from_field import ZERO, WholeCamera, join, sensor_parts, vignetting_parts
 
 
 @pytest.fixture

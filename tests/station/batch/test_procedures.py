@@ -3,8 +3,6 @@
 The record of every item, of those that failed too, follows the schema that is generated from the procedure.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -22,8 +20,7 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.calibration import tilt as tilt_module
 from station.calibration.folder_photographs import Item, find_frames
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
 
 pytestmark = pytest.mark.slow

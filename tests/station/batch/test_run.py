@@ -1,7 +1,5 @@
 """Batches through the command and its function: what is found, named, kept, resumed, and where it may write."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.pattern import Chart
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 
 
 @pytest.fixture
