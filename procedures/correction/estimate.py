@@ -62,8 +62,6 @@ class CorrectionParameters:
 class Correction:
     """One photograph or several, corrected.
 
-    Attributes
-    ----------
     picture : (C, H, W) float32
         On the first photograph's grid, or `scale` times as fine; white = 1: grey, or red, green, blue of the camera,
         not balanced.

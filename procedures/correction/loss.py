@@ -39,8 +39,6 @@ WINDOWS = 6
 class FieldError:
     """Error of a picture due to errors of the field, for the plane of lightness.
 
-    Attributes
-    ----------
     x : (m,), y : (n,) float64
         Positions, in pixels of the picture.
     noise, interpolation : (n, m) float64

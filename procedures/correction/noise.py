@@ -37,8 +37,6 @@ BRIGHT = 0.97
 class Noise:
     """Variance of a plane's samples as a function of level: `read` + `slope` level, white = 1.
 
-    Attributes
-    ----------
     read, slope : float
     whiteness : float
         Variance of fourth over second differences in the quietest blocks, relative to white noise: 1 for a sensor's

@@ -30,8 +30,6 @@ SIDE = 128
 class Prediction:
     """Maps over the frame, for the plane of lightness: green, or grey.
 
-    Attributes
-    ----------
     x : (m,), y : (n,) float64
         Positions, in pixels of the picture.
     before, after : (n, m) float64

@@ -19,8 +19,6 @@ CHROMA = 3.0
 class Prior:
     """A penalty on the lengths of differences, of all colours jointly as in (6.11) of the thesis.
 
-    Attributes
-    ----------
     name : str
         "total-variation": differences of neighbours; "second-order": second differences, which do not penalise slopes.
     chroma : float
