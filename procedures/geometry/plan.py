@@ -215,7 +215,7 @@ def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
 def view_goal(number: int, wanted: NextView, known: GeometryFacts) -> Goal:
     """Predicted error of the projection over the frame before this view and with it."""
     left = int(USUAL if known.views is None else known.views) - number + 1
-    return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
+    return Goal(left, "projection", "px of the plane", wanted.before, wanted.after)
 
 
 def pose_advice(

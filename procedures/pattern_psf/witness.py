@@ -47,6 +47,8 @@ CURVATURE_UNCERTAINTY = 0.001
 MASKS_PX = (0.7, 1.0, 2.0)
 LEAST_RATIO, LEAST_NEARER = 1.3, 1.2
 """Least ratio of the exposures, and of the chart's widths."""
+FOCUS_UNCERTAINTY = 0.015
+"""Relative standard uncertainty of the ratio of two distances' MTF, each focused in steps."""
 LEAST_MTF = 0.2
 """MTF down to which curves from two distances are compared."""
 
@@ -209,7 +211,7 @@ def _print_blur(main: PatternPsf, near: PatternPsf) -> Quantity:
     cells = [(one.pixels_per_pattern / CELLS) ** 2 for one in (main, near)]
     used = (f > 0) & (np.minimum(H, Hn) > LEAST_MTF)
     scale = 1 / (2 * np.pi**2 * f[used] ** 2 * (cells[1] - cells[0]))
-    uncertainty = np.hypot(u[used] / H[used], un[used] / Hn[used]) * scale
+    uncertainty = np.sqrt((u[used] / H[used]) ** 2 + (un[used] / Hn[used]) ** 2 + FOCUS_UNCERTAINTY**2) * scale
     best = int(np.argmin(uncertainty))
     value = float(np.log(H[used][best] / Hn[used][best]) * scale[best])
     method = f"ratio of two distances' MTF at {f[used][best]:.2f} cycles/pixel"

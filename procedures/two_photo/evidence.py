@@ -30,8 +30,8 @@ Array32 = npt.NDArray[np.float32]
 
 MASK_RADII, SMOOTHING_RADII, TEXTURES = (0.6, 1.0, 2.0), (0.5, 0.7), (1.0, 2.0)
 """Values of `pattern_psf.evidence` hold here too."""
-MASK_PRIOR = 0.08
-"""Prior amount of an unsharp mask of 1 pixel in pictures that are no RAW files."""
+MASK_PRIOR, WIDE_PRIOR, WIDE_PX = 0.08, 0.06, 3.0
+"""Prior amounts of unsharp masks of 1 and 3 pixels in pictures that are no RAW files; no frame shows the wider one."""
 CONTRAST = 4.0
 """Standard deviations of a wall's light that count as the contrast of black and white."""
 
@@ -60,8 +60,12 @@ class PairEvidence:
         """Relative changes of the transfer function at frequencies f (n,) by what is not excluded."""
         if raw:
             return {}
-        fine = self.masks[MASK_RADII.index(1.0)]
-        return {"processing": nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * (1 - np.exp(-2 * (np.pi * f) ** 2))}
+        fine, square = self.masks[MASK_RADII.index(1.0)], 2 * (np.pi * f) ** 2
+        parts = [
+            nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * (1 - np.exp(-square)),
+            WIDE_PRIOR * (1 - np.exp(-square * WIDE_PX**2)),
+        ]
+        return {"processing": np.hypot(*parts)}
 
 
 def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> PairEvidence:

@@ -35,8 +35,8 @@ SQUARE_DEG = 0.4
 RELATIVE_ERROR = 0.04
 """Largest relative error of a manual change."""
 SET_UP = (
-    "printed", "panel", "mounted", "wall", "scene", "focused", "refocused", "focused_near", "focused_far", "first",
-    "first_moves", "second", "third", "truth",
+    "printed", "panel", "mounted", "wall", "scene", "focused", "refocused", "refocused_near", "focused_near",
+    "focused_far", "first", "first_moves", "second", "third", "truth",
 )  # fmt: skip
 """Keys of the questions that trigger an action, in order."""
 MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
@@ -156,7 +156,7 @@ class SimulatedActions:
                 self._at.world.drive((), self._at.clock.now_s())
             case "first_moves" | "second" | "third" if self._at.motions and facts.get("blur_by") != "apertures":
                 self._at.world.drive(self._at.motions[MOTION_OF[key]], self._at.clock.now_s())
-            case "focused" | "refocused" | "focused_near" | "focused_far":
+            case "focused" | "refocused" | "refocused_near" | "focused_near" | "focused_far":
                 distance_mm = self._at.world.distance_mm(self._at.clock.now_s())
                 distance_mm *= NEARER if facts.get("blur_by") == "apertures" else 1.0
                 error = self._rng(key).uniform(-EYES_DIOPTRES, EYES_DIOPTRES)

@@ -18,12 +18,15 @@ from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
+from station.app.terminal_report import Graphics, Kind
 from station.common.sanitise import printable
 from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
 from station.drawing.glyphs import Glyphs, big_lines
 from station.results.comparison import measurement_words
 
 if TYPE_CHECKING:
+    from textual.geometry import Region
+
     from procedures.plan import Plan, Reading
     from station.app.terminal_images import Cells, Thumbnail
     from station.guide.frontend import ProgressEvent
@@ -43,9 +46,9 @@ def literal(text: str, style: str = "") -> Content:
     return Content.styled(printable(text), style) if style else Content(printable(text))
 
 
-def lines_of(*lines: Content | str) -> Content:
+def lines_of(*lines: object) -> Content:
     """Lines one below the other."""
-    return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
+    return Content("\n").join(line if isinstance(line, Content) else literal(str(line)) for line in lines)
 
 
 class Part(Static):
@@ -120,6 +123,7 @@ class Picture(Drawn):
         super().__init__(**options)  # type: ignore[arg-type]
         self.words = words
         self.picture: Thumbnail | None = None
+        self._sixels = ""
 
     def show(self, picture: Thumbnail | None) -> None:
         """Show an image."""
@@ -133,14 +137,54 @@ class Picture(Drawn):
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
         """The largest image that fits."""
+        self._sixels = ""
         if self.picture is None:
             return tuple(_text_strip(line) for line in centred(self.words, width, height))
         from station.app.terminal_images import LEGEND, in_letters, lay_out
 
+        words = self.picture.caption if self.picture.outline is None else LEGEND[self.glyphs.ascii]
+        terminal: Graphics = self.app.graphics  # type: ignore[attr-defined]
+        if terminal.kind is not Kind.BLOCKS:
+            return (*self._in_pixels(terminal, width, max(1, height - 1)), _text_strip(printable(words)))
+
         cells = lay_out(self.picture, width, max(1, height - 1))
         rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
-        words = self.picture.caption if self.picture.outline is None else LEGEND[self.glyphs.ascii]
         return (*rows, _text_strip(printable(words)))
+
+    def _in_pixels(self, terminal: Graphics, width: int, height: int) -> list[Strip]:
+        """The lines of a picture in the terminal's graphics: placeholders, or blanks over which sixels are drawn."""
+        from station.app import terminal_graphics as graphics
+
+        assert self.picture is not None
+        cell = terminal.cell
+        columns, rows = graphics.fitted(self.picture, width, min(height, len(graphics.ROW_MARKS)), cell)
+        indices = graphics.indexed(self.picture, columns * cell[0], rows * cell[1])
+        if terminal.kind is Kind.KITTY:
+            number = 1 + id(self) // 16 % 0xFFFF
+            self._write(graphics.kitty(indices, number, columns, rows))
+            ink = Style(color=f"rgb(0,{number >> 8},{number & 255})")
+            return [Strip([Segment(line, ink)], columns) for line in graphics.placeholders(columns, rows)]
+        self._sixels = graphics.sixel(indices)
+        return [_text_strip(" " * columns) for _ in range(rows)]
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Its lines; sixels are drawn after the blanks below them."""
+        if self._sixels:
+            self.call_after_refresh(self._draw_sixels)
+        return super().render_lines(crop)
+
+    def _draw_sixels(self) -> None:
+        from station.app.terminal_graphics import at_cell
+
+        if self._sixels and self.picture is not None and self.screen.is_current and self.display:
+            x, y, width, height = self.region
+            if self.screen.region.contains_region(self.region) and width and height:
+                self._write(at_cell(x, y, self._sixels))
+
+    def _write(self, data: str) -> None:
+        driver = self.app._driver
+        if driver is not None and not driver.is_headless:
+            driver.write(data)
 
 
 def centred(text: str, width: int, height: int) -> list[str]:

@@ -20,6 +20,7 @@ shutter = "shutter"
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -228,7 +229,11 @@ class Bench:
             raise EmergencyStopped("everything was stopped", "make it safe, then home")
 
     def close(self) -> None:
-        """Release all lines, in the reverse order."""
+        """Switch the lamp off if it is lit, and release all lines, in the reverse order."""
+        lamp = self.devices.get("light")
+        with suppress(DeviceError):
+            if lamp is not None and "light" in self.identities and cast(Light, lamp).level():
+                cast(Light, lamp).set_level(0.0)
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:
@@ -305,13 +310,15 @@ def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -
 
 
 def simulated_bench(
-    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
-) -> Bench:
-    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand."""
+    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False,
+    speed: float = 1.0,
+) -> Bench:  # fmt: skip
+    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand. Its time
+    runs `speed` times as fast as real time."""
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
-    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
+    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time, speed=speed)
     truth = SimulatedBench(folder, setup)
     tables = simulated_tables(truth.address, folder, shaker=shaker)
     sensor = truth.view.camera.sensor

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -43,6 +43,12 @@ def _sentence(record: PlaneResult) -> str:
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)
+
+
+def check_strict(verdicts: Iterable[str | None], *, strict: bool) -> None:
+    """Exit with 1 if `strict` and one of the verdicts is not a pass."""
+    if strict and any(verdict != "pass" for verdict in verdicts):
+        raise click.exceptions.Exit(FAILED)
 
 
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: bool = False) -> None:

@@ -56,7 +56,7 @@ class GuidedProcedure:
     write : writes and publishes the files of a result, from its folder, results, photographs and the record's head;
         gives the record's text
     in_session : whether the plan requires the session's folder, since it reads files stored there
-    general : whether the plan is the general one, `station.guide.plans.general`
+    general : whether its results are those of the general plan, `station.guide.plans.general`
     """
 
     title: str
@@ -116,7 +116,12 @@ PLANS = {
         "sharp image and depth map from blurred photographs", "restoration", "restore", in_session=True
     ),
     "edge": _general("MTF across slanted edges", "edge"),
-    "witnessed": _general("the PSF with witnesses: two exposures, two distances, a defocus", "witnessed"),
+    "witnessed": replace(
+        _guided(
+            "the PSF with witnesses: two exposures, two distances, a defocus", "witnessed", "witnessed", in_session=True
+        ),
+        general=True,
+    ),
 }
 DEFAULT = "pattern"
 

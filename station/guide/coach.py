@@ -22,21 +22,26 @@ def until_held(
     preview: Callable[[], RawFrame],
     check: Callable[[RawFrame], Advice],
     show: Callable[[RawFrame, Advice, float | None], None],
+    held: Callable[[Advice], bool],
     ended: Ended,
     clock: Callable[[], float] = time.monotonic,
 ) -> bool:
-    """Take previews and show each with the time left to hold the pose; False where it ended before that time."""
+    """Take previews and show each with the time left to hold the pose; False where it ended before that time.
+
+    held : whether nothing is left to correct by hand
+    """
     since_s: float | None = None
     while True:
         frame = preview()
         advice = check(frame)
         now_s = clock()
-        since_s = (now_s if since_s is None else since_s) if advice.good else None
+        good = held(advice)
+        since_s = (now_s if since_s is None else since_s) if good else None
         left_s = None if since_s is None else max(HOLD_S - (now_s - since_s), 0.0)
         show(frame, advice, left_s)
         if left_s == 0.0:
             return True
-        if ended(advice.good):
+        if ended(good):
             return False
 
 

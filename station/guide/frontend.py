@@ -108,11 +108,12 @@ class Matched:
 
 @dataclass(frozen=True)
 class ScanEvent:
-    """A scan so far: settings of the axis and their scores (NaN where none could be computed)."""
+    """A scan so far: settings of the axis and their scores (NaN where none could be computed), of a quantity."""
 
     axis: str
     places: tuple[float, ...]
     scores: tuple[float, ...]
+    quantity: str = "sharpness"
 
 
 @dataclass(frozen=True)

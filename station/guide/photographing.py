@@ -132,9 +132,13 @@ class PhotographRequests:
                 facts.update(now)
                 return frame
 
-            return until_held(preview, lambda frame: check(frame, facts), self._show, ended)
+            return until_held(preview, lambda frame: check(frame, facts), self._show, self._held, ended)
 
         return coach
+
+    def _held(self, advice: Advice) -> bool:
+        """Whether nothing is left to correct by hand: all is good, or the bench corrects the rest."""
+        return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
 
     def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
         """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
@@ -165,7 +169,7 @@ class PhotographRequests:
             scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
             self._session.judge(taken.shot, False, "a trial")
             self._show(taken.frame, Advice(True, ""))
-            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores), scan.quantity))
         if places:
             advice = scan.choose(places, scores)
             self._talk.learn_from_photograph(advice.facts)

@@ -212,7 +212,6 @@ class Procedure(ABC, Generic[S]):
     argument : what stands for its photographs in the help, where "PHOTO..." and the like do not fit
     suffixes : which files of a folder a batch takes: suffixes, or whole names
     endings : how the names of a batch's pairs end, by key of the procedure file
-    shots : what the operator does before each photograph of the guided form; empty where any number is measured
     results_key : the entry of the record that holds the results by plane, or the only one of them
     has_page : whether a page is drawn; `page_name` is its file, `drawn_by` the function in `station.reports`;
         `usual_page` whether it is where nothing is said of it
@@ -228,7 +227,6 @@ class Procedure(ABC, Generic[S]):
     Settings: ClassVar[type[Any]] = Settings
     suffixes: ClassVar[frozenset[str]] = PHOTOGRAPHS
     endings: ClassVar[Mapping[str, str]] = {"first": "_1", "second": "_2"}
-    shots: ClassVar[tuple[str, ...]] = ()
     results_key: ClassVar[str] = BY_PLANE
     has_page: ClassVar[bool] = True
     page_name: ClassVar[str] = "report.html"

@@ -119,7 +119,19 @@ class PrintedPicture:
                     "beside" if self.width_mm < SMALL_MM else "", uri, self.width_mm, self.caption)  # fmt: skip
 
 
-Block = Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
+@dataclass(frozen=True)
+class Scripted:
+    """HTML that the script of this name completes and shows."""
+
+    markup: Markup
+    script: str
+
+    def __html__(self) -> Markup:
+        """The HTML."""
+        return self.markup
+
+
+Block = Scripted | Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
 
 
 @dataclass(frozen=True)
@@ -148,6 +160,7 @@ def page(title: str, sections: Iterable[Section], *, explored: Markup | None = N
     blocks = [block for one in shown for block in one.blocks]
     scripts = ["sort.js"] if any(isinstance(one, Table) and one.style == SORTABLE for one in blocks) else []
     scripts += ["explore.js"] if explored else []
+    scripts += sorted({one.script for one in blocks if isinstance(one, Scripted)})
     return render("page.html", title=title, sections=shown, scripts=scripts, explored=explored or "")
 
 

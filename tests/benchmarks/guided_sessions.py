@@ -38,7 +38,7 @@ def guided(name: str, bench: Bench, folder: Path, answers: dict[str, Any], liste
     with Session.create(folder, plan=name, camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
         operator = ScriptedOperator(answers, listen=listen)
         before = time.process_time()
-        ended = Run(plan_named(name), bench, session, operator).go()
+        ended = Run(plan_named(name, session.folder), bench, session, operator).go()
         took_s = time.process_time() - before
         results = [event for event in operator.heard if isinstance(event, Result)]
         shots = len(session.state.shots)

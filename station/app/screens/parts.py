@@ -19,7 +19,7 @@ from station.app.commands import Command
 from station.app.widgets import SPACE, Part, lines_of, literal
 
 if TYPE_CHECKING:
-    from procedures.plan import Ask, Fact
+    from procedures.plan import Ask, Fact, Step
     from station.app.background import Finished
     from station.guide.frontend import Consent
 
@@ -29,6 +29,8 @@ MIN_READ_S = 0.4
 """Earlier answers to a question before a move are ignored: Enter may have been held down."""
 TYPE_AHEAD_S = 1.0
 """Digits typed within this time before a question belong to its answer."""
+ALONE_S = 0.03
+"""Time without another key after which a number chooses a line."""
 NUMBER_CHARACTERS = "0123456789.,-"
 
 
@@ -75,6 +77,10 @@ class StationScreen(Screen[None]):
     def can(self, command: type[Command]) -> bool:
         """Whether a command of this screen is available."""
         return True
+
+    def question_help(self) -> Sequence[str]:
+        """Help on the open question, if any."""
+        return ()
 
     def done(self, finished: Finished) -> None:
         """Handle the end of a job of the screen."""
@@ -133,7 +139,7 @@ class Choices(Part, can_focus=True):
         several = len(self.lines) > 1
         rows = []
         for i, line in enumerate(self.lines):
-            mark = self.glyphs.now if i == self.at else " " * len(self.glyphs.now)
+            mark = self.glyphs.now if i == self.at and self.has_focus else " " * len(self.glyphs.now)
             number = f"{i + 1}{SPACE}" if several and i < 9 else ""
             style = "bold reverse" if i == self.at and self.has_focus else ""
             rows.append(literal(f"{mark}{SPACE}{number}{line}", style))
@@ -143,12 +149,9 @@ class Choices(Part, can_focus=True):
         """Record the time of the key."""
         self.pressed_s = event.time
 
-    def on_focus(self) -> None:
-        """Update the highlight."""
-        self._show()
-
-    def on_blur(self) -> None:
-        """Update the highlight."""
+    def watch_has_focus(self, focused: bool) -> None:
+        """Show the cursor in the list that has the focus, and in no other."""
+        super().watch_has_focus(focused)
         self._show()
 
     def action_move(self, by: int) -> None:
@@ -169,11 +172,12 @@ class Choices(Part, can_focus=True):
             self.action_take()
 
     def action_number(self, number: int) -> None:
-        """Choose a line by its number."""
+        """Choose a line by its number, unless more keys follow at once, as from a pasted text."""
         if number <= len(self.lines) and not self.by_enter_alone:
             self.at = number - 1
             self._show()
-            self.action_take()
+            pressed_s = self.pressed_s
+            self.set_timer(ALONE_S, lambda: self.action_take() if self.pressed_s == pressed_s else None)
 
 
 class InputLine(Input):
@@ -226,10 +230,11 @@ class AnswerBox(Vertical):
         """Whether a question is open."""
         return self._ask is not None
 
-    @property
-    def question(self) -> str:
-        """The open question, or ""."""
-        return self._ask.question if self._ask is not None else ""
+    def explain(self, step: Step | None = None) -> Sequence[str]:
+        """Help on the open question, if any."""
+        from station.guide.question_help import explain
+
+        return () if self._ask is None else explain(self._ask, step)
 
     def show_sentence(self, sentence: str) -> None:
         """Show a sentence without a question."""

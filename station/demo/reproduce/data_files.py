@@ -1,15 +1,12 @@
 """Data of the rows: photographs from the authors' public repositories, and films rendered by the program itself."""
 
 import hashlib
-import io
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
@@ -21,7 +18,7 @@ from station.common.progress import Progress, silent
 
 TIMEOUT_S = 60
 MAX_BYTES = 32_000_000
-FILM_SIDE = 96
+FILM_SIDE = 128
 FILMS = {"rays/room_00064.npz": 64, "rays/room_00256.npz": 256}
 REFERENCE, REFERENCE_SAMPLES = "rays/room_reference.npz", 2048
 
@@ -79,12 +76,7 @@ def fetch(folder: Path, files: Sequence[PublishedFile], *, threads: int = 1, pro
 
 
 def _render(folder: Path, *, name: str, samples: int, threads: int) -> None:
-    """Write a film of the closed room; the reference as the picture alone."""
+    """Write a film of the closed room."""
     film = Film.blank(FILM_SIDE, FILM_SIDE)
     cast(*SCENES["room"](FILM_SIDE, FILM_SIDE), samples, film.add, seed=samples, threads=threads)
-    if name != REFERENCE:
-        write_film(film, folder / name)
-        return
-    archive = io.BytesIO()
-    np.savez_compressed(archive, reference=film.mean.astype(np.float32))
-    write_whole(folder / name, archive.getvalue())
+    write_film(film, folder / name)

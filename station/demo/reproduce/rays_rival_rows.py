@@ -10,8 +10,6 @@ from itertools import pairwise, product
 import numpy as np
 import numpy.typing as npt
 
-from procedures.ray_histogram.comparison import decibels as to_decibels
-from procedures.ray_histogram.comparison import psnr_db, shown_error
 from procedures.ray_histogram.film import EXPONENT, RANGE, Film
 from procedures.ray_histogram.filter import PAPER, Samples, fuse_scale, search_block
 from procedures.ray_histogram.kernels import FAR, Rules, Stack, band_ratios
@@ -19,7 +17,7 @@ from procedures.ray_histogram.multiscale import samples_of
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import SCENES
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.rays_rows import FILMS, OCTAVES, decibels, film_and_reference, shown
+from station.demo.reproduce.rays_rows import FILMS, OCTAVES, decibels, film_and_reference, psnr, shown
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
@@ -97,12 +95,12 @@ def rays_bins(setting: Setting) -> RowValues:
     total = [np.bincount(pixels, colours[:, c], SIZE[0] * SIZE[1]).reshape(SIZE) for c in range(3)]
     mean = (np.stack(total, axis=-1) / SAMPLES).astype(np.float32)
 
-    def psnr(bins: int, *, joint: bool) -> float:
+    def quality(bins: int, *, joint: bool) -> float:
         frame = Samples(mean, histograms(pixels, colours, bins, joint=joint), count)
-        return to_decibels(shown_error(fuse_scale(frame, NEAREST, threads=setting.threads).picture, reference))
+        return psnr(fuse_scale(frame, NEAREST, threads=setting.threads).picture, reference)
 
-    together = [psnr(bins, joint=True) for bins in JOINT]
-    separate = [psnr(bins, joint=False) for bins in SEPARATE]
+    together = [quality(bins, joint=True) for bins in JOINT]
+    separate = [quality(bins, joint=False) for bins in SEPARATE]
     figure = curves(
         "bins",
         [
@@ -188,10 +186,10 @@ def _oracle_order(v: tuple[float, ...]) -> bool:
 def rays_oracle(setting: Setting) -> RowValues:
     """PSNR with the ideal number of nearest patches at each pixel: NL-means and histograms, three sizes of patch."""
     film, truth = film_and_reference(setting, 256)
-    estimates = [oracle(film, truth, patch, by_means=by_means) for by_means in (True, False) for patch in range(3)]
+    estimates = [oracle(film, truth.mean, patch, by_means=by_means) for by_means in (True, False) for patch in range(3)]
     names = [f"{name}, {side}" for name in ("NL-means", "histograms") for side in SIDES]
     figure = pictures("oracle", [(name, shown(one)) for name, one in zip(names, estimates, strict=True)], columns=3)
-    return RowValues(tuple(psnr_db(one, truth)[0] for one in estimates), (figure,))
+    return RowValues(tuple(psnr(one, truth) for one in estimates), (figure,))
 
 
 # --- Figure 4.21 ---
@@ -215,9 +213,9 @@ def rays_bias(setting: Setting) -> RowValues:
     """Gain of PSNR per octave of samples: below 3 dB by a bias, NL-means' three times the filter's."""
     films = {samples: film_and_reference(setting, samples) for samples in FILMS}
     by_method = {
-        "path tracing": [psnr_db(film.mean, truth)[0] for film, truth in films.values()],
+        "path tracing": [psnr(film.mean, truth) for film, truth in films.values()],
         "histograms": [decibels(setting, samples, 1.0, 3) for samples in films],
-        "NL-means": [psnr_db(nl_means(film), truth)[0] for film, truth in films.values()],
+        "NL-means": [psnr(nl_means(film), truth) for film, truth in films.values()],
     }
     figure = curves(
         "bias", [Curve(name, list(FILMS), one, "o-") for name, one in by_method.items()],

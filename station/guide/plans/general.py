@@ -58,9 +58,8 @@ def plan(name: str, folder: Path | None = None) -> Plan:
         raise BadParameter(
             f"the inputs of {name} must be photographs; they are: {procedure.inputs}", f"use station {name}"
         )
-    count = len(procedure.shots) or COUNTS[procedure.inputs]
+    count = COUNTS[procedure.inputs]
     how_many = Ask(COUNT, "How many photographs shall be measured together?", "number", "", 2.0, low=1.0, high=100.0)
-    estimate = Estimate(partial(_estimate, procedure, folder))
     return Plan(
         name,
         procedure.title,
@@ -76,23 +75,23 @@ def plan(name: str, folder: Path | None = None) -> Plan:
                     Ask("scene", "Place the subject in front of the camera, and light it evenly."),
                     Ask("camera_set", "Set the camera: RAW, manual exposure, nothing that matters clipped."),
                     Ask("focused", "Focus on the subject, then switch autofocus off."),
-                    Tour(partial(_stops, count, procedure.shots)),
+                    Tour(partial(_stops, count)),
                 ),
                 drawings.SHOTS,
             ),
-            Step("estimate", "Estimate", "Measure the photographs.", (estimate,)),
+            Step("estimate", "Estimate", "Measure the photographs.", (Estimate(partial(estimate, procedure, folder)),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("settings"),)),
         ),
         subject=procedure.subject,
     )  # fmt: skip
 
 
-def _stops(count: int | None, shots: Sequence[str], facts: Facts) -> list[TourStop]:
-    """The photographs; before each the operator changes what `shots` say, or what the procedure requires."""
+def _stops(count: int | None, facts: Facts) -> list[TourStop]:
+    """The photographs; before each the operator changes what the procedure requires."""
     total = count or int(float(facts[COUNT]))
 
     def stop(number: int) -> TourStop:
-        say = shots[number - 1] if shots else f"Prepare photograph {number} of {total}." if total > 1 else ""
+        say = f"Prepare photograph {number} of {total}." if total > 1 else ""
         return TourStop(f"photograph {number}", Go(lambda facts: {}, lambda facts: say), _accept)
 
     return [stop(number) for number in range(1, total + 1)]
@@ -161,7 +160,7 @@ def _single(kind: type, answer: Fact) -> Any:
 # --- measurement ---
 
 
-def _estimate(
+def estimate(
     procedure: Procedure[Any], folder: Path | None, frames: Sequence[RawFrame], facts: Facts, known: Known
 ) -> Outcomes:
     """The measurement of the original photographs, as the value of every plane's outcome."""

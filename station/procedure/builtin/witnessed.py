@@ -41,12 +41,6 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
     is LONG with the focus slightly off. The PSF is that of LONG. The others show what a single photograph has to
     assume: a linear response, no sharpening, a sharp print, no stray light."""
     inputs = Inputs.PHOTOGRAPHS
-    shots = (
-        "Halve the exposure time of a good exposure of the chart.",
-        "Double the exposure time again. Move nothing else.",
-        "Move to two thirds of the distance, and focus on the chart.",
-        "Move back, focus, then turn the focus slightly off.",
-    )
     Settings = WitnessedSettings
     argument = " ".join(ROLES)
 

@@ -78,7 +78,7 @@ def test_an_error_of_the_procedure_refuses_every_plane(tmp_path):
     path = tmp_path / "1.dng"
     path.write_bytes(photographs()["look"])
     (tmp_path / "session.toml").write_text(f'schema = "{SCHEMA}"\n')
-    outcomes = general._estimate(Measured(), tmp_path, [read_frame(path)], {}, {})
+    outcomes = general.estimate(Measured(), tmp_path, [read_frame(path)], {}, {})
     assert {name: (one.verdict, one.reason) for name, one in outcomes.items()} == dict.fromkeys(
         read_frame(path).planes, (Verdict.REFUSED, "the photographs are alike")
     )
@@ -96,13 +96,3 @@ def test_procedures_with_other_inputs_have_no_general_plan(name):
 def test_the_catalogue_has_the_plans_of_the_station():
     assert list(entries())[: len(PLANS)] == list(PLANS)
     assert PLANS["edge"].general
-
-
-def test_a_procedure_that_states_its_shots_asks_for_each_of_them():
-    plan = general.plan("witnessed", Path("session"))
-    tour = next(one for step in plan.steps for one in step.requests if isinstance(one, Tour))
-    words = [stop.go.say({}) for stop in tour.stops({})]
-    assert len(words) == 4
-    assert "Halve the exposure time" in words[0]
-    assert "two thirds of the distance" in words[2]
-    assert general.COUNT not in plan.asks()

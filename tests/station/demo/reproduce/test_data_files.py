@@ -30,7 +30,7 @@ def test_a_folder_is_completed_by_photographs_and_rendered_films(published, tmp_
     assert (folder / "photographs/one.pgm").read_bytes() == b"a photograph"
     assert read_film(folder / "rays/room_00064.npz").count.tolist() == [[64] * 16] * 16
     film, reference = film_and_reference(Setting(folder), 256)
-    assert film.mean.shape == reference.shape == (16, 16, 3)
+    assert film.mean.shape == reference.mean.shape == (16, 16, 3)
     assert len(sentences) == 4
     data_files.fetch(folder, [published], progress=lambda done, steps=1: sentences.append(done))
     assert len(sentences) == 4
