@@ -4,8 +4,6 @@ A sensor aliases detail that is finer than its pixels. Photographs shifted by fr
 together they resolve it, as far as the lens transmits it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """Checks that a photograph and a field belong together, and that the photograph is unprocessed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from procedures.correction.noise import Noise

@@ -1,7 +1,5 @@
 """Correction of photographs by their fields: checks, balancing, restoration by tiles, verdict."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

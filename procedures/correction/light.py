@@ -1,7 +1,5 @@
 """Vignetting correction of a deblurred picture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

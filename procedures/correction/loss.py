@@ -11,8 +11,6 @@ increases it, which a covariance cannot describe. dH is linear in the PSF's para
 provides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ In flat parts of a scene the variation is noise: variance = a + b level, of read
 differences eliminate slopes (Immerkaer 1996); of the blocks at one level the quietest are used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Priors of a sharp picture: which differences are few and large rather than many and small."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
