@@ -13,7 +13,7 @@ import html5lib
 import pytest
 from click.testing import CliRunner
 
-from drivers.frame_files.dng import OpticsMetadata
+from drivers.dng import OpticsMetadata
 from procedures.numbers import NUMBERS, reference_text
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.diagnostics import Diagnostics
