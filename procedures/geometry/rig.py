@@ -279,19 +279,19 @@ def _next_view(
         pose = visible_chart(cameras[0][0], at, yaw, pitch, ratio * usual)
         if pose is None:
             continue
-        gain, seen = np.zeros((known + POSE, known + POSE)), 0
+        gain, imaged = np.zeros((known + POSE, known + POSE)), 0
         for c, (camera, place) in enumerate(cameras):
             derivatives = view_derivatives(camera, _compose(placed[c], pose), nodes, shape, sigma)
             if derivatives is None:
                 continue
             G, P = derivatives
-            J, seen, p = np.zeros((len(P), known + POSE)), seen + 1, place.stop - place.start
+            J, imaged, p = np.zeros((len(P), known + POSE)), imaged + 1, place.stop - place.start
             J[:, place], J[:, fit.shared - (G.shape[1] - p) : fit.shared] = G[:, :p], G[:, p:]
             if c:
                 J[:, fit.shared + POSE * (c - 1) : fit.shared + POSE * c] = P
             J[:, known:] = P @ _transport(placed[c])
             gain += J.T @ J
-        if seen >= 2:
+        if imaged >= 2:
             after = _depth_spread(information + _without_last(gain, known), depth, share * depth_mm)
             of = f"depth at {depth_mm / 1000:g} m, mm"
             views.append(NextView(at, yaw, pitch, ratio * usual, before, after, of))

@@ -32,7 +32,7 @@ RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def plain_formulas(text: str) -> str:
     """A text with its formulas in plain letters."""
-    return FORMULA.sub(lambda found: found[1] or _plain((found[2] or found[3]).strip()), text)
+    return FORMULA.sub(lambda match: match[1] or _plain((match[2] or match[3]).strip()), text)
 
 
 def _plain(formula: str) -> str:
@@ -41,8 +41,8 @@ def _plain(formula: str) -> str:
         before = formula
         for pattern, replacement in GROUPS:
             formula = re.sub(pattern, replacement, formula)
-    formula = re.sub(r"\\([A-Za-z]+|[,!|])", lambda found: LETTERS[found[1]], formula)
-    formula = re.sub(r"\^(\d)", lambda found: found[1].translate(RAISED), formula)
+    formula = re.sub(r"\\([A-Za-z]+|[,!|])", lambda match: LETTERS[match[1]], formula)
+    formula = re.sub(r"\^(\d)", lambda match: match[1].translate(RAISED), formula)
     return " ".join(re.sub(r"[_^]\((\w)\)", r"_\1", formula).split())
 
 
