@@ -19,8 +19,6 @@ the schemes allow, with the same pictures and depths; 1e-2 loses 2 % of depth.""
 class DataTerm:
     """Photographs with their blurs: residuals, derivatives and adjoints of all of them at once.
 
-    Parameters
-    ----------
     z : (P, C, H, W) photographs.
     blurs : P blurs of one R.
     trust : (P, 1, H, W) weights of the samples in the data term: 0 where saturated.

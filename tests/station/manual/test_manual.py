@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from drivers.frame_files.dng import OpticsMetadata
+from drivers.dng import OpticsMetadata
 from procedures.numbers import NUMBERS, reference_text
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.diagnostics import Diagnostics
