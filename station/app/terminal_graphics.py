@@ -19,7 +19,7 @@ from station.app.terminal_images import PRESENT, Thumbnail, outline_lines
 Pixels = npt.NDArray[np.uint8]
 GREYS = 24
 COLOURS = ((230, 126, 34), (52, 172, 224))
-"""Of the present and the wanted outline, as in block characters."""
+"""Colours of the present and the wanted outline, as in block characters."""
 LINE_PX, ARROW_TIP = 3, 0.15
 MAX_PX = 640
 """Largest width of a picture in pixels, lest a slow line take seconds."""

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from procedures.plan import Reading
     from station.app.background import Problem
     from station.app.screens.result_view import Plotted
-    from station.drawing.terminal_plots import Glyphs
+    from station.drawing.glyphs import Glyphs
     from station.results.plane_result import PlaneResult
 
 COUNT_S = 0.5

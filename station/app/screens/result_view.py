@@ -10,9 +10,11 @@ from procedures.numbers import Group, in_group
 from procedures.outcome import Quantity, WithVerdict
 from station.app.widgets import verdict_words
 from station.common.sanitise import stated
-from station.drawing.terminal_plots import Glyphs, TerminalCurve, TerminalFrame, plot
+from station.drawing.glyphs import Glyphs
+from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
+from station.results.comparison import specification_words
 from station.results.measurement import Measurement
-from station.results.plane_result import PlaneResult, line_numbers, specification_words
+from station.results.plane_result import PlaneResult, line_numbers
 from station.results.reader import Change
 from station.results.terms import specification_verdict
 
