@@ -33,8 +33,6 @@ SAMPLES_PER_BLOCK = 3
 class Thumbnail:
     """A picture for a terminal.
 
-    Attributes
-    ----------
     levels : (rows, columns) uint8
     marks : points (x, y) as fractions of width and height
     caption : a few words
