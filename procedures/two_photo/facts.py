@@ -16,8 +16,6 @@ SHARP_RATIO = 3.2
 class TwoPhotoFacts(CameraFacts):
     """Facts of the plan.
 
-    Attributes
-    ----------
     near_mm : near distance of the wall
     ratio : far over near distance
     s : samples per pixel; None: chosen from the photographs

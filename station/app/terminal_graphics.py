@@ -51,8 +51,7 @@ def indexed(picture: Thumbnail, width_px: int, height_px: int) -> Pixels:
 def palette() -> Pixels:
     """The colours (n, 3) of the indices."""
     greys = np.repeat(np.linspace(0, 255, GREYS)[:, None], 3, axis=1)
-    colours: Pixels = np.rint(np.vstack([greys, COLOURS])).astype(np.uint8)
-    return colours
+    return np.asarray(np.rint(np.vstack([greys, COLOURS])), dtype=np.uint8)
 
 
 # --- sixel -------------------------------------------------------------------------------------------------------
