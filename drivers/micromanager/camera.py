@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, Clock, FrameWrong, LineLost, MoveFailed, Rejected, SystemClock
-from drivers.frame_files.dng import Body, DngFolder, Frame
 from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import DriverOptions, FrameOptions, MakerContext

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.frame_files.dng import Shot
+from drivers.dng import Shot
 from procedures.numbers import DROPPED_SAMPLES
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drivers.frame_files.dng import Shot
+from drivers.dng import Shot
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
 from procedures.ray_histogram.film import Film

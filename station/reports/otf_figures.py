@@ -54,8 +54,6 @@ def mtf_figure(
 ) -> Figure:  # fmt: skip
     """MTF along both axes with 95 % bands; with the true transfer function, the difference below.
 
-    Parameters
-    ----------
     limit : Diffraction, optional
         The diffraction limit, which is drawn too.
     others : mapping of name to columns, optional
@@ -113,8 +111,6 @@ def finish_mtf(
 ) -> None:  # fmt: skip
     """Diffraction limit, curves of other results, the values as titles, Nyquist frequency, and legend.
 
-    Parameters
-    ----------
     curves : MTF and its standard uncertainty by label
     f : (n,) frequencies in cycles per pixel
     """

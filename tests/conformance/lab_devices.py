@@ -13,7 +13,7 @@ from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import AlpacaAddress
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
-from drivers.frame_files.dng import DngFolder
+from drivers.dng import DngFolder
 from drivers.frames import ExposureMetadata
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
@@ -17,7 +18,6 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
-from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings
 from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.field.field_file import write_field
 from procedures.geometry.estimate import GeometryParameters
 from procedures.outcome import Outcome, Verdict

@@ -73,8 +73,6 @@ class NumberGroup:
 class BatchReport:
     """Contents of the page.
 
-    Attributes
-    ----------
     measurements, specifications : mapping of verdict to count
     lines : the first items, at most `MAX_LINES`; count : of all
     bounds : bounds of the limits by number
