@@ -104,15 +104,12 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Seconds; monotonic."""
-        ...
 
     def sleep(self, duration_s: float) -> None:
         """Return after `duration_s` seconds."""
-        ...
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
         """Wait, holding `condition`, until `ready()` or the deadline; returns the last value of `ready()`."""
-        ...
 
 
 class SystemClock:

@@ -184,23 +184,18 @@ class Device(Protocol):
     @property
     def address(self) -> str:
         """Port, URL or folder."""
-        ...
 
     def connect(self) -> Identity:
         """Open the line and identify the device. Raises DeviceError."""
-        ...
 
     def condition(self) -> Condition:
         """Its current state, without communication."""
-        ...
 
     def emergency_stop(self) -> None:
         """Make it harmless now; from any thread, without waiting for a lock, any number of times; never raises."""
-        ...
 
     def close(self) -> None:
         """Release the line; any number of times."""
-        ...
 
 
 class Stage(Device, Protocol):
@@ -208,30 +203,24 @@ class Stage(Device, Protocol):
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis; known after `connect`."""
-        ...
 
     def home(self, allowed: Callable[[], None] = ...) -> None:
         """Find the reference; the only motion allowed before it. Raises DeviceError, and what `allowed` does.
 
         `allowed` raises why homing may not begin: it is called when no stop can intervene any more.
         """
-        ...
 
     def move_to(self, **target: float) -> None:
         """Move and return when still. Raises DeviceError."""
-        ...
 
     def position(self) -> Mapping[str, float]:
         """Current positions, read from the device."""
-        ...
 
     def moving(self) -> bool:
         """Whether any axis moves, read from the device."""
-        ...
 
     def stop(self) -> None:
         """Decelerate and stay, keeping the position; a waiting `move_to` ends in MoveFailed."""
-        ...
 
 
 class Shutter(Device, Protocol):
@@ -239,15 +228,12 @@ class Shutter(Device, Protocol):
 
     def focus(self, pressed: bool) -> None:
         """Half-press or release. Raises DeviceError."""
-        ...
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Half-press for `focus_s`, close the contact for `pulse_s`, and report the times. Raises DeviceError."""
-        ...
 
     def abort(self) -> None:
         """Open the contact now. Raises DeviceError."""
-        ...
 
 
 class Camera(Device, Protocol):
@@ -255,15 +241,12 @@ class Camera(Device, Protocol):
 
     def sensor(self) -> FrameFormat | None:
         """The format of its frames; None while it is unknown. Raises DeviceError."""
-        ...
 
     def configure(self, settings: CameraSettings) -> None:
         """Apply, or expect, these settings. Raises DeviceError."""
-        ...
 
     def expose(self) -> ExposedFile:
         """Take one photograph and return its RAW file, complete, decodable and hashed. Raises DeviceError."""
-        ...
 
 
 class Imu(Device, Protocol):
@@ -271,15 +254,12 @@ class Imu(Device, Protocol):
 
     def start(self, rate_hz: float) -> None:
         """Stream at this rate. Raises DeviceError."""
-        ...
 
     def stop(self) -> None:
         """Stream no more. Raises DeviceError."""
-        ...
 
     def read_block(self, duration_s: float) -> ImuBlock:
         """Samples since the last block and during the next `duration_s`. Raises DeviceError."""
-        ...
 
 
 class Rangefinder(Device, Protocol):
@@ -287,11 +267,9 @@ class Rangefinder(Device, Protocol):
 
     def measure(self) -> Distance:
         """One reading. Raises DeviceError."""
-        ...
 
     def laser(self, on: bool) -> None:
         """Switch the laser spot, for aiming. Raises DeviceError."""
-        ...
 
 
 class Light(Device, Protocol):
@@ -299,15 +277,12 @@ class Light(Device, Protocol):
 
     def set_level(self, level: float) -> None:
         """Set `level` in [0, 1] of full intensity. Raises DeviceError."""
-        ...
 
     def level(self) -> float:
         """The level last set."""
-        ...
 
     def flicker(self, exposure_s: float) -> Caveat | None:
         """The caveat about exposures that are too short for its modulation."""
-        ...
 
 
 class Probe(Device, Protocol):
@@ -315,7 +290,6 @@ class Probe(Device, Protocol):
 
     def read(self) -> Mapping[str, ProbeReading]:
         """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
-        ...
 
 
 class Shaker(Device, Protocol):
@@ -323,19 +297,15 @@ class Shaker(Device, Protocol):
 
     def strokes(self) -> Mapping[str, float]:
         """Amplitude of each axis from rest, in both directions."""
-        ...
 
     def start(self, path: ShakePath) -> ShakePath:
         """Play this path until `stop`; returns the path actually commanded. Raises DeviceError."""
-        ...
 
     def began_s(self) -> float:
         """When the first point was output, by the same clock synchronisation as the last shot."""
-        ...
 
     def stop(self) -> None:
         """Return to rest at the end of the round. Raises DeviceError."""
-        ...
 
 
 class Parser(Protocol[E_co]):
@@ -343,25 +313,21 @@ class Parser(Protocol[E_co]):
 
     def feed(self, data: bytes) -> Sequence[E_co]:
         """The events completed by these bytes."""
-        ...
 
 
 class Line(Protocol):
-    """What a device is reached by: a port, a server, a controller or a box with several devices."""
+    """The way to a device: a port, a server, a controller or a box with several devices."""
 
     @property
     def address(self) -> str:
         """The port or URL."""
-        ...
 
     @property
     def is_open(self) -> bool:
         """Whether the port is owned and has not been lost."""
-        ...
 
     def close(self) -> None:
         """Release the port and end the reader."""
-        ...
 
 
 class Transport(Line, Protocol[E_co]):
@@ -369,7 +335,6 @@ class Transport(Line, Protocol[E_co]):
 
     def open(self, listen: Callable[[E_co, float], None]) -> None:
         """Own the port; `listen(event, host_s)` is called for every event. Raises LineLost."""
-        ...
 
     def request(
         self,
@@ -383,23 +348,18 @@ class Transport(Line, Protocol[E_co]):
 
         `allowed` raises why the order may not be given: it is called when nothing can intervene any more.
         """
-        ...
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a state recorded by the listener. Raises LineLost, or the interruption."""
-        ...
 
     def write(self, data: bytes, *, noted: bool = True, within_s: float = ...) -> None:
         """Write without waiting for a reply, a request or a lock; recorded in the transcript if `noted`.
 
         Raises LineLost, NoAnswer if `within_s` was not enough.
         """
-        ...
 
     def preempt(self, data: bytes, error: Exception) -> None:
         """Drop unsent bytes, write without waiting for any lock, and end all waits with `error`; never raises."""
-        ...
 
     def set_lines(self, **lines: bool) -> None:
         """Set modem lines: rts=, dtr=. Raises LineLost."""
-        ...

@@ -61,8 +61,6 @@ class MakerContext:
 class DriverOptions:
     """Options of a driver, checked by their annotations.
 
-    Attributes
-    ----------
     provides : kinds of device that others may name it as
     twin : makes its simulation for `station conform`, see `station.bench.conform.Twin`
     """

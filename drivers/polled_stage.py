@@ -25,12 +25,10 @@ class StageAxis(Protocol):
     @property
     def name(self) -> str:
         """Its name with the unit."""
-        ...
 
     @property
     def tolerance(self) -> float:
         """The largest error of a move."""
-        ...
 
 
 E = TypeVar("E")
@@ -54,8 +52,6 @@ class AxisState(NamedTuple):
 class PolledAxis:
     """One axis: its name with the unit, and its number or identifier at the controller.
 
-    Attributes
-    ----------
     scale : the axis' unit per unit of the controller, negative if that counts in the opposite direction
     zero : the value where the controller has 0
     travel : the range; None asks the controller

@@ -36,8 +36,6 @@ SIZE = re.compile(r"(\d+)x(\d+) \[")
 class RpicamSettings:
     """Settings of every photograph.
 
-    Attributes
-    ----------
     exposure_s : exposure time until another is configured
     gain : analogue gain until an ISO is configured, which is 100 times the gain
     bits : of the raw mode; None takes the deepest one

@@ -36,7 +36,6 @@ class Released(Protocol):
 
     def lose_position(self, error: DeviceError) -> None:
         """Stop, and refuse to move with `error` until homed; never raises."""
-        ...
 
 
 def in_background(work: Work) -> Thread:

@@ -38,17 +38,12 @@ def is_developed(data: bytes) -> bool:
 def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes | None = None) -> RawFrame:
     """Read planes R, G and B, or Y, of a developed picture.
 
-    Parameters
-    ----------
+    Raises BadInput if it is no such file, or cannot be decoded completely.
+
     encoding : str, optional
         "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none.
     data : bytes, optional
         Content of the file, if already read.
-
-    Raises
-    ------
-    BadInput
-        If it is no such file, or cannot be decoded completely.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data

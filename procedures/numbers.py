@@ -465,6 +465,18 @@ _CHART_TERMS = (
 )  # fmt: skip
 for _one_name in _CHART_TERMS:
     _geometry(_one_name, "mm", f"Chart: {_one_name.replace('_', ' ')}", "departure of the printed chart at its rim")
+ROW_TIME = _geometry("row_time", "us", "Row time", "time between the exposures of neighbouring rows", _H, _C, _T, _U)
+READOUT_TIME = _geometry(
+    "readout_time",
+    "ms",
+    "Readout time",
+    "time from the exposure of the first row to that of the last",
+    _H,
+    _L,
+    _C,
+    _T,
+    _U,
+)
 BASELINE = _geometry(
     "baseline", "mm", "Baseline", "distance between the centres of a rig's two cameras", _H, _L, _C, _T, _U
 )

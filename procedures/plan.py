@@ -256,8 +256,9 @@ class Look:
 class Scan:
     """Expose a trial frame at each of several settings of one axis, then go to the best.
 
-    `places(facts)` are the settings; `score(frame, facts)` is one number per frame, larger is better, NaN where it is
-    unknown; `choose(places, scores)` gives the best. Where the bench lacks the axis, the operator sets it.
+    `places(facts)` are the settings; `score(frame, facts)` is one number per frame, of the `quantity`, larger is
+    better, NaN where it is unknown; `choose(places, scores)` gives the best. Where the bench lacks the axis, the
+    operator sets it.
     """
 
     purpose: str
@@ -266,6 +267,7 @@ class Scan:
     score: Callable[[RawFrame, Facts], float]
     choose: Callable[[Sequence[float], Sequence[float]], Advice]
     say: Callable[[float], str]
+    quantity: str = "sharpness"
 
 
 @dataclass(frozen=True)

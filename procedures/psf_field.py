@@ -61,24 +61,19 @@ class CoefficientModel(Protocol):
     @property
     def name(self) -> str:
         """Description for reports."""
-        ...
 
     def predict(self, points: Array, values: Array) -> Array:
         """Coefficients (n, r) at points (n, 2), from the nodes' (N, r)."""
-        ...
 
     def transfer(self, points: Array, r: int) -> Array:
         """Weights (n, r, N, r) of the prediction."""
-        ...
 
     @property
     def reach(self) -> float:
         """Distance beyond `carried` to which the change of the PSF is extrapolated, in half diagonals."""
-        ...
 
     def carried(self, held: Array, points: Array) -> Array:
         """Last positions (n, 2) where the model is valid between `held`, on the nodes' hull, and points beyond it."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ check_namesakes()  # before the imports that would fail in a foreign package
 
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import SEED, UNITS
+from station.cli.terminal.numbers import SEED, UNITS, FiniteNumber
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -68,6 +68,10 @@ LARGE_HEAP = 50_000
     help="Work with the simulated bench.  [also for: focus, session resume, devices, serve]",
 )  # fmt: skip
 @click.option("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.  [also for: devices, serve]")
+@click.option(
+    "--speed", type=FiniteNumber(min=0.1, max=1000.0), default=1.0,
+    help="With --simulate: how many times as fast as real ones its moves are.  [also for: serve]",
+)  # fmt: skip
 @click.option(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"

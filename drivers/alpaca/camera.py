@@ -29,8 +29,6 @@ LARGEST = np.iinfo(np.uint16).max
 class AlpacaCameraSettings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     exposure_s : exposure time until another is configured
     patience_s : time limit of an exposure in addition to its duration, and of the fetching
     gain, offset : in the camera's own unit, the offset being its black level; None keeps the camera's

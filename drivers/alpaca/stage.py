@@ -29,8 +29,6 @@ HALT, HALTED_S = "halt", 0.25
 class AlpacaAxis:
     """One axis: its name with the unit, and the number of its focuser.
 
-    Attributes
-    ----------
     unit_per_step : None uses the step size in micrometres that the focuser reports
     zero : the value at step 0
     direction : -1 if steps count in the opposite direction
@@ -140,7 +138,7 @@ class AlpacaStage:
 
     def position(self) -> Mapping[str, float]:
         self._require_open()
-        return {name: part.scale.to_unit(_position(part)) for name, part in self._parts.items()}
+        return {name: part.scale.to_unit(int(part.link.number_of("position"))) for name, part in self._parts.items()}
 
     def moving(self) -> bool:
         self._require_open()
@@ -248,10 +246,6 @@ class AlpacaStage:
             thread.start()
         for thread in threads:
             thread.join(HALTED_S / len(threads))
-
-
-def _position(part: FocuserAxis) -> int:
-    return int(part.link.number_of("position"))
 
 
 def _moving(part: FocuserAxis) -> bool:

@@ -59,19 +59,14 @@ def write_dng(
 ) -> None:
     """Write a mosaic (rows, columns) to a DNG file.
 
-    Parameters
-    ----------
+    Raises ValueError if a number does not fit into `bits`.
+
     cfa : str or None
         Colours of the 2 x 2 tile, row by row; None writes a monochrome file.
     black : (4,)
         Black level of each position of the tile, row by row.
     bits : int
         Width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first.
-
-    Raises
-    ------
-    ValueError
-        If a number does not fit into `bits`.
     """
     if int(mosaic.max(initial=0)) >= 2**bits:
         raise ValueError(f"numbers up to {int(mosaic.max())} do not fit into {bits} bits; write 16")
@@ -225,8 +220,6 @@ def _rational(*values: float, kind: int = RATIONAL) -> Tag:
 class OpticsMetadata:
     """Data that such a camera cannot know; written to its files as configured.
 
-    Attributes
-    ----------
     f_number, focal_length_mm, lens : of the lens; "" if it has no name
     pixel_pitch_um : pixel pitch of the sensor
     black : black level of each position of the mosaic, in digital numbers

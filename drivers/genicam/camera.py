@@ -39,8 +39,6 @@ REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool
 class GenicamSettings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     pixel_format : the camera's name of it; "" takes the deepest grey or raw one offered
     gain_db : None keeps the camera's gain
     patience_s : time limit of a frame after its exposure

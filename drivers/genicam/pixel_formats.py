@@ -73,10 +73,7 @@ def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int
 
     padding : bytes between rows; if 0, packed rows follow each other without a gap, also in mid-byte.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer bytes than the picture takes.
+    Raises ValueError if there are fewer bytes than the picture takes.
     """
     lines, pixels = (rows, columns) if padding or form.packing == "csi2" else (1, rows * columns)
     each = form.octets(pixels)

@@ -40,8 +40,6 @@ STOP_S = 0.1
 class MicroManagerAxis:
     """One axis: its name with the unit, the label of its device, its travel in the unit.
 
-    Attributes
-    ----------
     part : "x" or "y" of an XY table, "" of a single axis
     zero : the value at the device's position 0
     unit_per_um : in the name's unit

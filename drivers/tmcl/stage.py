@@ -45,8 +45,6 @@ TRIES = 3
 class TmclAxis:
     """One axis: its name with the unit, its motor and module, its travel in the unit, units per microstep.
 
-    Attributes
-    ----------
     zero : the value at the reference, where the search sets 0
     direction : -1 if microsteps count in the opposite direction
     """

@@ -57,8 +57,6 @@ REMEDY = "`v4l2-ctl --list-formats-ext --list-ctrls` shows what the camera offer
 class V4l2Settings:
     """Settings applied on connection.
 
-    Attributes
-    ----------
     pixel_format : four characters of a grey or raw format; "" takes the deepest one offered
     columns, rows : size of the frames; None takes the largest one offered
     gain : in the camera's own unit; None keeps its gain

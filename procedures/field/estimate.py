@@ -115,7 +115,6 @@ class MapLike(Protocol):
         self, function: Callable[[Job], Outcome[PatternPsf]], jobs: Sequence[Job], /
     ) -> Iterable[Outcome[PatternPsf]]:
         """Results in the order of the jobs."""
-        ...
 
 
 def measure_frame(

@@ -23,6 +23,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.cameras import CameraModel
@@ -131,7 +132,7 @@ class AdjustmentProblem:
     def view_residual(self, state: AdjustmentState, i: int) -> Array:
         """Observed minus projected points of a view, in standard deviations, (n, 2)."""
         view = self.views[i]
-        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self._shaped(state, view)))
+        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self.shaped(state, view)))
         return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
 
     def view_residuals(self, state: AdjustmentState) -> list[Array]:
@@ -140,11 +141,14 @@ class AdjustmentProblem:
 
     def residual(self, state: AdjustmentState) -> Array:
         """Residuals of all points, then of the priors."""
-        spread = np.concatenate([state.camera.prior, self.shape.prior_mm])
-        values = np.concatenate([state.camera.params, state.terms_mm])
+        prior = (state.camera.prior @ state.camera.params, state.terms_mm / self.shape.prior_mm)
         errors = state.errors_mm / self.shape.node_mm if self.shape.node_mm.all() else np.zeros(0)
         points = (one.ravel() for one in self.view_residuals(state))
-        return np.concatenate([*points, values / spread, errors.ravel()])
+        return np.concatenate([*points, *prior, errors.ravel()])
+
+    def prior_precision(self, state: AdjustmentState) -> Array:
+        """Precision (p + q, p + q) of the priors of camera parameters and shape terms."""
+        return np.asarray(block_diag(state.camera.information, np.diag(self.shape.prior_mm**-2.0)))
 
     def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
         """The normal equations at a state."""
@@ -165,13 +169,13 @@ class AdjustmentProblem:
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
         """Derivatives of a view's points: (n, 2, p + q + 6) by its camera, shape terms, pose; (n, 2, 3) by nodes."""
         pose, view = state.poses[i], self.views[i]
-        camera, points = state.camera.part(view.camera)[0], pose.apply(self._shaped(state, view))
+        camera, points = state.camera.part(view.camera)[0], pose.apply(self.shaped(state, view))
         by_points = camera.by_points(points)
         by_nodes = by_points @ pose.R
         by_terms = by_nodes @ self.shape.terms[view.index]
         return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
-    def _shaped(self, state: AdjustmentState, view: ChartView) -> Array:
+    def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
         return np.asarray(self.nodes[view.index] + _deviations(state, self.shape)[view.index])
 
@@ -185,10 +189,10 @@ class AdjustmentProblem:
         """
         system, shape = self.point_system(state, self.view_residuals(state), extra), self.shape
         U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
-        precision = np.concatenate([state.camera.prior, shape.prior_mm]) ** -2.0
-        values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
-        U[where, where] += precision
-        u[where] -= precision * values
+        precision = self.prior_precision(state)
+        known = slice(len(precision))
+        U[known, known] += precision
+        u[known] -= precision @ np.concatenate([state.camera.params, state.terms_mm])
         multipliers = shape.similarity.shape[-1]
         if shape.node_mm.all():
             V[:, range(3), range(3)] += shape.node_mm**-2.0
@@ -415,8 +419,7 @@ def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
     chi_square = sum(float(np.sum(one**2)) for one in problem.view_residuals(state))
-    prior = np.concatenate([state.camera.prior, shape.prior_mm])
-    held = float(np.sum(np.diag(covariance)[: p + q] / prior**2))
+    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
     variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
     freedom = count - POSE * len(views) - (p + q - held) - free

@@ -65,7 +65,7 @@ def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]
         If none of the focal lengths gives a solution.
     """
     chosen = np.random.default_rng(0).permutation(len(nodes))[:FIRST_NODES]
-    few = [_subset(view, np.isin(view.index, chosen)) for view in views]
+    few = [view.part(np.isin(view.index, chosen)) for view in views]
     centre = (size[0] - 1) / 2, (size[1] - 1) / 2
     bundles = []
     for focal in (ratio * max(size) for ratio in FOCAL_RATIOS):
@@ -92,7 +92,7 @@ def _wide_bundles(nodes: Array, views: Sequence[ChartView], size: tuple[int, int
     problem, bundles = AdjustmentProblem(nodes, views, rigid_shape(nodes)), []
     for ratio, series in product(WIDE_RATIOS, (stereographic.EQUIDISTANT, (0.0,) * 4)):
         focal, centre = (ratio * max(size),) * 2, ((size[0] - 1) / 2, (size[1] - 1) / 2)
-        camera = CameraModel(STEREOGRAPHIC, np.array([*focal, *centre, *series]), *size)
+        camera = CameraModel(STEREOGRAPHIC, np.array([*focal, *centre, *series, *(0.0,) * 6]), *size)
         try:
             poses = tuple(_first_pose(camera, nodes, view) for view in views)
             state = adjust(problem.flat_state(camera, poses), problem).state
@@ -174,16 +174,11 @@ def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views:
     """Camera and poses that minimise the distances of the nodes from their points, all weighted equally."""
     # without nodes that only one view shows: pycolmap rejects such points
     times = np.bincount(np.concatenate([view.index for view in views]), minlength=len(nodes))
-    views = [_subset(view, times[view.index] > 1) for view in views]
+    views = [view.part(times[view.index] > 1) for view in views]
     scene = _reconstruction(camera, poses, nodes, views)
     config, options = _problem(scene)
     pycolmap.create_default_ceres_bundle_adjuster(options, config, scene).solve()
     return _bundle(scene, nodes, views)
-
-
-def _subset(view: ChartView, chosen: npt.NDArray[np.bool_]) -> ChartView:
-    """A view with some of its nodes."""
-    return ChartView(view.source, view.index[chosen], view.points[chosen], view.covariance[chosen])
 
 
 def _reconstruction(

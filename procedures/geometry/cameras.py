@@ -13,6 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 import numpy.typing as npt
 import pycolmap
+from scipy.linalg import block_diag
 
 from procedures.geometry import stereographic
 from procedures.outcome import BadParameter
@@ -20,7 +21,7 @@ from procedures.outcome import BadParameter
 Array = npt.NDArray[np.float64]
 
 MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
-"""Models to choose from, the simplest first."""
+"""Models of COLMAP, the simplest first."""
 STEREOGRAPHIC = "STEREOGRAPHIC"
 """The formula of `stereographic`, which COLMAP does not have."""
 OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE", STEREOGRAPHIC)
@@ -34,6 +35,8 @@ PRIOR = 1.0
 of two nearly equal polynomials (FULL_OPENCV) it keeps both from diverging."""
 ASYMMETRIC_PRIOR = 3e-3
 """Prior of decentring and thin prism, which views hardly distinguish from a principal point far from the centre."""
+FORMULAS = ("SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE", *MODELS[2:], STEREOGRAPHIC)
+"""Parametric models that are fitted to a reference camera, the simplest first."""
 SPLINE = "+SPLINE_"
 NESTED = (
     {"PINHOLE": 0, "SIMPLE_RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 3},
@@ -76,11 +79,17 @@ class CameraModel:
         """Units of the parameters: "pixel" or "1"."""
         return tuple("pixel" if name in PIXELS or name.startswith("spline") else "1" for name in self.names)
 
-    @property
+    @cached_property
     def prior(self) -> Array:
-        """Prior standard deviations (p,) of the parameters about 0."""
-        of_names = (ASYMMETRIC_PRIOR if name[0] in "ps" else PRIOR for name in self.names)
-        return np.array([np.inf if unit == "pixel" else one for unit, one in zip(self.units, of_names, strict=True)])
+        """Prior as a linear map (m, p) from the parameters to values of N(0, 1)."""
+        asymmetric = stereographic.PRIOR if self.model == STEREOGRAPHIC else ASYMMETRIC_PRIOR
+        of_names = (asymmetric if name[0] in "ps" else PRIOR for name in self.names)
+        return np.diag([0.0 if unit == "pixel" else 1 / one for unit, one in zip(self.units, of_names, strict=True)])
+
+    @cached_property
+    def information(self) -> Array:
+        """Information (p, p) of the prior."""
+        return np.asarray(self.prior.T @ self.prior)
 
     @property
     def focal_px(self) -> tuple[float, float]:
@@ -182,10 +191,15 @@ class CameraSet(CameraModel):
         params = np.concatenate([one.params for one in cameras])
         return cls(" and ".join(one.model for one in cameras), params, 0, 0, tuple(cameras))
 
-    @property
+    @cached_property
     def prior(self) -> Array:
-        """Prior standard deviations (p,) of the parameters about 0."""
-        return np.concatenate([one.prior for one in self.cameras])
+        """Prior as a linear map (m, p) from the parameters to values of N(0, 1)."""
+        return np.asarray(block_diag(*(one.prior for one in self.cameras)))
+
+    @cached_property
+    def information(self) -> Array:
+        """Information (p, p) of the prior."""
+        return np.asarray(block_diag(*(one.information for one in self.cameras)))
 
     def part(self, camera: int) -> tuple[CameraModel, slice]:
         """A camera, and the place of its parameters."""

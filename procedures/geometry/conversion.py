@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from procedures.geometry.cameras import CameraModel, simple_camera
+from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camera, split_model
 from procedures.geometry.uncertainty import enclosed
 from procedures.outcome import BadParameter
 
@@ -125,7 +126,7 @@ def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
     """
     if count not in OPENCV_COUNTS:
         raise BadParameter(f"OpenCV's distortion has {OPENCV_COUNTS} coefficients, not {count}", "give one of these")
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered_grid(camera, region)
     params = np.zeros(4 + count)
     params[:4] = [*camera.focal_px, *camera.centre]
     if SAME_FORMULA.get(camera.model, 99) <= count:
@@ -148,14 +149,17 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
     BadParameter
         If there is no such model.
     """
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered_grid(camera, region, behind=split_model(model)[0] == STEREOGRAPHIC)
     start = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     scale = np.array([camera.focal_px[0] if unit == "pixel" else 0.1 for unit in start.units])
 
     def project(p: Array) -> Array:
         return np.nan_to_num(start.with_params(p).project(rays), nan=FAR_PX)
 
-    fit = start.with_params(_fit(project, start.params, scale, pixels))
+    def slope(p: Array) -> Array:
+        return np.nan_to_num(start.with_params(p).by_params(rays).reshape(-1, len(p)))
+
+    fit = start.with_params(_fit(project, start.params, scale, pixels, slope))
     return fit, _difference(fit.project(rays) - pixels)
 
 
@@ -198,7 +202,7 @@ KALIBR_MODELS: dict[tuple[str, str], tuple[tuple[float, ...], tuple[float, ...]]
 
 def as_kalibr(camera: CameraModel, region: Array) -> KalibrCamera:
     """The camera by the first of Kalibr's models that loses about the least over the frame within an outline."""
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered_grid(camera, region)
     focal = float(np.mean(camera.focal_px))
     fits = []
     for model, (shape, coefficients) in KALIBR_MODELS.items():
@@ -274,7 +278,7 @@ def as_radial(
     if formula not in RADIAL_FORMULAS:
         known = ", ".join(RADIAL_FORMULAS)
         raise BadParameter(f"a radial distortion is one of {known}, not {formula!r}", "name one of them")
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered_grid(camera, region)
     flat = rays[:, :2] / rays[:, 2:]
     focal = float(np.mean(camera.focal_px))
     start = np.concatenate([[focal, *camera.centre], np.zeros(2 * decentring + len(RADIAL_FORMULAS[formula][0]))])
@@ -291,9 +295,15 @@ def as_radial(
     return RadialCamera(formula, float(p[0]), (float(p[1]), float(p[2])), unit_px, p[5:], p[3:5], difference)
 
 
-def _fit(project: Callable[[Array], Array], start: Array, scale: Array, pixels: Array) -> Array:
-    """Parameters whose projection is nearest to the pixels."""
-    fit = least_squares(lambda p: (project(p) - pixels).ravel(), start, x_scale=scale, xtol=1e-14, ftol=1e-14)
+def _fit(
+    project: Callable[[Array], Array],
+    start: Array,
+    scale: Array,
+    pixels: Array,
+    slope: Callable[[Array], Array] | Literal["2-point"] = "2-point",
+) -> Array:
+    """Parameters whose projection is nearest to the pixels; `slope` is its derivative (2 n, p)."""
+    fit = least_squares(lambda p: (project(p) - pixels).ravel(), start, slope, x_scale=scale, xtol=1e-14, ftol=1e-14)
     return np.asarray(fit.x)
 
 
@@ -318,12 +328,14 @@ def _distorted(u: Array, params: Array, formula: str, unit_px: float) -> Array:
     return np.asarray((u * factor[:, None] + tangential) * unit_px + [cx, cy])
 
 
-def _covered(camera: CameraModel, region: Array) -> tuple[Array, Array]:
-    """Grid of pixels within an outline, and their rays in front of the camera: formulas of pinholes have no others."""
-    pixels = camera.frame_grid(*GRID)
+def covered_grid(
+    camera: CameraModel, region: Array, grid: tuple[int, int] = GRID, *, behind: bool = False
+) -> tuple[Array, Array]:
+    """Grid of pixels within an outline, and their rays; `behind`: also those that formulas of pinholes do not have."""
+    pixels = camera.frame_grid(*grid)
     pixels = pixels[enclosed(region, pixels)]
     rays = camera.rays(pixels)
-    known = rays[:, 2] > 0
+    known = np.isfinite(rays).all(axis=1) & (behind | (rays[:, 2] > 0))
     return pixels[known], rays[known]
 
 

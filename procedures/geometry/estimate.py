@@ -9,22 +9,26 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
-from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, AdjustmentState, adjust
-from procedures.geometry.cameras import MODELS, STEREOGRAPHIC, CameraModel, parameter_names
-from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
+from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust
+from procedures.geometry.cameras import SPLINE, CameraModel, parameter_names
+from procedures.geometry.formulas import FittedFormula, fit_formulas, most_apt
 from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.model_doubt import find_doubt
 from procedures.geometry.next_view import NextView, next_views
+from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
+from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_time
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
-from procedures.numbers import FOCAL, projection_at
+from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
 from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
 FRONTAL_DEG = 20.0
 """If no chart is tilted by more, its frontal poses explain a refusal; distortion alone appears as 15 degrees."""
+LEAST_VIEWS = 6
+"""With fewer, the shape of the chart and that of the lens are hardly distinguished."""
 FEWEST_VIEWS = 3
 """Fewer do not determine five pinhole parameters and the shape of a plane chart."""
 NODE_ERROR_ROUNDS = 2
@@ -52,15 +56,18 @@ class GeometryParameters:
     scale_uncertainty : float
         Its relative standard uncertainty, which all distances share.
     model : str or None
-        One of COLMAP's camera models, or a spline over it (OPENCV+SPLINE_12X9); None: chosen by cross-validation.
+        A formula, or a spline over it (OPENCV+SPLINE_12X9); None: the reference, a spline over STEREOGRAPHIC.
     distances_mm : tuple of float
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
+    is_video : bool
+        Whether the views are frames of a video, with their times: the row time of the shutter is estimated.
     """
 
     cell_mm: float
     scale_uncertainty: float = 0.003
     model: str | None = None
     distances_mm: tuple[float, ...] = ()
+    is_video: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +142,10 @@ class Geometry:
     ----------
     covariance : (p, p) float64
         Of the camera parameters, marginalised over poses and chart shape.
-    trials : tuple of ModelTrial
-        The compared models, the chosen one first.
+    trials : tuple of SmoothnessTrial
+        Of a spline: the compared degrees of smoothness, the chosen one first.
+    formulas : tuple of FittedFormula
+        Of a spline: parametric models fitted to it, the simplest first.
     misfit : Misfit
         Systematic residual of the model.
     residual_scale : float
@@ -153,13 +162,16 @@ class Geometry:
         The pose whose photograph would reduce the projection uncertainty most; None where none fits into the frame.
     adjustment : Adjustment
         The adjustment from which the other values derive.
+    shutter : ShutterTiming or None
+        Of a video: the row time.
     """
 
     camera: CameraModel
     covariance: Array
     views: tuple[PosedView, ...]
     shape: ChartShape
-    trials: tuple[ModelTrial, ...]
+    trials: tuple[SmoothnessTrial, ...]
+    formulas: tuple[FittedFormula, ...]
     misfit: Misfit
     residual_scale: float
     noise_px: float
@@ -168,6 +180,7 @@ class Geometry:
     covered: float
     next_view: NextView | None
     adjustment: Adjustment
+    shutter: ShutterTiming | None = None
 
     __repr__ = summary
 
@@ -176,18 +189,39 @@ class Geometry:
         """Number of correspondences."""
         return sum(len(one.view) for one in self.views)
 
+    @property
+    def formula(self) -> FittedFormula | None:
+        """For a spline, the formula whose parameters are reported; single control points have no meaning."""
+        return most_apt(self.formulas, max(self.noise_px, NEGLIGIBLE_PX)) if self.formulas else None
+
     def numbers(self) -> dict[str, Quantity]:
         """The camera parameters and the projection uncertainties."""
-        sigma = np.sqrt(np.diag(self.covariance))
-        method = f"bundle adjustment of {len(self.views)} views, {self.camera.model}"
+        formula, camera, covariance = self.formula, self.camera, self.covariance
+        method = f"bundle adjustment of {len(self.views)} views, {camera.model}"
+        if formula is not None:
+            camera, covariance = formula.camera, formula.covariance
+            method += f"; {camera.model} fitted to it, {formula.difference.rms_px:.2g} pixel rms apart"
+        sigma = np.sqrt(np.diag(covariance))
         parameters = {
             name: Quantity(float(value), unit, float(spread), method, self.points)
-            for name, value, unit, spread in zip(
-                self.camera.names, self.camera.params, self.camera.units, sigma, strict=True
-            )
-            if not name.startswith("spline")  # single control points have no meaning; they are in the record
+            for name, value, unit, spread in zip(camera.names, camera.params, camera.units, sigma, strict=True)
         }
-        return parameters | {projection_at(one.distance_mm): self._mean_uncertainty(one) for one in self.maps}
+        return (
+            parameters
+            | self._row_times()
+            | {projection_at(one.distance_mm): self._mean_uncertainty(one) for one in self.maps}
+        )
+
+    def _row_times(self) -> dict[str, Quantity]:
+        """Row time and readout time of a video."""
+        if self.shutter is None:
+            return {}
+        method = f"displacement of the rows in {len(self.views)} frames of a moving chart"
+        row, sigma, rows = self.shutter.row_s, self.shutter.uncertainty_s, self.shutter.rows
+        return {
+            ROW_TIME: Quantity(1e6 * row, "us", 1e6 * sigma, method, self.points),
+            READOUT_TIME: Quantity(1e3 * rows * row, "ms", 1e3 * rows * sigma, method, self.points),
+        }
 
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
         method = "root mean square over the part of the frame that the charts covered"
@@ -223,9 +257,8 @@ def calibrate_geometry(
     BadParameter
         If the model is not known.
     """
-    models = MODELS if parameters.model is None else (parameters.model,)
-    for model in models:
-        parameter_names(model)
+    if parameters.model is not None:
+        parameter_names(parameters.model)
     nodes = chart_nodes(parameters.cell_mm) if nodes is None else nodes
     try:
         if len(views) < FEWEST_VIEWS:
@@ -234,15 +267,14 @@ def calibrate_geometry(
                 "photograph the chart again, tilted by 20 to 40 degrees to other sides, and elsewhere in the frame",
             )
         problem = AdjustmentProblem(nodes, views, shape_model(nodes))
-        start = first_state(problem, size)
-        if parameters.model is None and start.camera.model == STEREOGRAPHIC:
-            models = (STEREOGRAPHIC, *models)
-        trials = choose_model(models, start, problem)
-        geometry = _fitted(trials, start, problem, parameters)
-        if parameters.model is None and is_too_simple(geometry) and len(views) >= LEAST_VIEWS:
-            trials = with_splines(trials, size, start, problem)
-            same = trials[0].model == geometry.camera.model
-            geometry = replace(geometry, trials=trials) if same else _fitted(trials, start, problem, parameters)
+        start, shutter = first_state(problem, size), None
+        if parameters.is_video:
+            shutter, problem = find_shutter(start, problem)
+        fit, trials = fit_model(parameters.model, start, problem)
+        fit = concluded(fit)
+        if shutter is not None:
+            shutter, fit = with_row_time(fit, shutter)
+        geometry = _geometry(fit, trials, parameters, shutter)
     except Refused as error:
         frontal = len(views) >= FEWEST_VIEWS and greatest_tilt(nodes, views) <= FRONTAL_DEG
         refusal = _frontal(len(views)) if frontal else error
@@ -259,13 +291,6 @@ def _frontal(views: int) -> Refused:
     )
 
 
-def _fitted(
-    trials: tuple[ModelTrial, ...], start: AdjustmentState, problem: AdjustmentProblem, parameters: GeometryParameters
-) -> Geometry:
-    """The chosen model, fitted with a prior of the node errors that is estimated from them."""
-    return _geometry(concluded(fit_model(trials[0].model, start, problem)), trials, parameters)
-
-
 def concluded(fit: Adjustment) -> Adjustment:
     """The adjustment with a prior of the node errors that is estimated from them, and the doubt about the models."""
     for _ in range(NODE_ERROR_ROUNDS):
@@ -279,21 +304,25 @@ def is_too_simple(geometry: Geometry) -> bool:
     return geometry.misfit.significant and geometry.misfit.rms_px > max(geometry.noise_px, NEGLIGIBLE_PX)
 
 
-def _geometry(fit: Adjustment, trials: tuple[ModelTrial, ...], parameters: GeometryParameters) -> Geometry:
+def _geometry(
+    fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: ShutterTiming | None
+) -> Geometry:
     camera, views = fit.state.camera, fit.problem.views
     p = len(camera.params)
     share = float(np.hypot(parameters.scale_uncertainty, scale_spread(fit.problem.nodes, fit.problem.shape.node_mm)))
     posed = tuple(_posed(fit, i, share) for i in range(len(views)))
     region = covered_region(np.concatenate([view.points for view in views]))
     grid = camera.frame_grid(*MAP)
+    covariance = fit.full_covariance[:p, :p]
     usual = float(np.median([one.distance.value for one in posed]))
     distances = dict.fromkeys((usual, float("inf"), *parameters.distances_mm))
     return Geometry(
         camera=camera,
-        covariance=fit.full_covariance[:p, :p],
+        covariance=covariance,
         views=posed,
         shape=_chart_shape(fit, share),
         trials=trials,
+        formulas=fit_formulas(camera, covariance, region) if SPLINE in camera.model else (),
         misfit=find_misfit(fit),
         residual_scale=fit.scale,
         noise_px=_mean_over(region, _map(fit, grid, usual, without_doubt=True)),
@@ -302,6 +331,7 @@ def _geometry(fit: Adjustment, trials: tuple[ModelTrial, ...], parameters: Geome
         covered=float(enclosed(region, grid).mean()),
         next_view=next(iter(next_views(fit)), None),
         adjustment=fit,
+        shutter=shutter,
     )
 
 
@@ -339,21 +369,14 @@ def _checks(geometry: Geometry, parameters: GeometryParameters) -> list[Check]:
     doubtful, numbers = Verdict.DOUBTFUL, geometry.numbers()
     focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = geometry.camera.model, geometry.misfit
-    unknown = [
-        one.model for one in geometry.trials if not one.converged and one.parameters > geometry.trials[0].parameters
-    ]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
         Check("model", misfit.rms_px, max(geometry.noise_px, NEGLIGIBLE_PX), doubtful,
               f"{model} is too simple for this lens: its systematic residual is {misfit.rms_px:.3f} pixel rms, the "
               f"uncertainty by noise at the charts {geometry.noise_px:.3f}",
               f"take a more flexible model{better}, or allow for this error", given=misfit.significant),
-        Check("models compared", len(unknown), 0, doubtful,
-              f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the "
-              "views did not converge",
-              f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}"),
         Check("views", len(geometry.views), LEAST_VIEWS, doubtful,
-              f"{len(geometry.views)} views are too few for cross-validation",
+              f"{len(geometry.views)} views are too few to distinguish the lens from the chart's shape",
               f"photograph at least {LEAST_VIEWS} views, better 12", least=True),
         Check("coverage", geometry.covered, SMALL_SHARE, doubtful,
               f"the charts covered {geometry.covered:.0%} of the frame; beyond them the model is extrapolated",

@@ -15,21 +15,25 @@ projection; on the frame of a formula it suits narrow and wide lenses, and ends 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from math import ceil
+from functools import cache, cached_property, lru_cache
+from math import ceil, comb
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
+from scipy.linalg import block_diag
 
 from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
 
 Array = npt.NDArray[np.float64]
 
-SPREAD_PX = 3.0
-"""Prior standard deviation of a control point: more than the residual of any formula that suits the lens."""
-LONG_SIDES = (8, 12, 18)
-"""Candidate numbers of control points along the longer side; the spacing along the shorter side is the same."""
+SPREAD = 5e-4
+"""Prior root mean square of the spline, relative to the longer side: the size of decentring and thin prism, which views
+hardly distinguish from a shifted principal point."""
+ROUGH_PX = 1.0
+"""Standard deviation of third differences of control points that leaves the spline free."""
+LONG_SIDES = (12, 18)
+"""Numbers of control points along the longer side; the spacing along the shorter side is the same."""
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
 """Limits of the fixed-point iteration that inverts the spline; each iteration reduces the error about a hundredfold."""
 
@@ -46,13 +50,22 @@ def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SplineCamera(CameraModel):
-    """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row."""
+    """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row.
+
+    Attributes
+    ----------
+    roughness_px : float
+        Prior standard deviation of the third differences of neighbouring control points.
+    """
+
+    roughness_px: float = ROUGH_PX
 
     @classmethod
-    def over(cls, base: CameraModel, model: str) -> SplineCamera:
+    def over(cls, base: CameraModel, model: str, roughness_px: float = ROUGH_PX) -> SplineCamera:
         """The model over a base, with control points at 0."""
         nx, ny = split_model(model)[1]
-        return cls(model, np.concatenate([base.params, np.zeros(2 * nx * ny)]), base.columns, base.rows)
+        params = np.concatenate([base.params, np.zeros(2 * nx * ny)])
+        return cls(model, params, base.columns, base.rows, roughness_px)
 
     @cached_property
     def base(self) -> CameraModel:
@@ -66,10 +79,19 @@ class SplineCamera(CameraModel):
         nx, ny = split_model(self.model)[1]
         return len(self.params) - 2 * nx * ny
 
-    @property
+    @cached_property
     def prior(self) -> Array:
-        """Prior standard deviations (p,) of the parameters about 0."""
-        return np.concatenate([self.base.prior, np.full(len(self.params) - self.plain, SPREAD_PX)])
+        """Prior as a linear map (m, p) from the parameters to values of N(0, 1)."""
+        return np.asarray(block_diag(self.base.prior, self._smoothness[0]))
+
+    @cached_property
+    def information(self) -> Array:
+        """Information (p, p) of the prior."""
+        return np.asarray(block_diag(self.base.information, self._smoothness[1]))
+
+    @property
+    def _smoothness(self) -> tuple[Array, Array]:
+        return _smoothness(*split_model(self.model)[1], SPREAD * max(self.columns, self.rows), self.roughness_px)
 
     def project(self, points: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the camera's frame; NaN behind it."""
@@ -90,7 +112,8 @@ class SplineCamera(CameraModel):
         """Derivative (n, 2, p) of the projection of points (n, 3) by the parameters."""
         places = self.base.project(points)
         weights = self._basis(places)[0].reshape(len(points), -1)
-        own = np.einsum("nk,ab->nakb", weights, np.eye(2)).reshape(len(points), 2, -1)
+        own = np.zeros((len(points), 2, 2 * weights.shape[1]))
+        own[:, 0, ::2] = own[:, 1, 1::2] = weights
         return np.concatenate([self._stretched(places) @ self.base.by_params(points), own], axis=-1)
 
     def by_points(self, points: Array) -> Array:
@@ -121,8 +144,25 @@ class SplineCamera(CameraModel):
         return value, along, down
 
 
+@lru_cache(maxsize=8)
+def _smoothness(nx: int, ny: int, spread_px: float, roughness_px: float) -> tuple[Array, Array]:
+    """Prior (m, 2 ny nx) of control points and its information: values, and third differences as of a plate."""
+    along, down = ([np.diff(np.eye(count), n, axis=0) for n in range(4)] for count in (nx, ny))
+    third = [np.sqrt(comb(3, n)) / roughness_px * np.kron(down[n], along[3 - n]) for n in range(4)]
+    one = np.vstack([np.eye(nx * ny) / (spread_px * np.sqrt(nx * ny)), *third])
+    return np.kron(one, np.eye(2)), np.kron(one.T @ one, np.eye(2))
+
+
 def _splines(t: Array, count: int) -> tuple[Array, Array]:
     """Values and slopes (n, count) of the cubic B-splines at t (n,) from 0 to 1; constant beyond, NaN where t is."""
+    spline, slope = _spline(count)
+    inside = (t >= 0) & (t <= 1)
+    clipped = np.clip(t, 0.0, 1.0)
+    return spline(clipped), slope(clipped) * inside[:, None]
+
+
+@cache
+def _spline(count: int) -> tuple[BSpline, BSpline]:
+    """All cubic B-splines of so many control points over 0 to 1, and their derivatives."""
     spline = BSpline((np.arange(count + 4) - 3) / (count - 3), np.eye(count), 3)
-    clipped, inside = np.clip(t, 0.0, 1.0), (t >= 0) & (t <= 1)
-    return spline(clipped), spline.derivative()(clipped) * inside[:, None]
+    return spline, spline.derivative()

@@ -1,8 +1,11 @@
-"""Stereographic projection with a radial polynomial: a formula for lenses of 20 to more than 180 degrees.
+"""Stereographic projection with polynomials: a formula for lenses of 20 to more than 180 degrees.
 
-    s = 2 tan(angle / 2) (x, y) / |(x, y)|,    p = c + (fx, fy) s (1 + k1 q + k2 q^2 + k3 q^3 + k4 q^4),    q = |s|^2
+    s = 2 tan(angle / 2) (x, y) / |(x, y)|,    q = |s|^2,    p = c + (fx, fy) (s (1 + k1 q + ... + k4 q^4) + a(s))
 
-It is smooth up to the direction opposite to the axis, and few terms give rectilinear, equidistant and equisolid lenses.
+The radial polynomial is smooth up to the direction opposite to the axis, and few terms give rectilinear, equidistant
+and equisolid lenses. The asymmetric terms a(s) are those of decentring and thin prism, as OpenCV defines them:
+
+    a = (2 p1 sx sy + p2 (q + 2 sx^2) + s1 q + s2 q^2, p1 (q + 2 sy^2) + 2 p2 sx sy + s3 q + s4 q^2)
 
 References
 ----------
@@ -16,7 +19,10 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4")
+RADIAL = slice(4, 8)
+PRIOR = 1.5e-3
+"""Prior standard deviation of p1 to s4: what real lenses have."""
 EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)
 """First terms of the series of the angle, r = f a."""
 MAX_ITERATIONS, TOLERANCE = 50, 1e-13
@@ -26,7 +32,7 @@ MAX_ITERATIONS, TOLERANCE = 50, 1e-13
 def project(params: Array, points: Array) -> Array:
     """Pixels (n, 2) of points (n, 3) in the camera's frame."""
     s, q = _flat(points)
-    return np.asarray(params[2:4] + params[:2] * _factor(params, q)[:, None] * s)
+    return np.asarray(params[2:4] + params[:2] * _bent(params, s, q))
 
 
 def rays(params: Array, pixels: Array) -> Array:
@@ -42,30 +48,41 @@ def rays(params: Array, pixels: Array) -> Array:
             break
     solved = np.abs(step) < np.sqrt(TOLERANCE)
     flat = u * np.where(solved, s / np.maximum(radius, np.finfo(float).tiny), np.nan)[:, None]
+    if params[RADIAL.stop :].any():
+        flat = _unbent(params, u, flat)
     quarter = np.sum(flat**2, axis=1, keepdims=True) / 4
     return np.asarray(np.hstack([flat, 1 - quarter]) / (1 + quarter))
 
 
+def _unbent(params: Array, u: Array, flat: Array) -> Array:
+    """Stereographic coordinates (n, 2) whose image is u, by Newton's iteration from those of the radial terms."""
+    for _ in range(MAX_ITERATIONS):
+        q = np.sum(flat**2, axis=1)
+        step = np.linalg.solve(_by_flat(params, flat, q), (u - _bent(params, flat, q))[..., None])[..., 0]
+        flat = flat + step
+        if not np.nanmax(np.abs(step), initial=0.0) > TOLERANCE:
+            break
+    return flat
+
+
 def by_params(params: Array, points: Array) -> Array:
-    """Derivative (n, 2, 8) of the projection of points (n, 3) by the parameters."""
+    """Derivative (n, 2, 14) of the projection of points (n, 3) by the parameters."""
     s, q = _flat(points)
-    focal = (_factor(params, q)[:, None] * s)[..., None] * np.eye(2)
+    focal = _bent(params, s, q)[..., None] * np.eye(2)
     centre = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-    powers = (params[:2] * s)[..., None] * q[:, None, None] ** np.arange(1, 5)
-    return np.concatenate([focal, centre, powers], axis=-1)
+    powers = s[..., None] * q[:, None, None] ** np.arange(1, 5)
+    terms = np.concatenate([powers, np.stack(_asymmetric(s, q)).transpose(1, 2, 0)], axis=-1)
+    return np.concatenate([focal, centre, params[:2, None] * terms], axis=-1)
 
 
 def by_points(params: Array, points: Array) -> Array:
     """Derivative (n, 2, 3) of the projection of points (n, 3) by the points."""
     s, q = _flat(points)
-    by_flat = _factor(params, q)[:, None, None] * np.eye(2) + 2 * _slope(params, q)[:, None, None] * (
-        s[:, :, None] * s[:, None, :]
-    )
     distance = np.linalg.norm(points, axis=1)
     depth = distance + points[:, 2]
     of_depth = points / distance[:, None] + np.array([0.0, 0.0, 1.0])
     flat = (2 * np.eye(2, 3) - s[:, :, None] * of_depth[:, None, :]) / depth[:, None, None]
-    return np.asarray(params[:2, None] * (by_flat @ flat))
+    return np.asarray(params[:2, None] * (_by_flat(params, s, q) @ flat))
 
 
 def _flat(points: Array) -> tuple[Array, Array]:
@@ -74,10 +91,38 @@ def _flat(points: Array) -> tuple[Array, Array]:
     return s, np.sum(s * s, axis=1)
 
 
+def _bent(params: Array, s: Array, q: Array) -> Array:
+    """Image (n, 2) of stereographic coordinates, in focal lengths from the centre."""
+    asymmetric = np.tensordot(params[RADIAL.stop :], np.stack(_asymmetric(s, q)), 1)
+    return np.asarray(_factor(params, q)[:, None] * s + asymmetric)
+
+
+def _by_flat(params: Array, s: Array, q: Array) -> Array:
+    """Derivative (n, 2, 2) of `_bent` by the coordinates."""
+    (x, y), (p1, p2, s1, s2, s3, s4) = s.T, params[RADIAL.stop :]
+    radial = _factor(params, q)[:, None, None] * np.eye(2) + 2 * _slope(params, q)[:, None, None] * (
+        s[:, :, None] * s[:, None, :]
+    )
+    along, down = s1 + 2 * s2 * q, s3 + 2 * s4 * q
+    rows = [
+        [2 * (p1 * y + 3 * p2 * x + along * x), 2 * (p1 * x + p2 * y + along * y)],
+        [2 * (p1 * x + p2 * y + down * x), 2 * (3 * p1 * y + p2 * x + down * y)],
+    ]
+    return np.asarray(radial + np.array(rows).transpose(2, 0, 1))
+
+
+def _asymmetric(s: Array, q: Array) -> list[Array]:
+    """Displacements (n, 2) by p1, p2, and s1 to s4."""
+    (x, y), none = s.T, 0 * q
+    terms = [(2 * x * y, q + 2 * y * y), (q + 2 * x * x, 2 * x * y)]
+    terms += [(q, none), (q * q, none), (none, q), (none, q * q)]
+    return [np.column_stack(one) for one in terms]
+
+
 def _factor(params: Array, q: Array) -> Array:
-    return np.asarray(np.polynomial.polynomial.polyval(q, [1.0, *params[4:]]))
+    return np.asarray(np.polynomial.polynomial.polyval(q, [1.0, *params[RADIAL]]))
 
 
 def _slope(params: Array, q: Array) -> Array:
     """Derivative of the factor by q."""
-    return np.asarray(np.polynomial.polynomial.polyval(q, params[4:] * np.arange(1, 5)))
+    return np.asarray(np.polynomial.polynomial.polyval(q, params[RADIAL] * np.arange(1, 5)))

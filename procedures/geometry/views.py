@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,8 @@ class ChartView:
         Of each point, in squared pixels; different points are independent.
     camera : int
         Which of several cameras took it.
+    time_s : float
+        Time of the middle row's exposure, for frames of a video.
     """
 
     source: str
@@ -38,10 +40,15 @@ class ChartView:
     points: Array
     covariance: Array
     camera: int = 0
+    time_s: float = 0.0
 
     def __len__(self) -> int:
         """Number of points."""
         return len(self.index)
+
+    def part(self, chosen: npt.NDArray[np.bool_]) -> ChartView:
+        """The view with some of its points."""
+        return replace(self, index=self.index[chosen], points=self.points[chosen], covariance=self.covariance[chosen])
 
     @cached_property
     def whitening(self) -> Array:

@@ -19,7 +19,6 @@ class Smoother(Protocol):
 
     def weights(self, points: Array) -> Array:
         """(n, N): row j predicts at points[j]."""
-        ...
 
 
 def monomials(points: Array, degree: int) -> Array:

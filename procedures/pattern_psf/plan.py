@@ -70,6 +70,7 @@ FEWEST, MOST = 3, 16
 TARGET_UNCERTAINTY = 0.002
 """Default target of MTF50's standard uncertainty in every plane, in cycles/pixel."""
 S_OVER_T = f"s/t near {RATIO:g}. s/t is the number of samples of the PSF across one cell of the chart."
+SHARPNESS = "MTF50 in cycles/pixel"
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Steps of the focus ring about the initial focus; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
@@ -301,10 +302,12 @@ FOCUS = (
         "focus_by", "How will you search the focus: turn its ring, move the rail, or skip it?", "choice",
         default="ring", choices=("ring", "rail", "skip"),
     ),
-    Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring),
+    Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring,
+        SHARPNESS,
+    ),
     Scan(
         "focus", "z_mm", rail_places, sharpness, choose_focus("z_mm", " mm"),
-        lambda change: f"Move the camera by {change:.1f} mm.",
+        lambda change: f"Move the camera by {change:.1f} mm.", SHARPNESS,
     ),
     Look("aperture", check_aperture, when=lambda facts: facts_as(PatternFacts, facts).f_number is None),
 )  # fmt: skip

@@ -49,10 +49,7 @@ def parse_npy(data: bytes, name: str, remedy: str = _SAVE_AGAIN) -> npt.NDArray[
 def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> tuple[Arrays, list[str]]:
     """Read the wanted arrays of an npz archive, and the names of all.
 
-    Raises
-    ------
-    BadInput
-        If it is invalid, or the wanted arrays are too large.
+    Raises BadInput if it is invalid, or the wanted arrays are too large.
     """
     with decoding(str(path), "an npz archive of arrays", remedy), open_file(path, "npz archive") as file:
         _check_directory(file)
@@ -121,8 +118,8 @@ def checked_array(
 ) -> npt.NDArray[Any]:
     """Convert a value, an array or nested lists of a record, to an array of real numbers, and check it.
 
-    Parameters
-    ----------
+    Raises BadInput if it has another shape, is not real, or has numbers out of range.
+
     what : str
         Name and source of the value, the subject of the message.
     low, high : float
@@ -131,11 +128,6 @@ def checked_array(
         False disables the check of the range where infinities and NaN have a meaning.
     dtype : float type or None
         Type of the result; None keeps that of the array.
-
-    Raises
-    ------
-    BadInput
-        If it has another shape, is not real, or has numbers out of range.
     """
     try:
         array = np.asarray(value)

@@ -15,8 +15,6 @@ import numpy.typing as npt
 class Development:
     """How a picture's file encodes light.
 
-    Attributes
-    ----------
     format : str
         "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none.
     curve : ToneCurve

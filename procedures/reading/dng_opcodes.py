@@ -54,8 +54,6 @@ def fix_vignette_radial(terms: Sequence[float], centre: tuple[float, float]) -> 
 class GainMap:
     """Gains over the frame, with bilinear interpolation.
 
-    Attributes
-    ----------
     size : (columns, rows)
         Size of the mosaic.
     origin : (x, y)
@@ -81,17 +79,12 @@ class GainMap:
 def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: Sequence[Opcode] = ()) -> bytes:
     """Replace the opcodes of a DNG.
 
-    Parameters
-    ----------
+    Raises BadInput if it is not a DNG, or its directories are damaged.
+
     opcodes : sequence of Opcode
         Opcodes for the demosaicked picture.
     on_mosaic : sequence of Opcode
         Opcodes for the mosaic; if empty, those of the file stay.
-
-    Raises
-    ------
-    BadInput
-        If it is not a DNG, or its directories are damaged.
     """
     try:
         data = _with_version(data)

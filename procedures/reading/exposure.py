@@ -34,8 +34,6 @@ Tags = Mapping[str, Any]
 def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
     """Read the exposure data of one file.
 
-    Parameters
-    ----------
     file : a seekable binary file
         Read for EXIF.
     raw : rawpy.RawPy, optional
@@ -188,16 +186,11 @@ def disagreements(exposure: Exposure, typed: Mapping[str, float | None]) -> list
 def check_typed(exposure: Exposure, typed: Mapping[str, float | None], name: str, insist: str) -> None:
     """Reject settings that contradict the photograph.
 
-    Parameters
-    ----------
+    Raises BadParameter if a setting differs from the recorded one.
+
     name : name of the photograph
     insist : str
         Instruction to keep the typed value.
-
-    Raises
-    ------
-    BadParameter
-        If a setting differs from the recorded one.
     """
     fields = disagreements(exposure, typed)
     if fields:

@@ -18,10 +18,8 @@ MOST_CHANNELS = 1024
 def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
     """Read the wanted channels, each (rows, columns), and the names of all in the first part.
 
-    Raises
-    ------
-    BadInput
-        If the package OpenEXR is missing, the file is not a picture in scan lines or tiles, or it is too large.
+    Raises BadInput if the package OpenEXR is missing, the file is not a picture in scan lines or tiles, or it is too
+    large.
     """
     OpenEXR = _library(path)
     open_file(path, "picture").close()
@@ -39,10 +37,7 @@ def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[
 def write_exr(path: Path, layers: Mapping[str, npt.NDArray[np.floating]]) -> None:
     """Write pictures (rows, columns, 3) in single precision as layers; that of the name "" has no prefix.
 
-    Raises
-    ------
-    BadInput
-        If the package OpenEXR is missing.
+    Raises BadInput if the package OpenEXR is missing.
     """
     OpenEXR = _library(path)
     channels = {

@@ -40,14 +40,9 @@ LONGEST_HEAD = 1 << 16
 def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
     """Samples (rows, columns) of a PGM file, plain or raw, and the level of white: the header's maxval.
 
-    Raises
-    ------
-    BadInput
-        If the header is broken, the maxval is outside 1..65535, samples are missing or exceed the maxval.
+    Raises BadInput if the header is broken, the maxval is outside 1..65535, samples are missing or exceed the maxval.
 
-    References
-    ----------
-    The Netpbm format specification pgm(5): two bytes a sample, big-endian, from a maxval of 256 on.
+    Source: The Netpbm format specification pgm(5): two bytes a sample, big-endian, from a maxval of 256 on.
     """
     header = _PGM_HEADER.match(data[:LONGEST_HEAD])
     if header is None:
@@ -98,10 +93,8 @@ def _check_count(count: int, n: int, name: str) -> None:
 def read_png(data: bytes, name: str) -> tuple[Samples, int]:
     """Samples (rows, columns) of a grey PNG file and the level of white, 255 or 65535.
 
-    Raises
-    ------
-    BadInput
-        If the file has colours, a palette, transparency or another depth, or does not end with its last chunk.
+    Raises BadInput if the file has colours, a palette, transparency or another depth, or does not end with its last
+    chunk.
     """
     if len(data) < 26:
         raise BadInput(f"{name} is truncated: {len(data)} bytes of a PNG", _AGAIN)
@@ -134,10 +127,7 @@ def png_ends(data: bytes) -> bool:
 def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     """Samples (rows, columns) of a grey TIFF file's first page and the level of white, 255 or 65535.
 
-    Raises
-    ------
-    BadInput
-        If the file has colours, another depth than 8 or 16 bit integers, or cannot be decoded completely.
+    Raises BadInput if the file has colours, another depth than 8 or 16 bit integers, or cannot be decoded completely.
     """
     for tags in image_directories(io.BytesIO(data), name)[:1]:
         _check_page(tags, name)
@@ -174,10 +164,7 @@ def _first(tags: Tags, code: int, default: int) -> int:
 def read_levels(data: bytes, name: str) -> Samples:
     """Samples (rows, columns, 1 or 3) of a TIFF or PNG file, grey or red, green and blue, of 8 or 16 bits.
 
-    Raises
-    ------
-    BadInput
-        If the file has transparency or another depth, or cannot be decoded completely.
+    Raises BadInput if the file has transparency or another depth, or cannot be decoded completely.
     """
     columns, rows = _declared_size(data, name)
     Room(name).take(3 * BYTES * rows * columns, f"{columns} x {rows} pixels of three colours")

@@ -76,10 +76,7 @@ def _words(error: Exception) -> str:
 def open_file(path: Path, what: str = "photograph") -> BufferedReader:
     """Open a regular file for reading bytes.
 
-    Raises
-    ------
-    BadInput
-        If it does not exist, is a folder, a pipe or a device, or cannot be opened.
+    Raises BadInput if it does not exist, is a folder, a pipe or a device, or cannot be opened.
     """
     try:
         mode = path.stat().st_mode

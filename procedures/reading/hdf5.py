@@ -49,8 +49,6 @@ with contextlib.suppress(Exception), h5py.File(path, "r") as file:
 def check_ends(path: Path, largest: int) -> None:
     """Raise ValueError if the library does not terminate or crashes.
 
-    Parameters
-    ----------
     largest : int
         Size in bytes of the largest data set that is read.
     """

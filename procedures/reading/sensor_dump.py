@@ -76,10 +76,7 @@ class DumpLayout:
     def read(self, data: bytes, name: str) -> Samples:
         """Samples (rows, columns) of a dump.
 
-        Raises
-        ------
-        BadInput
-            If the dump has another size, or samples with more bits than white.
+        Raises BadInput if the dump has another size, or samples with more bits than white.
         """
         kind = np.dtype(KINDS[self.kind])
         needed = self.columns * self.rows * kind.itemsize

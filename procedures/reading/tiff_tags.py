@@ -89,17 +89,12 @@ def is_monochrome(tags: Tags) -> bool:
 def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
     """Read the `WANTED` tags of every image directory, in the file's order.
 
-    Parameters
-    ----------
+    Raises BadInput if it has too many directories, or too many tags in one of them.
+
     file : a seekable binary file
         Files other than TIFF, or damaged ones, give no directories.
     name : str
         Name of the file for messages.
-
-    Raises
-    ------
-    BadInput
-        If it has too many directories, or too many tags in one of them.
     """
     try:
         return _directories(file, name)
@@ -219,16 +214,11 @@ def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tup
 def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> npt.NDArray[np.float32]:
     """Black level of a mosaic's plane by its tags, one number or one per row and column.
 
-    Parameters
-    ----------
+    Raises BadInput if the number of levels is wrong, or a level is not a number.
+
     tags : tags of a mosaic, including BLACK_LEVEL
     first : (row, column) of the plane's first pixel on the whole sensor
     shape : (rows, columns) of the plane
-
-    Raises
-    ------
-    BadInput
-        If the number of levels is wrong, or a level is not a number.
     """
     top, left = (int(v) for v in (*tags.get(ACTIVE_AREA, ()), 0, 0)[:2])
     row, column = first[0] - top, first[1] - left

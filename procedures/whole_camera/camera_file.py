@@ -45,8 +45,6 @@ GIVE = "give the camera.h5 of a field's result"
 class CameraNumbers:
     """Contents of a camera's file.
 
-    Attributes
-    ----------
     names, units : tuple of str
     values : (n,) float64
     covariance : (n, n) float64

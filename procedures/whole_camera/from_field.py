@@ -52,8 +52,6 @@ SENSOR = "sensor"  # name of the part of the sensor's numbers, and of the term o
 class WholeCamera:
     """Results of one session with a camera.
 
-    Attributes
-    ----------
     numbers : JointNumbers
     places : plane and chart of every place of the PSF's numbers, in their order
     colours : tuple of LateralColour
@@ -71,8 +69,6 @@ def whole_camera(
 ) -> WholeCamera:
     """The camera of a field.
 
-    Parameters
-    ----------
     result : FieldResult
     cell_mm : side of a printed cell: scale of the distances, without effect on the camera
     others : from other photographs

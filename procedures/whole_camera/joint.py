@@ -26,8 +26,6 @@ ROUNDING = 1e-12  # eigenvalues below this, relative to the largest, are 0
 class CameraPart:
     """Numbers of one estimate.
 
-    Attributes
-    ----------
     name : str
     names, units : tuple of str
     values : (m,) float64
@@ -70,8 +68,6 @@ class CovarianceBlock:
 class JointNumbers:
     """All numbers of all parts.
 
-    Attributes
-    ----------
     parts : tuple of CameraPart
     covariance : (n, n), of the concatenated values of the parts; symmetric, positive semidefinite within rounding
     blocks : one for each pair of parts
@@ -112,8 +108,6 @@ class JointNumbers:
 def join(parts: Sequence[CameraPart], charts: Mapping[ChartKey, Array]) -> JointNumbers:
     """Joint numbers of the parts.
 
-    Parameters
-    ----------
     charts : mapping of ChartKey to (P + 2, P + 2); covariance of every chart's PSF and centre
     """
     ends = np.cumsum([0, *(len(part.values) for part in parts)])

@@ -49,8 +49,6 @@ PANEL_TURNED = "panel_turned_"  # prefix of a number of quarter turns: the fact 
 class WholeCameraFacts(GeometryFacts, SensorFacts):
     """Facts of the plan.
 
-    Attributes
-    ----------
     light : `PANEL`, or `NO_PANEL` without sensor and vignetting
     flats : quarter turns of the panel, by the picture's mark
     turned : numbers of the views of the turned chart, by the photograph's mark
@@ -70,8 +68,6 @@ PREDICTED = (0, 2, 4, 6, 8)  # numbers of turned views for which the uncertainty
 def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = sensor_plan.PICTURES) -> Plan:
     """The guided calibration of a camera in one mounting.
 
-    Parameters
-    ----------
     levels, pictures : levels of the sensor's ladder, pictures in each stack
     """
     sensor, field = sensor_plan.plan(estimate, levels, pictures), field_plan.plan(estimate)

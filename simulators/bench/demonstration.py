@@ -36,8 +36,6 @@ WHITE_E_PER_S = 1.5e5
 class Staging:
     """One photograph: frame, and position, size and orientation of the chart.
 
-    Attributes
-    ----------
     name : str
         Name of the files.
     title : str

@@ -95,6 +95,11 @@ class SimulatedActions:
     def _rng(self, what: str) -> np.random.Generator:
         return np.random.default_rng([self._seed, zlib.crc32(what.encode())])
 
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the bench's time passes by itself."""
+        return self._at.clock.real_s(0.0) is not None
+
     def knows(self, key: str) -> Known | None:
         """Values read at the bench: rulers to a quarter of a millimetre, the camera's data sheet."""
         camera = self._at.view.camera

@@ -58,8 +58,6 @@ class Mount:
 class SensorMount:
     """The sensor's tilt and the screws that hold it, equally spaced around its centre.
 
-    Attributes
-    ----------
     slopes : (x, y)
         Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
         photograph.

@@ -28,8 +28,6 @@ PERIOD_PX = 160
 class TruePsf:
     """The PSF of one plane, low-passed to s / 2 cycles per pixel: the part resolved by an estimate on the 1/s grid.
 
-    Attributes
-    ----------
     samples : (k, k)
         Samples [row, column], pitch 1/s pixel of the plane, centre sample at the geometric centre, scaled so that
         the sum over the whole plane is 1.
@@ -55,8 +53,6 @@ class TruePsf:
 def true_psf(optics: Optics, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
     """The PSF of a plane, s samples per pixel, k x k of them.
 
-    Parameters
-    ----------
     pitch : int
         Sensor pixels per pixel of the plane: 2 for a Bayer plane.
     """
@@ -82,8 +78,6 @@ def true_mtf(optics: Optics, frequency: Array, angle_deg: float, *, colour: str 
 class ChartTruth:
     """Position and optics of a chart in an image.
 
-    Attributes
-    ----------
     H_sensor_pattern : (3, 3)
         Pattern coordinates (cells) to sensor pixels, before distortion.
     projection : Projection
@@ -118,8 +112,6 @@ NOMINAL_F_NUMBER = 5.6
 class Lens:
     """A thin lens with radial distortion and third-order aberrations.
 
-    Attributes
-    ----------
     k1, k2 : float
         Distortion at half the frame's diagonal; see `Projection`.
     spherical_um, coma_um, astigmatism_um, field_curvature_um : float
@@ -179,8 +171,6 @@ class Lens:
 class Photograph:
     """One exposure: digital numbers, file, and ground truth.
 
-    Attributes
-    ----------
     mosaic : (rows, columns) uint16
         The digital numbers, as in the file.
     truths : tuple of ChartTruth
@@ -229,8 +219,6 @@ class Photograph:
 class SimulatedCamera:
     """A camera of the simulated bench.
 
-    Attributes
-    ----------
     optics : Optics or None
         Blur; None: diffraction at the lens's aperture, and the photosites.
     white_e_per_s : float
@@ -279,8 +267,6 @@ class SimulatedCamera:
     ) -> PlacedChart:
         """A chart whose noise region is `pixels` wide in a plane, when it is frontal and in focus.
 
-        Parameters
-        ----------
         at : (x, y)
             Image of its centre without distortion, in fractions of the frame from the top left.
         """
@@ -301,8 +287,6 @@ class SimulatedCamera:
     ) -> Photograph:  # fmt: skip
         """Expose once; write a DNG where `path` is given.
 
-        Parameters
-        ----------
         bits : int
             Width of a number in the file, not less than the sensor's bits.
         light : (rows, columns), optional

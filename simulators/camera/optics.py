@@ -29,23 +29,18 @@ class Blur(Protocol):
     @property
     def separable(self) -> bool:
         """Whether its transfer function is that at (fx, 0) times that at (0, fy)."""
-        ...
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
         """Its transfer function at frequencies in cycles per sensor pixel, broadcast over fx and fy."""
-        ...
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
         """Radius beyond which its light is negligible, in sensor pixels."""
-        ...
 
 
 @dataclass(frozen=True)
 class CircularPupil:
     """Diffraction at a circular aperture, with aberrations if there are any.
 
-    Attributes
-    ----------
     f_number : float
         Working f-number: nothing passes beyond 1 / (wavelength f_number).
     wavefront : Wavefront
@@ -92,8 +87,6 @@ class PixelAperture:
 class LShapedAperture:
     """A photosite without one corner: a vertical bar and a shorter one next to it.
 
-    Attributes
-    ----------
     side : float
         Side of the complete square, in sensor pixels.
     notch : float
@@ -221,8 +214,6 @@ class ColourShift:
 class Optics:
     """All causes of blur between scene and photosite.
 
-    Attributes
-    ----------
     blurs : tuple of Blur
         Their transfer functions are multiplied.
     pitch_um : float

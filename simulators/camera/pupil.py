@@ -19,8 +19,6 @@ from procedures.numerics.compiled import compiled
 def read(table: Complex, sx: Array, sy: Array) -> Complex:
     """The function at shifts (sx, sy), flat, by the cubic through four values along both axes; 0 from 2 on.
 
-    Parameters
-    ----------
     table : (rows, 1) or (rows, turn + 3) complex128
         Along rows t from 0 to 1, shift = 2 (1 - t^2). Along columns nothing, or the angle from -pi on in equal steps,
         `turn` of them to the turn, with one column more before them and two after.

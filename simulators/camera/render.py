@@ -41,18 +41,13 @@ def photograph_render(
 ) -> Mosaic:
     """Digital numbers of a render, (sensor.rows, sensor.columns); a DNG of them where `path` is given.
 
-    Parameters
-    ----------
+    Raises ValueError if the picture is not a whole multiple of the sensor's size.
+
     picture : (n rows, n columns, 3)
         Linear light, 1 = white, each value the mean over its cell; n cells per sensor pixel along each axis. The
         optics act on what these cells resolve: with n = 1 what lies beyond half a cycle per pixel has aliased already.
     white_e : float
         Electrons that white gives in green, or without a mosaic.
-
-    Raises
-    ------
-    ValueError
-        If the picture is not a whole multiple of the sensor's size.
     """
     n = picture.shape[0] // sensor.rows
     if picture.shape != (n * sensor.rows, n * sensor.columns, 3) or n == 0:
@@ -172,8 +167,6 @@ def render_region(
 ) -> Array:
     """Light on the pixels of a region, 1 where reflectance and illumination are 1, (height, width).
 
-    Parameters
-    ----------
     colours : mapping of (x, y) to str
         The colour of each pixel of the mosaic's tile, by position: {(0, 0): "Y"} without a mosaic.
     oversampling : int
@@ -209,8 +202,6 @@ def render_frame(
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. Objects on the wall are
     drawn with fewer, in the tiles that they touch.
 
-    Parameters
-    ----------
     optics : callable
         The optics at a chart, or at the wall (None): they may differ by distance and place in the frame.
     """

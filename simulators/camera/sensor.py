@@ -24,8 +24,6 @@ BAND_ROWS = 128
 class Sensor:
     """A sensor and its converter.
 
-    Attributes
-    ----------
     rows, columns : int
         Sensor pixels.
     cfa : str or None
@@ -115,8 +113,6 @@ class Sensor:
     def expose(self, light: npt.NDArray[np.floating], white_e: float, rng: np.random.Generator) -> Mosaic:
         """Digital numbers of one exposure.
 
-        Parameters
-        ----------
         light : (rows, columns)
             1 where a perfect white stands in full light.
         white_e : float

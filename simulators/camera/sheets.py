@@ -34,8 +34,6 @@ SUPERSAMPLED = 4
 class FlatSheet:
     """A picture on a flat sheet.
 
-    Attributes
-    ----------
     reflectance : (rows, columns) float32
     texel_mm : float
         Side of a texel.
@@ -77,8 +75,6 @@ def leaves(
 ) -> Frame:
     """Dead leaves: occluding discs whose number falls with the cube of their size, (rows, columns) float32.
 
-    Parameters
-    ----------
     largest : radius of the largest in texels; the smallest have 2
     per_leaf : texels of the picture for each leaf
     """
@@ -108,8 +104,6 @@ def draw(
 
     Each sheet is blurred by its own optics, and so is its cover, over what lies farther back.
 
-    Parameters
-    ----------
     sheets : from the back to the front, the first without a cover
     colours : the colour of each pixel of the mosaic's tile, by position (x, y)
     """
@@ -146,8 +140,6 @@ def draw_moving(
 
     Each sheet is blurred at its pose in `sheets`, then projected at its pose at each instant, and composited there.
 
-    Parameters
-    ----------
     poses : at equally spaced instants, of each sheet
     """
     n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)

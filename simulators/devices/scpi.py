@@ -17,15 +17,12 @@ class Surrounding(Protocol):
 
     def temperature_c(self, t_s: float) -> float:
         """Temperature of the room."""
-        ...
 
     def set_lamp(self, level: float, now_s: float) -> None:
         """Switch the lamp."""
-        ...
 
     def lamp(self, t_s: float) -> float:
         """Light of the lamp."""
-        ...
 
 
 class ScpiTwin(SerialDevice):

@@ -26,7 +26,6 @@ class SerialDevice(Protocol):
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Bytes from the host."""
-        ...
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """Modem lines set by the host; opening the port raises both. Ignored by devices without modem lines."""
@@ -34,7 +33,6 @@ class SerialDevice(Protocol):
 
     def advance(self, now_s: float) -> bytes:
         """Advance to now; returns the output since the last call."""
-        ...
 
     def next_event_s(self) -> float | None:
         """When it next sends or does something by itself; None if never."""

@@ -27,15 +27,12 @@ class Contacts(Protocol):
 
     def close(self, now_s: float) -> None:
         """Close the release contact."""
-        ...
 
     def release(self, now_s: float) -> None:
         """Open it."""
-        ...
 
     def flash_s(self) -> float | None:
         """When the hot shoe next fires; returned once."""
-        ...
 
 
 class Actuators(Protocol):
@@ -43,11 +40,9 @@ class Actuators(Protocol):
 
     def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
         """Play these points repeatedly from now on."""
-        ...
 
     def rest(self, now_s: float) -> None:
         """Return to rest."""
-        ...
 
 
 Inertial = Callable[[float], Sequence[int]]

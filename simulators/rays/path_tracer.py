@@ -27,8 +27,6 @@ BATCH = 1 << 16
 class Material:
     """Reflection and emission of a surface.
 
-    Attributes
-    ----------
     albedo : (red, green, blue)
         Share of light scattered to all sides.
     gloss, exponent : float
@@ -99,8 +97,6 @@ class RayScene:
 class ThinLensCamera:
     """A thin lens in focus at one distance; a pinhole where `f_number` is infinite.
 
-    Attributes
-    ----------
     rows, columns : int
         Pixels of the picture.
     focal_mm, f_number, focus_mm : float
@@ -166,8 +162,8 @@ def cast(
 
     A sample depends on the seed, its pixel and its number alone: not on tiles, threads, pauses, or what else is cast.
 
-    Parameters
-    ----------
+    Raises ValueError if `wanted` or `taken` are not of the picture's size, or the scene has no shapes.
+
     wanted : int or (rows, columns) int
         Samples per pixel, in all.
     receive : callable
@@ -176,11 +172,6 @@ def cast(
         Samples already cast for each pixel, including dropped ones.
     progress : callable, optional
         Called with the numbers of samples cast and to be cast.
-
-    Raises
-    ------
-    ValueError
-        If `wanted` or `taken` are not of the picture's size, or the scene has no shapes.
     """
     goal = _per_pixel(camera, wanted, "wanted")
     start = _per_pixel(camera, 0 if taken is None else taken, "taken")

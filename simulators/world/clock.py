@@ -18,11 +18,9 @@ class EventSource(Protocol):
 
     def next_event_s(self) -> float | None:
         """When it changes next; None if never."""
-        ...
 
     def wake(self) -> None:
         """Advance to the clock's time."""
-        ...
 
     def settled(self) -> bool:
         """Whether all of its output was read; true of instantaneous changes."""

@@ -121,8 +121,6 @@ Array = npt.NDArray[np.float64]
 class ObjectPose:
     """Position and orientation of a flat object.
 
-    Attributes
-    ----------
     centre_mm : (x, y, z)
         Its centre; z is the distance from the lens along the optical axis.
     yaw_deg, pitch_deg, roll_deg : float
@@ -155,15 +153,12 @@ class Placed(Protocol):
     @property
     def pose(self) -> ObjectPose:
         """Pose of its centre and plane."""
-        ...
 
 
 @dataclass(frozen=True)
 class Projection:
     """A pinhole with radial distortion.
 
-    Attributes
-    ----------
     principal_px : float
         Distance from the pinhole to the sensor, in sensor pixels.
     centre : (x, y)
@@ -204,10 +199,7 @@ def apply_homography(H: Array, points: Array) -> Array:
 def image_distance_mm(focal_length_mm: float, focus_mm: float) -> float:
     """Distance behind a thin lens at which an object at `focus_mm` is sharp, in mm.
 
-    Raises
-    ------
-    ValueError
-        If the object is not beyond the focal length.
+    Raises ValueError if the object is not beyond the focal length.
     """
     if focus_mm <= focal_length_mm:
         raise ValueError(f"a lens of {focal_length_mm} mm must focus beyond its focal length; got {focus_mm} mm")

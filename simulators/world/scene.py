@@ -59,8 +59,6 @@ class Illumination:
 class PlacedChart:
     """A printed chart in space.
 
-    Attributes
-    ----------
     pose : Pose
         Of the chart's centre, cell (128, 128), and of its plane.
     cell_mm : float

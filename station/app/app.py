@@ -39,12 +39,13 @@ from station.app.commands import (
 from station.app.screens.dialogs import Choose, Help
 from station.app.screens.parts import StationScreen
 from station.app.screens.start import StartScreen
+from station.app.terminal_report import Graphics
 from station.app.widgets import Part, literal
 from station.app.working_app import BENCH, FOCUS, GUIDE, RESULTS, WorkingApp
 from station.common.stop_signals import EXIT_DEVICE
 
 if TYPE_CHECKING:
-    from station.drawing.terminal_plots import Glyphs
+    from station.drawing.glyphs import Glyphs
     from station.guide.workspace import StationLab
 
 END_TIMEOUT_S = 5.0
@@ -98,8 +99,10 @@ class StationApp(WorkingApp):
     VERTICAL_BREAKPOINTS = [(0, "-low"), (15, "-high")]  # noqa: RUF012
     CSS_PATH = Path(__file__).with_name("app.tcss")
 
-    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
-        super().__init__(lab, glyphs)
+    def __init__(
+        self, lab: StationLab, glyphs: Glyphs | None = None, plan: str | None = None, graphics: Graphics | None = None
+    ) -> None:
+        super().__init__(lab, glyphs, graphics)
         self.animation_level = "none"  # an animated page is painted twenty times, perhaps over ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
@@ -170,7 +173,7 @@ class StationApp(WorkingApp):
 
     @on(ShowHelp)
     def _show_help(self) -> None:
-        self.push_screen(Help(self.offered()))
+        self.push_screen(Help(self.offered(), self.front.question_help()))
 
     @on(ShowPalette)
     def _show_palette(self) -> None:

@@ -53,9 +53,10 @@ class Command(Message):
     def binding(cls) -> Binding:
         """The key, for a screen or the application."""
         action = f"app.command('{cls.__name__}')"
+        shifted = [key.upper() for key in cls.keys.split(",") if len(key) == 1]  # the footer shows capitals
         return Binding(
-            cls.keys, action, cls.word, show=bool(cls.word), key_display=cls.key_name(), priority=cls.urgent,
-            tooltip=cls.help(),
+            ",".join([cls.keys, *shifted]), action, cls.word, show=bool(cls.word), key_display=cls.key_name(),
+            priority=cls.urgent, tooltip=cls.help(),
         )  # fmt: skip
 
 
@@ -283,7 +284,6 @@ class CommandSource(Protocol):
 
     def offered(self) -> list[type[Command]]:
         """The commands of the current screen and of every screen."""
-        ...
 
     async def action_command(self, name: str) -> None:
         """Give a command."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from procedures.plan import Advice, Ask, Fact
 from station.app.terminal_images import Thumbnail, thumbnail
-from station.guide.frontend import Event, FrameEvent, ProgressEvent, RunEnded, ScanEvent, Stopped
+from station.guide.frontend import Event, FrameEvent, GoalEvent, Matched, ProgressEvent, RunEnded, ScanEvent, Stopped
 
 if TYPE_CHECKING:
     from station.guide.run import Run
@@ -25,6 +25,7 @@ class FramePreview:
 
     picture: Thumbnail
     advice: Advice
+    hold_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Question:
 
 
 MailboxEntry = Event | FramePreview | Question
-LATEST = (ProgressEvent, FramePreview, ScanEvent)
+LATEST = (ProgressEvent, FramePreview, GoalEvent, ScanEvent)
 """Only the newest of each of these is kept."""
 
 
@@ -47,12 +48,13 @@ class Mailbox:
         self._lock = threading.Condition()
         self._entries: list[MailboxEntry] = []
         self._answer: list[Fact] = []
-        self._stopped = False
+        self._asking = self._stopped = False
 
     def notify(self, event: Event) -> None:
         """Add an event."""
         if isinstance(event, FrameEvent):
-            self._add(FramePreview(thumbnail(event.plane, event.advice.marks), event.advice))
+            picture = thumbnail(event.plane, event.advice.marks, event.advice.outline)
+            self._add(FramePreview(picture, event.advice, event.hold_s))
         else:
             self._add(event)
 
@@ -75,9 +77,11 @@ class Mailbox:
         """Wait for the operator. Raises Stopped."""
         with self._lock:
             self._answer.clear()
+            self._asking = True
         self._add(Question(ask))
         with self._lock:
             self._lock.wait_for(lambda: self._answer or self._stopped)
+            self._asking = False
             if self._stopped:
                 raise Stopped
             return self._answer.pop()
@@ -87,6 +91,15 @@ class Mailbox:
         with self._lock:
             self._answer[:] = [fact]
             self._lock.notify_all()
+
+    def settle(self, fact: Fact) -> bool:
+        """Answer the open question by the photographs; False where none is open."""
+        with self._lock:
+            if not self._asking or self._answer:
+                return False
+        self._add(Matched())
+        self.reply(fact)
+        return True
 
     def stop(self) -> None:
         """Answer every open and later question with `Stopped`."""

@@ -11,6 +11,9 @@ from textual.message import Message
 
 from station.app.commands import EndRun, StopEverything
 
+PASTED_S = 0.005
+"""Enter that follows a character within this time is part of a pasted text, and must not answer: fingers are slower."""
+
 
 def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Callable[[], bool]) -> type[Driver]:
     """The driver extended to call `stop` before it passes on the stop key, and before it is suspended.
@@ -19,7 +22,14 @@ def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Calla
     """
 
     class StopsFirst(driver):  # type: ignore[misc,valid-type]
+        _typed_s = -1.0
+
         def process_message(self, message: Message) -> None:
+            if isinstance(message, Key):
+                pasted = message.key == "enter" and message.time - self._typed_s < PASTED_S
+                self._typed_s = message.time if pasted or message.is_printable else -1.0
+                if pasted:
+                    return
             if isinstance(message, Key) and (
                 message.key in StopEverything.keys.split(",") or (message.key in EndRun.keys.split(",") and moving())
             ):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.plan import Outline, Points
 from procedures.raw import Plane
 
 Levels = npt.NDArray[np.uint8]
@@ -17,6 +18,10 @@ MAX_SIZE = (240, 160)
 """Largest columns and rows of a thumbnail: two pixels per cell of a large terminal."""
 RAMP = " .:-=+*#%@"
 """Characters from dark to bright, for terminals without colours."""
+OUTLINE_LETTERS = " O+"
+"""Characters of the outlines, by their value."""
+LEGEND = {False: "orange: the chart; blue: its place", True: "O: the chart; +: its place"}
+"""Legend of the outlines, by whether they are drawn in characters."""
 LEAST_WHITE = 0.05
 """Lower limit of the white level, so that the noise of a dark frame is not amplified."""
 GAMMA = 2.2
@@ -33,15 +38,17 @@ class Thumbnail:
     levels : (rows, columns) uint8
     marks : points (x, y) as fractions of width and height
     caption : a few words
+    outline : the pose to match, in the same fractions
     """
 
     levels: Levels
-    marks: tuple[tuple[float, float], ...] = ()
+    marks: Points = ()
     caption: str = ""
+    outline: Outline | None = None
 
 
-def thumbnail(plane: Plane, marks: Sequence[tuple[float, float]] = ()) -> Thumbnail:
-    """A linear plane gamma-encoded with its brightest parts white; marks are in its pixels."""
+def thumbnail(plane: Plane, marks: Points = (), outline: Outline | None = None) -> Thumbnail:
+    """A linear plane gamma-encoded with its brightest parts white; marks and outline are in its pixels."""
     rows, columns = plane.samples.shape
     block = max(1, -(-columns // MAX_SIZE[0]), -(-rows // MAX_SIZE[1]))
     step = max(1, block // SAMPLES_PER_BLOCK)
@@ -49,8 +56,13 @@ def thumbnail(plane: Plane, marks: Sequence[tuple[float, float]] = ()) -> Thumbn
     small = shrink(sampled, max(1, rows // block), max(1, columns // block))
     white = max(float(np.percentile(small, 99.5)), LEAST_WHITE)
     levels = np.clip(small / white, 0.0, 1.0) ** (1 / GAMMA) * 255
-    fractions = tuple(((x + 0.5) / columns, (y + 0.5) / rows) for x, y in marks)
-    return Thumbnail(levels.astype(np.uint8), fractions, f"plane {plane.name}, {columns} x {rows} pixels")
+
+    def fractions(points: Points) -> Points:
+        return tuple(((x + 0.5) / columns, (y + 0.5) / rows) for x, y in points)
+
+    shown = None if outline is None else Outline(fractions(outline.present), fractions(outline.wanted))
+    caption = f"plane {plane.name}, {columns} x {rows} pixels"
+    return Thumbnail(levels.astype(np.uint8), () if shown else fractions(marks), caption, shown)
 
 
 def picture_thumbnail(levels: Levels, caption: str) -> Thumbnail:
@@ -82,10 +94,14 @@ def _block_means(picture: Array, n: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """A thumbnail laid out on a terminal: (2 rows, columns) levels, two to a cell, and the cells that hold a mark."""
+    """A thumbnail laid out on a terminal: (2 rows, columns) levels, two to a cell, and the cells that hold a mark.
+
+    lines : like levels: 0, or PRESENT and WANTED on the outlines
+    """
 
     levels: Levels
     marked: frozenset[tuple[int, int]]
+    lines: Levels
 
 
 def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
@@ -98,7 +114,30 @@ def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
     across, down = max(1, round(columns * scale)), max(1, round(rows * scale / 2))
     levels = shrink(picture.levels, 2 * down, across).astype(np.uint8)
     inside = [(x, y) for x, y in picture.marks if 0 <= x < 1 and 0 <= y < 1]
-    return Cells(levels, frozenset((int(y * down), int(x * across)) for x, y in inside))
+    marked = frozenset((int(y * down), int(x * across)) for x, y in inside)
+    return Cells(levels, marked, outline_lines(picture.outline, levels.shape))
+
+
+PRESENT, WANTED = 1, 2
+"""Values of the lines of the outlines."""
+DASH = 3
+
+
+def outline_lines(outline: Outline | None, shape: tuple[int, ...], width: int = 1) -> Levels:
+    """The outlines on a grid of this shape: the wanted one dashed, the present one over it."""
+    rows, columns = shape
+    lines = np.zeros((rows, columns), np.uint8)
+    if outline is None:
+        return lines
+    for points, value in ((outline.wanted, WANTED), (outline.present, PRESENT)):
+        if points:
+            corners = np.rint(np.array(points) * (columns, rows) - 0.5).clip(-9999, 9999).astype(np.int32)
+            drawn = cv2.polylines(np.zeros_like(lines), [corners], True, 1, width).astype(bool)
+            if value == WANTED:
+                y, x = np.indices(shape) // (DASH * width)
+                drawn &= (x + y) % 2 == 0
+            lines[drawn] = value
+    return lines
 
 
 def in_letters(cells: Cells) -> list[str]:
@@ -107,4 +146,6 @@ def in_letters(cells: Cells) -> list[str]:
     letters = [[RAMP[int(level * len(RAMP) / 256)] for level in row] for row in pairs]
     for row, column in cells.marked:
         letters[row][column] = "X"
+    for row, column in zip(*np.nonzero(cells.lines), strict=True):
+        letters[row // 2][column] = OUTLINE_LETTERS[cells.lines[row, column]]
     return ["".join(row) for row in letters]

@@ -18,12 +18,15 @@ from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
+from station.app.terminal_report import Graphics, Kind
 from station.common.sanitise import printable
-from station.drawing.colours import MARK_GROUND, MARK_TEXT
-from station.drawing.terminal_plots import Glyphs, big_lines
-from station.results.plane_result import measurement_words
+from station.drawing.colours import MARK_GROUND, MARK_TEXT, PRESENT_LINE, WANTED_LINE
+from station.drawing.glyphs import Glyphs, big_lines
+from station.results.comparison import measurement_words
 
 if TYPE_CHECKING:
+    from textual.geometry import Region
+
     from procedures.plan import Plan, Reading
     from station.app.terminal_images import Cells, Thumbnail
     from station.guide.frontend import ProgressEvent
@@ -43,9 +46,9 @@ def literal(text: str, style: str = "") -> Content:
     return Content.styled(printable(text), style) if style else Content(printable(text))
 
 
-def lines_of(*lines: Content | str) -> Content:
+def lines_of(*lines: object) -> Content:
     """Lines one below the other."""
-    return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
+    return Content("\n").join(line if isinstance(line, Content) else literal(str(line)) for line in lines)
 
 
 class Part(Static):
@@ -74,10 +77,13 @@ class Part(Static):
 # --- pictures and curves ---
 
 
-@lru_cache(maxsize=GREYS * GREYS)
+INK = (*(f"rgb({v},{v},{v})" for v in (round(i * 255 / (GREYS - 1)) for i in range(GREYS))), PRESENT_LINE, WANTED_LINE)
+"""Colours of a half block: greys, then the lines of the outlines."""
+
+
+@lru_cache(maxsize=len(INK) ** 2)
 def _half_block(upper: int, lower: int) -> Style:
-    bright, dark = (round(level * 255 / (GREYS - 1)) for level in (upper, lower))
-    return Style.parse(f"rgb({bright},{bright},{bright}) on rgb({dark},{dark},{dark})")
+    return Style.parse(f"{INK[upper]} on {INK[lower]}")
 
 
 class Drawn(Widget):
@@ -117,6 +123,7 @@ class Picture(Drawn):
         super().__init__(**options)  # type: ignore[arg-type]
         self.words = words
         self.picture: Thumbnail | None = None
+        self._sixels = ""
 
     def show(self, picture: Thumbnail | None) -> None:
         """Show an image."""
@@ -130,13 +137,54 @@ class Picture(Drawn):
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
         """The largest image that fits."""
+        self._sixels = ""
         if self.picture is None:
             return tuple(_text_strip(line) for line in centred(self.words, width, height))
-        from station.app.terminal_images import in_letters, lay_out
+        from station.app.terminal_images import LEGEND, in_letters, lay_out
+
+        words = self.picture.caption if self.picture.outline is None else LEGEND[self.glyphs.ascii]
+        terminal: Graphics = self.app.graphics  # type: ignore[attr-defined]
+        if terminal.kind is not Kind.BLOCKS:
+            return (*self._in_pixels(terminal, width, max(1, height - 1)), _text_strip(printable(words)))
 
         cells = lay_out(self.picture, width, max(1, height - 1))
         rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
-        return (*rows, _text_strip(printable(self.picture.caption)))
+        return (*rows, _text_strip(printable(words)))
+
+    def _in_pixels(self, terminal: Graphics, width: int, height: int) -> list[Strip]:
+        """The lines of a picture in the terminal's graphics: placeholders, or blanks over which sixels are drawn."""
+        from station.app import terminal_graphics as graphics
+
+        assert self.picture is not None
+        cell = terminal.cell
+        columns, rows = graphics.fitted(self.picture, width, min(height, len(graphics.ROW_MARKS)), cell)
+        indices = graphics.indexed(self.picture, columns * cell[0], rows * cell[1])
+        if terminal.kind is Kind.KITTY:
+            number = 1 + id(self) // 16 % 0xFFFF
+            self._write(graphics.kitty(indices, number, columns, rows))
+            ink = Style(color=f"rgb(0,{number >> 8},{number & 255})")
+            return [Strip([Segment(line, ink)], columns) for line in graphics.placeholders(columns, rows)]
+        self._sixels = graphics.sixel(indices)
+        return [_text_strip(" " * columns) for _ in range(rows)]
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Its lines; sixels are drawn after the blanks below them."""
+        if self._sixels:
+            self.call_after_refresh(self._draw_sixels)
+        return super().render_lines(crop)
+
+    def _draw_sixels(self) -> None:
+        from station.app.terminal_graphics import at_cell
+
+        if self._sixels and self.picture is not None and self.screen.is_current and self.display:
+            x, y, width, height = self.region
+            if self.screen.region.contains_region(self.region) and width and height:
+                self._write(at_cell(x, y, self._sixels))
+
+    def _write(self, data: str) -> None:
+        driver = self.app._driver
+        if driver is not None and not driver.is_headless:
+            driver.write(data)
 
 
 def centred(text: str, width: int, height: int) -> list[str]:
@@ -148,6 +196,7 @@ def centred(text: str, width: int, height: int) -> list[str]:
 
 def _half_blocks(cells: Cells) -> list[Strip]:
     levels = cells.levels.astype(int) * GREYS // 256
+    levels[cells.lines > 0] = GREYS - 1 + cells.lines[cells.lines > 0]
     strips = []
     for row in range(len(levels) // 2):
         pairs = zip(levels[2 * row].tolist(), levels[2 * row + 1].tolist(), strict=True)
@@ -233,7 +282,30 @@ class Readings(Part):
         value = f"{one.value:.3g} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
-        return (first, literal(f"   {limits}", "dim")) if limits else (first,)
+        lines = (first, literal(f"   {limits}", "dim")) if limits else (first,)
+        if one.unit != "°" or one.low is None or one.high is None:
+            return lines
+        return (
+            *lines,
+            literal(f"   {angle_level(one.value, one.low, one.high, self.glyphs)}", "" if one.good else "bold"),
+        )
+
+
+LEVEL = 21
+"""Cells of a level that shows an angle."""
+
+
+def angle_level(value: float, low: float, high: float, glyphs: Glyphs) -> str:
+    """An angle as the bubble of a level with its tolerance in brackets; its scale holds the angle and 3 tolerances."""
+    end = max(3 * max(abs(low), abs(high)), abs(value)) or 1.0
+
+    def cell(angle: float) -> int:
+        return round((angle / end + 1) / 2 * (LEVEL - 1)) if angle == angle else 0
+
+    cells = ["-" if glyphs.ascii else "─"] * LEVEL
+    cells[cell(low)], cells[cell(high)] = "[", "]"
+    cells[cell(value)] = "O" if glyphs.ascii else "●"
+    return "".join(cells)
 
 
 def limits_in_words(one: Reading) -> str:

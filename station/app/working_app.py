@@ -26,10 +26,11 @@ from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.app.stopping_driver import stopping_first
+from station.app.terminal_report import Graphics
 from station.common.errors import TRACEBACK
 from station.common.sanitise import printable
 from station.common.stop_signals import EXIT_DEVICE
-from station.drawing.terminal_plots import Glyphs, glyphs_for
+from station.drawing.glyphs import Glyphs, glyphs_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,10 +53,11 @@ ALARM = "EMERGENCY STOP: every device was stopped. Home the stages before moving
 class WorkingApp(App[int]):
     """An application with a bench, jobs and runs; its value is the exit code."""
 
-    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None) -> None:
+    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None, graphics: Graphics | None = None) -> None:
         super().__init__()
         self.lab = lab
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
+        self.graphics = graphics or Graphics()
         self.bench: Bench | None = None
         self.rows: Sequence[DeviceRow] = ()
         self._jobs: dict[str, BackgroundJob] = {}

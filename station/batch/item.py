@@ -20,8 +20,9 @@ from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
 from station.procedure.settings import to_record
+from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
-from station.results.plane_result import Comparison, Compliance, PlaneResult
+from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, damage
 

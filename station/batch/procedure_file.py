@@ -34,8 +34,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from station.common.models import TableSource, fields_of, name_of, one_of, read_model, read_value
-from station.common.toml_text import Path as KeyPath
-from station.common.toml_text import toml_value
+from station.common.toml_text import KeyPath, toml_value
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
 from station.procedure.settings import Settings, to_record

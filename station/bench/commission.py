@@ -27,15 +27,12 @@ class Operator(Protocol):
 
     def show(self, words: str) -> None:
         """Display a line."""
-        ...
 
     def agrees(self, question: str) -> bool:
         """Whether the operator consents; no by default."""
-        ...
 
     def measures(self, question: str) -> float | None:
         """A measured length, or None."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,12 @@ LEAST_CORRELATION = 0.5
 """Least correlation of two records of the same event at the best lag."""
 
 
-class CableImu(Imu, Protocol):
+class DelayedImu(Imu, Protocol):
     """A unit on a cable of its own, with the delay that it assumes."""
 
     @property
     def latency(self) -> CableLatency:
         """The delay assumed of its samples."""
-        ...
 
 
 class NoCommonEvent(DeviceError):
@@ -56,7 +55,7 @@ def _magnitude(block: ImuBlock, t: npt.NDArray[np.float64]) -> npt.NDArray[np.fl
     return np.asarray(np.interp(t, block.host_s, np.linalg.norm(block.acceleration_m_s2, axis=1)))
 
 
-def measured_latency(reference: Imu, other: CableImu, tap: Callable[[int], None]) -> CableLatency:
+def measured_latency(reference: Imu, other: DelayedImu, tap: Callable[[int], None]) -> CableLatency:
     """The delay of a unit's cable; `tap` is called before each tap. Raises DeviceError."""
     lags, within_s = [], 0.0
     for n in range(TAPS):
@@ -79,7 +78,7 @@ def latencies(bench: Bench, tap: Callable[[str, int], None]) -> dict[str, CableL
     """The delay of each unit of a bench that is on a cable of its own. Raises DeviceError."""
     units = {name: device for name, device in bench.devices.items() if hasattr(device, "read_block")}
     reference = next((one for one in units.values() if isinstance(one, StrigImu)), None)
-    others = {name: cast("CableImu", one) for name, one in units.items() if hasattr(one, "latency")}
+    others = {name: cast("DelayedImu", one) for name, one in units.items() if hasattr(one, "latency")}
     if reference is None or not others:
         raise BadConfiguration(
             "a tap is compared by an inertial unit on the shutter's box with one on a cable of its own",

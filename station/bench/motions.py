@@ -74,6 +74,12 @@ def label(axis: str) -> str:
     return axis.rpartition("_")[0] or axis
 
 
+def axis_words(axis: str) -> str:
+    """An axis with its unit: "z in mm", "focus in steps"."""
+    unit = axis.rpartition("_")[2]
+    return f"{label(axis)} in {'°' if unit == 'deg' else unit}"
+
+
 def position_text(axis: str, place: float, digits: int = 1) -> str:
     """A position on an axis: "620.0 mm", "1.25°"; angles have one decimal more."""
     unit = axis.rpartition("_")[2]

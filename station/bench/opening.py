@@ -18,6 +18,7 @@ shutter = "shutter"
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -47,7 +48,6 @@ from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
-from station.common.toml_text import key_lines
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,11 @@ class Bench:
             raise EmergencyStopped("everything was stopped", "make it safe, then home")
 
     def close(self) -> None:
-        """Release all lines, in the reverse order."""
+        """Switch the lamp off if it is lit, and release all lines, in the reverse order."""
+        lamp = self.devices.get("light")
+        with suppress(DeviceError):
+            if lamp is not None and "light" in self.identities and cast(Light, lamp).level():
+                cast(Light, lamp).set_level(0.0)
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:
@@ -197,7 +201,7 @@ def read_config(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    read_devices(devices, TableSource(path.name, key_lines(text), error=BadConfiguration))
+    read_devices(devices, TableSource(path.name, text, error=BadConfiguration))
     return devices
 
 
@@ -247,13 +251,15 @@ def frame_format(planes: Sequence[Plane], pixel_pitch_um: float | None = None) -
 
 
 def simulated_bench(
-    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
-) -> Bench:
-    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand."""
+    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False,
+    speed: float = 1.0,
+) -> Bench:  # fmt: skip
+    """A bench of simulated devices, `bench.simulated` the truth; without `shaker` the rig is moved by hand. Its time
+    runs `speed` times as fast as real time."""
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
-    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
+    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time, speed=speed)
     truth = SimulatedBench(folder, setup)
     tables = simulated_tables(truth.address, folder, shaker=shaker)
     sensor = truth.view.camera.sensor

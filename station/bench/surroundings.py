@@ -13,21 +13,21 @@ if TYPE_CHECKING:
 class OperatorActions(Protocol):
     """Interface to an operator's actions and observations."""
 
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the bench's time passes as for a person, so that its moves can be watched."""
+
     def knows(self, key: str) -> Fact | None:
         """The operator's answer; None if the question's default applies."""
-        ...
 
     def do(self, key: str, facts: Facts) -> None:
         """The action of the operator who confirms this question."""
-        ...
 
     def take_up(self, facts: Facts) -> None:
         """Restore the state left by an earlier run with these facts."""
-        ...
 
     def follow(self, by_hand: Mapping[str, float]) -> None:
         """Adjust what was requested in numbers: chart angle, focus ring, exposure dial."""
-        ...
 
 
 class Surroundings:

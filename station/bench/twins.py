@@ -27,11 +27,9 @@ class Twin(SerialDevice, Protocol):
     @property
     def axes(self) -> Mapping[str, Axis]:
         """Its axes, the truth about their positions."""
-        ...
 
     def restart(self, now_s: float) -> None:
         """Off and on again: the reference is lost."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import Geometry, GeometryParameters
-from procedures.geometry.planes import calibrate_planes
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, Miss, Outcome, ProcedureError, Verdict
 from procedures.pattern import Chart
@@ -143,10 +142,28 @@ def _by_plane(measured: Sequence[_Measured]) -> list[GeometryPhotographs]:
     return [GeometryPhotographs(name, one.size, tuple(filter(None, records))) for name, records in planes.items()]
 
 
-def conclude(shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters) -> list[PlaneGeometry]:
-    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view."""
-    outcomes = calibrate_planes({one.plane: one.views for one in shoots}, shoots[0].size, parameters)
-    return [PlaneGeometry(one, _with_missed(outcomes[one.plane], one)) for one in shoots]
+def conclude(
+    shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters, frame_rate_hz: float | None = None
+) -> list[PlaneGeometry]:
+    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view.
+
+    With a frame rate the photographs are all frames of a video, in their order.
+    """
+    if frame_rate_hz is not None:
+        parameters = replace(parameters, is_video=True)
+        shoots = [_timed(one, frame_rate_hz) for one in shoots]
+    return [
+        PlaneGeometry(one, _with_missed(calibrate_geometry(one.views, one.size, parameters), one)) for one in shoots
+    ]
+
+
+def _timed(shoot: GeometryPhotographs, frame_rate_hz: float) -> GeometryPhotographs:
+    """The photographs with the times of their views."""
+    records = (
+        record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
+        for i, record in enumerate(shoot.records)
+    )
+    return replace(shoot, records=tuple(records))
 
 
 def _with_missed(outcome: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
+from procedures.geometry.formulas import FittedFormula
+from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import Quantity
 from procedures.raw import RawFrame
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
@@ -72,9 +74,11 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "rows": camera.rows,
             "names": list(camera.names),
             "params": camera.params.tolist(),
+            **({"roughness_px": camera.roughness_px} if isinstance(camera, SplineCamera) else {}),
             "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
         },
-        "models": [asdict(trial) for trial in geometry.trials],
+        "smoothness": [asdict(trial) for trial in geometry.trials],
+        "formulas": [_formula_entry(one) for one in geometry.formulas],
         "misfit": {"probability": geometry.misfit.probability, "rms_px": geometry.misfit.rms_px},
         "residual_scale": geometry.residual_scale,
         "covered_share": geometry.covered,
@@ -86,6 +90,18 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "node_mm": list(geometry.shape.node_mm),
             "scale_uncertainty": geometry.shape.scale_uncertainty,
         },
+    }
+
+
+def _formula_entry(one: FittedFormula) -> dict[str, Any]:
+    """A parametric model: parameters with covariance, and its loss over the covered frame."""
+    return {
+        "model": one.camera.model,
+        "names": list(one.camera.names),
+        "params": one.camera.params.tolist(),
+        "covariance": one.covariance.tolist(),
+        **asdict(one.difference),
+        "share": one.share,
     }
 
 

@@ -36,8 +36,9 @@ def run_app(plan: str | None, **options: Any) -> None:
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
     from station.app.app import StationApp, share_the_lock
+    from station.app.terminal_report import reported_graphics
 
-    app = StationApp(lab, plan=plan)
+    app = StationApp(lab, plan=plan, graphics=reported_graphics())
     share_the_lock()
     with ended_by_signals(app, lab):
         try:

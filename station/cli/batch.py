@@ -239,7 +239,7 @@ def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
 
 def _sentence(row: ItemRow) -> str:
     from station.common.sanitise import printable
-    from station.results.plane_result import measurement_words, specification_words
+    from station.results.comparison import measurement_words, specification_words
 
     words = f"{printable(' + '.join(row.files))}: {measurement_words(row.verdict)}"
     words += f"; {printable(row.reason)}" if row.reason else ""
@@ -253,7 +253,7 @@ def _show(done: Batch) -> None:
     """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
-    from station.results.plane_result import measurement_words
+    from station.results.comparison import measurement_words
 
     console = Console(highlight=False)
     console.print(_planes(done))
@@ -276,7 +276,7 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.results.plane_result import measurement_words
+    from station.results.comparison import measurement_words
 
     numbers = done.tally.followed
     table = Table(
@@ -296,7 +296,7 @@ def _wrong(done: Batch) -> Table:
     from rich.table import Column, Table
 
     from station.common.sanitise import printable
-    from station.results.plane_result import measurement_words
+    from station.results.comparison import measurement_words
 
     photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.result_log import check_strict
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
@@ -34,12 +35,13 @@ WIDE = 100
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
+@strict_option
 @json_option
 @log_json_option
-def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> None:
+def demo(out: Path, seed: int, rendered: bool, guided: bool, strict: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
-        raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
+        raise click.exceptions.Exit(_guide(out, seed, as_json=as_json, strict=strict))
     from station.demo.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
@@ -53,9 +55,10 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
         _render(out / "rendered", seed)
     if demonstration.refused:
         raise click.exceptions.Exit(REFUSED)
+    check_strict([str(plane.result.verdict) for shot in demonstration.shots for plane in shot.planes], strict=strict)
 
 
-def _guide(out: Path, seed: int, *, as_json: bool) -> int:
+def _guide(out: Path, seed: int, *, as_json: bool, strict: bool) -> int:
     """A whole session by a scripted operator; returns the exit code."""
     from station.cli.guide import exit_code
     from station.demo.guided_demo import run_guided
@@ -71,7 +74,7 @@ def _guide(out: Path, seed: int, *, as_json: bool) -> int:
         click.echo("\n".join(plane_lines(result)))
     if ended.report is not None:
         log("written", f"wrote {ended.report}", path=str(ended.report))
-    return exit_code(ended, result)
+    return exit_code(ended, result, strict=strict)
 
 
 def plane_lines(result: Result) -> list[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.progress import progress
 from station.common.errors import log_json_option
 
 if TYPE_CHECKING:
@@ -40,7 +41,9 @@ def explain(result: Path, twin: bool, as_json: bool) -> None:
         from station.demo.digital_twin import predictions
 
         first = planes[0]
-        effects = predictions(measurement.by_name[first.plane].details)
+        with progress(1) as shown:
+            shown("photographing with the digital twin", 0)
+            effects = predictions(measurement.by_name[first.plane].details)
         entry["twin"] = [asdict(one) for one in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
         lines += [f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.uncertainty:.2g}" for one in effects]

@@ -18,7 +18,7 @@ from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
-from station.results.plane_result import Compliance
+from station.results.comparison import Compliance
 from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
@@ -36,14 +36,14 @@ def run_plain(plan: str | None, **options: Any) -> None:
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
 
 
-def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run]) -> int:
+def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run], *, strict: bool = False) -> int:
     """Begin a run and carry it out; signals and faults stop the bench. Gives the exit code."""
     stop = PlainStop(lab, operator)
     try:
         with guarded(stop.now, stop.interrupted):
             running = begin()
             gc.freeze()  # also what was loaded for bench and plan: see `guarded`
-            return exit_code(running.go(), operator.result)
+            return exit_code(running.go(), operator.result, strict=strict)
     except Stopped:  # before there was a run
         return INTERRUPTED
     finally:
@@ -94,10 +94,11 @@ class Watched(LineOperator):
         super().notify(event)
 
 
-def exit_code(ended: RunEnded, result: Result | None) -> int:
+def exit_code(ended: RunEnded, result: Result | None, *, strict: bool = False) -> int:
     """The exit code.
 
-    0 finished, 1 does not meet its specification, 5 refused by the quality gate, 130 stopped, 3 emergency stop.
+    0 finished, 1 does not meet its specification, or is doubtful or undecided if `strict`, 5 refused by the quality
+    gate, 130 stopped, 3 emergency stop.
     """
     if ended.how == "emergency":
         return EXIT_DEVICE
@@ -107,4 +108,6 @@ def exit_code(ended: RunEnded, result: Result | None) -> int:
         return 0
     if result.verdict == Verdict.REFUSED:
         return REFUSED
-    return int(specification_verdict(list(result.planes.values())) == Compliance.MISSES)
+    compliance = specification_verdict(list(result.planes.values()))
+    unsure = result.verdict != Verdict.PASS or compliance == Compliance.UNDECIDED
+    return int(compliance == Compliance.MISSES or (strict and unsure))

@@ -108,7 +108,7 @@ def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
     from procedures.pattern_psf.gamma import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.drawing.diagrams import diagram_lines
-    from station.drawing.terminal_plots import glyphs_for
+    from station.drawing.glyphs import glyphs_for
 
     limit = Diffraction(f_number, optics.plane_pitch_um, WAVELENGTHS_NM["G"]) if f_number is not None else None
     ascii = glyphs_for(os.environ, sys.stderr.encoding).ascii

@@ -27,26 +27,41 @@ DISAGREES = 1
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
     "--data",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    type=click.Path(path_type=Path, file_okay=False),
     envvar="STATION_SHARED_DATA",
     show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
 )
+@click.option(
+    "--fetch",
+    is_flag=True,
+    help="Download missing photographs from the authors' repositories, and render missing films.",
+)
 @json_option
 @log_json_option
-def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
+def reproduce(name: str | None, full: bool, out: Path, data: Path | None, fetch: bool, as_json: bool) -> None:
     """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
     A row is "reproduced" (every value is within the paper's own claim), has the "same direction" (the order that the
     paper states holds, values differ) or is "not reproduced". Returns 1 when a row is not reproduced or none was
     computed, 0 otherwise.
     """
-    from station.demo.reproduce.catalogue import ROWS
+    from procedures.outcome import BadParameter
+    from station.demo.reproduce.catalogue import PUBLISHED_FILES, ROWS
+    from station.demo.reproduce.data_files import fetch as fetch_files
     from station.demo.reproduce.row import Setting
     from station.demo.reproduce.runner import PAGE, select
     from station.demo.reproduce.runner import reproduce as run
 
-    setting = Setting(data, full, os.cpu_count() or 1)
+    if fetch and data is None:
+        raise BadParameter("--fetch needs a folder", "name it with --data; it is created")
+    if data is not None and not fetch and not data.is_dir():
+        raise BadParameter(f"--data needs a folder; there is no {data}", "add --fetch to create it")
+    threads = os.cpu_count() or 1
+    if fetch and data is not None:
+        with progress_shown(len(PUBLISHED_FILES)) as progress:
+            fetch_files(data, PUBLISHED_FILES, threads=threads, progress=progress)
+    setting = Setting(data, full, threads)
     with progress_shown(len(select(ROWS, name))) as progress:
         result, text = run(out, ROWS, setting, name=name, progress=progress)
     if as_json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -34,7 +34,8 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
-    from station.results.plane_result import line_numbers, measurement_words
+    from station.results.comparison import measurement_words
+    from station.results.plane_result import line_numbers
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
@@ -44,13 +45,19 @@ def _sentence(record: PlaneResult) -> str:
     return "; ".join(parts)
 
 
+def check_strict(verdicts: Iterable[str | None], *, strict: bool) -> None:
+    """Exit with 1 if `strict` and one of the verdicts is not a pass."""
+    if strict and any(verdict != "pass" for verdict in verdicts):
+        raise click.exceptions.Exit(FAILED)
+
+
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: bool = False) -> None:
     """Log the verdicts against the specification, write the record to stdout if requested, and exit.
 
     The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
     is `strict`, is doubtful or undecided.
     """
-    from station.results.plane_result import specification_words
+    from station.results.comparison import specification_words
 
     for one in records:
         comparison = one.specification

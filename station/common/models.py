@@ -22,8 +22,7 @@ import msgspec
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.text import parse_toml, read_text
 from station.common.sanitise import printable
-from station.common.toml_text import Path as KeyPath
-from station.common.toml_text import key_lines, line_of, toml_value
+from station.common.toml_text import KeyPath, line_of, toml_value
 
 T = TypeVar("T")
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
@@ -211,13 +210,13 @@ class TableSource:
     """Origin of a table, as named in messages.
 
     file : name of the file; "" for options of a command
-    lines : lines of its keys
+    text : its content, for the lines of its keys
     places : paths of keys in the file, where they differ from those in the model
     error : class of the errors, made of reason and remedy
     """
 
     file: str = ""
-    lines: Mapping[KeyPath, int] = field(default_factory=dict)
+    text: str = ""
     places: Mapping[str, KeyPath] = field(default_factory=dict)
     error: Callable[[str, str], Exception] = BadParameter
 
@@ -225,7 +224,7 @@ class TableSource:
     def parse(cls, text: str, file: str) -> tuple[dict[str, Any], Self]:
         """The content of a file and its origin. Raises BadParameter if it is not TOML."""
         try:
-            return parse_toml(text, file, "correct it"), cls(Path(file).name, key_lines(text))
+            return parse_toml(text, file, "correct it"), cls(Path(file).name, text)
         except BadInput as error:
             raise not_toml(file, error) from error
 
@@ -241,7 +240,7 @@ class TableSource:
     def refuse(self, path: KeyPath, reason: str, remedy: str = "correct it") -> NoReturn:
         """Raise the error about a key: `reason` follows its name."""
         place = self.places.get(str(path[0]), path[:1]) + path[1:] if path else path
-        line = line_of(self.lines, place)
+        line = line_of(self.text, place)
         raise self.error(f"{f'{printable(self.file)}, line {line}: ' if line else ''}{name_of(place)} {reason}", remedy)
 
     def refuse_unknown(self, path: KeyPath, known: Sequence[str]) -> NoReturn:

@@ -13,7 +13,6 @@ class Progress(Protocol):
 
     def __call__(self, done: str, steps: int = 1) -> None:
         """`done` describes what was finished, `steps` how many steps it was."""
-        ...
 
 
 def silent(done: str, steps: int = 1) -> None:
@@ -31,7 +30,7 @@ def bar(total: int) -> Iterator[Progress]:
     sentence = TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
     columns = (BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), sentence)
     with Bar(*columns, console=Console(stderr=True), transient=True, expand=True) as shown:
-        task = shown.add_task("", total=total)
+        task = shown.add_task("working", total=total if total > 1 else None)  # one step: it moves to and fro
 
         def advance(done: str, steps: int = 1) -> None:
             shown.update(task, advance=steps, description=done)

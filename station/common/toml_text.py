@@ -1,8 +1,11 @@
 """Tables as TOML text; the standard library can only read it."""
 
+import bisect
+import contextlib
 import json
 import math
 import re
+import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from typing import Any
@@ -60,124 +63,34 @@ def _quoted(text: str) -> str:
 
 # --- Line numbers of the keys of a TOML file, which Python's own parser does not give ---
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Keys, and indices within lists, from the root."""
-QUOTES = ('"""', "'''", '"', "'")
+CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
+"""The text that completes a file that is cut off at the end of a line."""
 
 
-def key_lines(text: str) -> dict[Path, int]:
-    """The line, counted from 1, of every key, table and list element of valid TOML."""
-    return _Scanner(text.replace("\r\n", "\n")).scan()
+def line_of(text: str, path: KeyPath) -> int | None:
+    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there.
+
+    That line is the first one whose addition makes the key a part of what Python reads.
+    """
+    lines, whole = text.split("\n"), tomllib.loads(text)
+    there = next((path[:n] for n in range(len(path), 0, -1) if _has(whole, path[:n])), None)
+    if there is None:
+        return None
+
+    def begun(number: int) -> bool:
+        for closing in CLOSINGS:
+            with contextlib.suppress(tomllib.TOMLDecodeError):
+                return _has(tomllib.loads("\n".join((*lines[:number], closing))), there)
+        return False
+
+    return 1 + bisect.bisect_left(range(1, len(lines)), True, key=begun)
 
 
-def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """The line of a key, or of its nearest ancestor that has one."""
-    return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), None)
-
-
-class _Scanner:
-    """Scans the text once."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._at = 0
-        self._lines: dict[Path, int] = {}
-        self._counts: dict[Path, int] = {}
-
-    def scan(self) -> dict[Path, int]:
-        table: Path = ()
-        while self._skip():
-            if self._peek("["):
-                table = self._header()
-            else:
-                self._pair(table)
-        return self._lines
-
-    def _skip(self) -> bool:
-        """Skip spaces, line ends and comments; returns whether anything follows."""
-        while self._at < len(self._text) and self._text[self._at] in " \t\n#,":
-            if self._text[self._at] == "#":
-                self._at = (self._text + "\n").index("\n", self._at)
-            else:
-                self._at += 1
-        return self._at < len(self._text)
-
-    def _peek(self, start: str) -> bool:
-        return self._text.startswith(start, self._at)
-
-    def _note(self, path: Path) -> None:
-        self._lines.setdefault(path, self._text.count("\n", 0, self._at) + 1)
-
-    def _header(self) -> Path:
-        many = self._peek("[[")
-        start, self._at = self._at, self._at + 1 + many
-        path = self._key()
-        if many:
-            self._counts[path] = self._counts.get(path, -1) + 1
-            path = (*path, self._counts[path])
-        end, self._at = self._at, start
-        self._note(path)
-        self._at = self._text.index("]", end) + 1 + many
-        return path
-
-    def _key(self) -> Path:
-        """A dotted key, up to what follows it."""
-        parts: list[str | int] = []
-        while True:
-            self._spaces()
-            parts.append(self._string() if self._text[self._at] in "\"'" else self._bare())
-            self._spaces()
-            if not self._peek("."):
-                return tuple(parts)
-            self._at += 1
-
-    def _spaces(self) -> None:
-        while self._text[self._at : self._at + 1] in (" ", "\t"):
-            self._at += 1
-
-    def _bare(self) -> str:
-        start = self._at
-        while self._text[self._at : self._at + 1] not in ("", ".", "=", "]", " ", "\t"):
-            self._at += 1
-        return self._text[start : self._at]
-
-    def _string(self) -> str:
-        quote = next(one for one in QUOTES if self._peek(one))
-        self._at += len(quote)
-        start = self._at
-        while not self._peek(quote):
-            self._at += 2 if quote[0] == '"' and self._peek("\\") else 1
-        self._at += len(quote)
-        return self._text[start : self._at - len(quote)]
-
-    def _pair(self, table: Path) -> None:
-        start = self._at
-        path = (*table, *self._key())
-        end, self._at = self._at, start
-        self._note(path)
-        self._at = self._text.index("=", end) + 1
-        self._spaces()
-        self._value(path)
-
-    def _value(self, path: Path) -> None:
-        if self._peek("["):
-            self._list(path)
-        elif self._peek("{"):
-            self._at += 1
-            while self._skip() and not self._peek("}"):
-                self._pair(path)
-            self._at += 1
-        elif self._text[self._at] in "\"'":
-            self._string()
-        else:
-            while self._text[self._at : self._at + 1] not in ("", "\n", ",", "]", "}", "#"):
-                self._at += 1
-
-    def _list(self, path: Path) -> None:
-        self._at += 1
-        number = 0
-        while self._skip() and not self._peek("]"):
-            self._note((*path, number))
-            self._value((*path, number))
-            number += 1
-        self._at += 1
+def _has(table: Any, path: KeyPath) -> bool:
+    for part in path:
+        if not (0 <= part < len(table) if isinstance(table, list) and isinstance(part, int) else part in table):
+            return False
+        table = table[part]
+    return True

@@ -137,8 +137,6 @@ def run_demo(
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives chart, photographs, results, record and page, all at once at the end.
     seed : int

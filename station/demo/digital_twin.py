@@ -120,8 +120,6 @@ class ComparedNumber:
 class TruthComparison:
     """An estimate compared with the truth.
 
-    Attributes
-    ----------
     otf : callable
         The true transfer function of the whole PSF at frequencies (fx, fy) in cycles per pixel of the plane.
     aligned : (k, k) float64
@@ -156,8 +154,6 @@ class TruthComparison:
 def compare(estimate: PatternPsf, samples: Array, floor: float, otf: Otf) -> TruthComparison:
     """Compare an estimate with the PSF that blurred its photograph.
 
-    Parameters
-    ----------
     estimate : PatternPsf
     samples : (k, k) float64
         The true PSF on the estimate's grid, of sum 1, its centre sample the geometric centre.

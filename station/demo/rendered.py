@@ -41,8 +41,6 @@ REFERENCE_SEED = 1 << 32
 class RenderPlan:
     """Settings of a rendering.
 
-    Attributes
-    ----------
     columns : int
         Width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles.
     samples, converged : int
@@ -95,8 +93,6 @@ def rendered_demo(
 ) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
     """Render, filter, photograph, restore and show; returns the scenes, the restoration and the record's text.
 
-    Parameters
-    ----------
     out : Path
         Receives `films` as they grow, and pictures, photographs, page and record all at once at the end.
     """

@@ -73,8 +73,6 @@ class DepthPlan:
 class RestoredDepth:
     """A restoration and its truth.
 
-    Attributes
-    ----------
     photographs : two of (rows, columns)
         The plane of both files, 1 = saturation.
     sharp, w : (rows, columns)
@@ -169,7 +167,7 @@ def depth_row(one: RestoredDepth) -> StripRow:
     depth = (
         ("w estimated", _spread(one, one.restoration.w)),
         ("true w", _spread(one, one.w)),
-        ("error of w; grey is none", _error(one)),
+        ("error of w; grey is none", np.asarray(0.5 + (one.restoration.w - one.w) / np.ptp(one.w), np.float64)),
     )
     command = f"station restore {' '.join(one.sha256)} --blur defocus --shape pillbox --ratio {RATIO}"
     facts = (
@@ -246,11 +244,6 @@ def _setting(plan: DepthPlan) -> CameraSetting:
 def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
     """w scaled so that the range of the true w is black to white."""
     return np.asarray((w - one.w.min()) / np.ptp(one.w), np.float64)
-
-
-def _error(one: RestoredDepth) -> Array:
-    """Error of w: mid-grey for none, brighter where w is too large."""
-    return np.asarray(0.5 + (one.restoration.w - one.w) / np.ptp(one.w), np.float64)
 
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:

@@ -41,3 +41,5 @@ TERMINAL_COLOURS = {
 """Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
 """Colours of a mark in a thumbnail and of its background."""
+PRESENT_LINE, WANTED_LINE = "rgb(230,126,34)", "rgb(52,172,224)"
+"""Outlines of a pose on a terminal: as it is, and as it is wanted."""

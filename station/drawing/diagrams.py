@@ -11,6 +11,8 @@ from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
 
 Plotted = Callable[[int, int, bool], list[str]]
 """Lines for a width, a height, and whether in ASCII."""
+UPRIGHT = 200
+"""Points of an upright line: more than the dots of a terminal."""
 MARGIN = 0.2
 """Above and below a curve, as a fraction of its height."""
 WIDTH, HEIGHT = 64, 11
@@ -25,7 +27,8 @@ def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:
 
 
 def trend(places: Sequence[float], scores: Sequence[float], label: str, best: float | None = None) -> Plotted:
-    """Scores over their places, each as a point, without NaN; `best` as a dashed level."""
+    """Scores over their places, each as a point, without NaN; `best` as a dashed level, the last place as an upright
+    line: you are here."""
     order = np.argsort(np.array(places, dtype=float), kind="stable")
     x, y = np.array(places, dtype=float)[order], np.array(scores, dtype=float)[order]
     known = y[np.isfinite(y)]
@@ -35,7 +38,11 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
     curves = [TerminalCurve(x, y), TerminalCurve(x, y, letter="o", points=True)]
     if best is not None:
         curves.append(TerminalCurve(np.array(span), np.full(2, best), letter="-", dashed=True))
-    return partial(plot, curves, TerminalFrame(span, (low - room, top + room), label))
+    here, ends = float(places[-1]), np.array([low - room, top + room])
+    curves.append(
+        TerminalCurve(np.full(UPRIGHT, here), np.linspace(ends[0], ends[1], UPRIGHT), letter="|", points=True)
+    )
+    return partial(plot, curves, TerminalFrame(span, (low - room, top + room), f"{label}; the line: you are here"))
 
 
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -260,6 +260,11 @@ class ActiveDevices:
 
     # --- light, laser, camera
 
+    @property
+    def has_light(self) -> bool:
+        """Whether the bench has a lamp."""
+        return self._device("light") is not None
+
     def set_light(self, level: float) -> bool:
         """Set the lamp. Gives whether there is one. Raises DeviceError."""
         with self._using("light") as light:
@@ -327,6 +332,13 @@ class ActiveDevices:
         """Stop everything now; pending homing is cancelled."""
         if self.bench is not None:
             self.bench.emergency_stop()
+
+    def extinguish(self) -> None:
+        """Switch the lamp off, if one is lit; a lamp that does not answer is left as it is."""
+        lamp = self._device("light")
+        with suppress(DeviceError):
+            if lamp is not None and lamp.level():
+                lamp.set_level(0.0)
 
     def _not_stopped(self) -> None:
         """Raises EmergencyStopped after an emergency stop since this object was made."""

@@ -12,9 +12,10 @@ from procedures.plan import Ask
 from station.bench.motions import label, moves_text, position_text
 from station.guide.active_devices import ActiveDevices
 from station.guide.dialogue import Conversation, Skipped
-from station.guide.frontend import MOVE
+from station.guide.frontend import LAMP, MOVE
 
 AGAIN = "Further moves of this step follow without asking again."
+LIT = "it may change during the run without another question, and goes out at the end."
 LEAST_MOVE = 5e-4
 """Shorter distances, in millimetres or degrees, count as no movement."""
 
@@ -24,7 +25,7 @@ class MoveApproval:
 
     def __init__(self, rig: ActiveDevices, talk: Conversation) -> None:
         self._rig, self._talk = rig, talk
-        self._approved = False
+        self._approved = self._lit = False
         rig.approve_homing = self.to_home_again
 
     def withdraw(self) -> None:
@@ -51,6 +52,14 @@ class MoveApproval:
         low, high = position_text(axis, min(places)), position_text(axis, max(places))
         first = moves_text({axis: places[0]}, self._rig.places)
         self._ask(f"Moving {first}, then to {len(places)} places between {low} and {high}.")
+
+    def to_light(self, level: float) -> None:
+        """Approve that the lamp is lit, once a run; darkness needs no approval. Raises Skipped, Stopped."""
+        if self._lit or not level or not self._rig.has_light:
+            return
+        if not self._talk.ask(Ask(LAMP, f"The lamp goes on, now to {100 * level:.0f} % of its power; {LIT}")):
+            raise Skipped
+        self._lit = True
 
     def _ask(self, words: str) -> None:
         if self._approved:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,17 +14,23 @@ from procedures.outcome import ProcedureError
 from procedures.plan import INSISTED, Advice, Ask, Fact, Facts, dropped
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import OperatorActions
-from station.guide.frontend import Event, Frontend, ProblemEvent, ProgressEvent, Stopped
+from station.guide.coach import Ended
+from station.guide.frontend import BY_HAND, Event, Frontend, ProblemEvent, ProgressEvent, Stopped, WatchedFrontend
 from station.sessions.layout import is_given
 from station.sessions.session import Session
 
 T = TypeVar("T")
+Coach = Callable[[Ended], bool]
 AGAIN, SKIP, STOP = "try again", "skip", "stop"
 HAND = "hand_"
 """Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
 
 MAX_INVALID_ANSWERS = 12
 """Consecutive invalid answers after which the run ends."""
+
+POLL_S = 0.05
+PARTS = 3
+"""Parts in which the operator model makes a manual change while somebody watches."""
 
 FILE_SEPARATOR = ";"
 """Separates the parts of an answer that names files."""
@@ -147,13 +154,57 @@ class Conversation:
             self._hands.do(ask.key, self.facts)
         return done
 
-    def by_hand(self, advice: Advice, why: str = "") -> None:
-        """Ask for the manual changes of an advice, and add them to the totals."""
+    @property
+    def watched(self) -> bool:
+        """Whether the front end shows a live picture, and time passes as for a person."""
+        return isinstance(self._operator, WatchedFrontend) and (self._hands is None or self._hands.in_real_time)
+
+    @contextmanager
+    def meanwhile(self, work: Coach | None) -> Iterator[None]:
+        """Run `work(ended)` in a thread while a question is open; where it gives True, the question is confirmed.
+
+        Without a watched front end nothing runs.
+        """
+        if work is None or not self.watched:
+            yield
+            return
+        answered = threading.Event()
+
+        def ended(good: bool = True) -> bool:
+            return answered.is_set() or self.stopping.is_set() or self.emergency.is_set()
+
+        def watch() -> None:
+            with suppress(DeviceError, ProcedureError):  # the run reports them when it takes the photograph
+                if work(ended):
+                    while not (ended() or self._operator.settle(True)):  # type: ignore[attr-defined]
+                        answered.wait(POLL_S)
+
+        thread = threading.Thread(target=watch, name="coach", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            answered.set()
+            thread.join()
+
+    def by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
+        """Ask for the manual changes of an advice, and add them to the totals.
+
+        Raises Skipped where the operator declines. `coach(ended)` takes previews meanwhile, until the pose was held.
+        The operator model turns in parts, with previews between them.
+        """
         question = f"{advice.say} ({why})" if why else advice.say
-        self.ask(Ask("by_hand", question))
         wanted = {**advice.moves, **advice.by_hand}
+        with self.meanwhile(coach if self._hands is None else None):
+            done = self.ask(Ask(BY_HAND, question))
+        if not done:
+            raise Skipped
         if self._hands is not None:
-            self._hands.follow(wanted)
+            parts = PARTS if coach is not None and self.watched else 1
+            for left in range(parts - 1, -1, -1):
+                self._hands.follow({name: change / parts for name, change in wanted.items()})
+                if coach is not None and self.watched:
+                    coach(lambda good, left=left: left > 0 or not good or self.stopping.is_set())  # type: ignore[misc]
         before = {name: self.facts.get(HAND + name, 0.0) for name in wanted}
         self.learn({HAND + name: float(before[name]) + change for name, change in wanted.items()})
 

@@ -13,6 +13,7 @@ from drivers.interfaces import ExposedFile, ImuBlock, ShakePath
 from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import ActiveDevices, Snapshot
+from station.guide.coach import preview_of
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import ProblemEvent, Stopped
 from station.guide.vibration import NotSettled, Settling, SettlingTimeouts, VibrationLevel
@@ -36,7 +37,6 @@ class Photographer(Protocol):
 
     def expose(self) -> ExposedFile:
         """One photograph. Raises DeviceError."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class PhotographRecorder:
         timeouts: SettlingTimeouts | None = None,
     ) -> None:
         self.rig, self.session, self.talk = rig, session, talk
-        self._camera, self._clock = camera, clock
+        self.camera, self._clock = camera, clock
         self.settling = Settling(rig.imu, clock, timeouts)
         self._exposures_s: set[float] = set()
 
@@ -77,6 +77,11 @@ class PhotographRecorder:
         """A stored photograph. Raises Skipped, Stopped."""
         frame = self.talk.attempt(lambda: read_frame(self.session.original(shot)))
         return RecordedPhotograph(shot, frame, {**self.talk.facts, **shot_facts(shot)})
+
+    def preview(self) -> tuple[RawFrame, Facts]:
+        """A frame for the coach, which is not kept, and the facts at its time. Raises DeviceError, BadInput."""
+        facts = {**self.talk.facts, **self.rig.snapshot().facts()}
+        return preview_of(self.rig.expose()), facts
 
     def _settled(self) -> VibrationLevel | None:
         """Wait until the rig has settled; without the IMU if it fails."""
@@ -108,7 +113,7 @@ class PhotographRecorder:
             self.talk.doing("exposing")
             self.rig.announce(number)
             if not moving:
-                return self._camera.expose()
+                return self.camera.expose()
             exposure, motion = self._expose_moving(shake)
             moment.update(motion)
             return exposure
@@ -168,7 +173,7 @@ class PhotographRecorder:
         except DeviceError as error:
             self.talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             imu = None
-        exposure = self._camera.expose()
+        exposure = self.camera.expose()
         block = None
         with self._after_exposure("the motion is not known; "):
             if imu is not None:

@@ -10,17 +10,35 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from procedures.outcome import Cause, Verdict
-from procedures.plan import Advice, Ask, Diagram, Fact, Plan, Step
+from procedures.plan import Advice, Ask, Diagram, Fact, Goal, Plan, Step
 from procedures.raw import Plane
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
-MOVE = "move"
-"""Key of the question before a movement. Its text states what moves; each front end adds how to start it."""
+MOVE, LAMP, BY_HAND = "move", "lamp", "by_hand"
+"""Keys of the questions before a movement, before the lamp is lit, and for a manual change. The text of the first two
+states what moves or lights."""
+NOT_NOW = "not now"
+"""Declines these."""
+
+
+@dataclass(frozen=True)
+class Consent:
+    """How front ends ask for a consent: what to check first, and the words that start it."""
+
+    check: str
+    start: str
+
+
+CONSENTS = {
+    MOVE: Consent("Is the way clear?", "move"),
+    LAMP: Consent("Do not look into it.", "light it"),
+}
+"""Questions that a person must answer before something happens at the bench, by key."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +83,37 @@ class ProgressEvent:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvent:
-    """A frame was checked: one of its planes for the preview, and the advice."""
+    """A frame was checked: one of its planes for the preview, and the advice.
+
+    hold_s : of a preview while a person corrects a pose: remaining time for which the pose must be held; None outside
+        its tolerance, and for other frames
+    """
 
     plane: Plane
     advice: Advice
+    hold_s: float | None = None
+
+
+@dataclass(frozen=True)
+class GoalEvent:
+    """Progress of the photographs."""
+
+    goal: Goal
+
+
+@dataclass(frozen=True)
+class Matched:
+    """The open question is answered by the photographs: the pose was held, or the file has arrived."""
 
 
 @dataclass(frozen=True)
 class ScanEvent:
-    """A scan so far: settings of the axis and their scores (NaN where none could be computed)."""
+    """A scan so far: settings of the axis and their scores (NaN where none could be computed), of a quantity."""
 
     axis: str
     places: tuple[float, ...]
     scores: tuple[float, ...]
+    quantity: str = "sharpness"
 
 
 @dataclass(frozen=True)
@@ -121,8 +157,8 @@ class RunEnded:
     empty: bool = False
 
 
-Event = (RunBegan | StepBegan | StepEnded | ProgressEvent | FrameEvent | ScanEvent | DiagramEvent | ProblemEvent
-         | Result | RunEnded)  # fmt: skip
+Event = (RunBegan | StepBegan | StepEnded | ProgressEvent | FrameEvent | GoalEvent | Matched | ScanEvent
+         | DiagramEvent | ProblemEvent | Result | RunEnded)  # fmt: skip
 
 
 class Frontend(Protocol):
@@ -130,11 +166,17 @@ class Frontend(Protocol):
 
     def notify(self, event: Event) -> None:
         """Show the event. Returns at once; never raises."""
-        ...
 
     def answer(self, ask: Ask) -> Fact:
         """The operator's answer, of the requested kind. Blocks; raises `Stopped` when the operator ends the run."""
-        ...
+
+
+@runtime_checkable
+class WatchedFrontend(Frontend, Protocol):
+    """A front end with a live picture, whose open question the photographs themselves may answer."""
+
+    def settle(self, fact: Fact) -> bool:
+        """Answer the open question; False where none is open. From any thread."""
 
 
 class Stopped(Exception):

@@ -14,10 +14,13 @@ from station.common.sanitise import stated
 from station.drawing.diagrams import diagram_lines
 from station.guide.answers import parse, words
 from station.guide.frontend import (
-    MOVE,
+    BY_HAND,
+    CONSENTS,
+    NOT_NOW,
     DiagramEvent,
     Event,
     FrameEvent,
+    GoalEvent,
     ProblemEvent,
     ProgressEvent,
     Result,
@@ -28,7 +31,8 @@ from station.guide.frontend import (
     StepEnded,
     Stopped,
 )
-from station.results.plane_result import line_numbers, measurement_words, specification_words
+from station.results.comparison import measurement_words, specification_words
+from station.results.plane_result import line_numbers
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
@@ -111,6 +115,10 @@ class LineOperator:
         self._last_advice = event.advice.say
         for line in seen_lines(event.advice) if event.advice.say else ():
             self._line(line)
+
+    @_write_event.register
+    def _(self, event: GoalEvent) -> None:
+        self._line(f"   {event.goal.say}")
 
     @_write_event.register
     def _(self, event: ScanEvent) -> None:
@@ -198,11 +206,12 @@ class LineOperator:
 
 def question_line(ask: Ask) -> str:
     """The question with its choices and default, ready for the answer on the same line."""
-    if ask.key == MOVE:
-        return f">> {ask.question} Is the way clear? [Enter: move; n: do not move; Ctrl-C: stop every device] "
+    if consent := CONSENTS.get(ask.key):
+        keys = f"Enter: {consent.start}; n: {NOT_NOW}; Ctrl-C: stop every device"
+        return f">> {ask.question} {consent.check} [{keys}] "
     choices = f" ({', '.join(f'{i} {choice}' for i, choice in enumerate(ask.choices, 1))})" if ask.choices else ""
     if ask.kind == "confirm":
-        return f">> {ask.question} [Enter when done] "
+        return f">> {ask.question} [Enter when done{f'; n: {NOT_NOW}' if ask.key == BY_HAND else ''}] "
     unit = f" in {ask.unit}" if ask.unit and ask.default is None else ""
     default = f" [{words(ask.default, ask.unit)}]" if ask.default not in (None, "") else ""
     return f">> {ask.question}{unit}{choices}{default} "

@@ -7,18 +7,21 @@ from dataclasses import dataclass, field, replace
 
 from procedures.advice import time_words
 from procedures.outcome import Verdict
-from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
+from procedures.plan import Advice, Ask, Fact, Facts, Go, Goal, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame
 from station.bench.motions import moves_text
 from station.guide.active_devices import AT
+from station.guide.coach import Ended, until_held
 from station.guide.consent import MoveApproval
 from station.guide.contradictions import LookProgress, resolve
-from station.guide.dialogue import AGAIN, STOP, Skipped
+from station.guide.dialogue import AGAIN, STOP, Coach, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
-from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent
+from station.guide.frontend import FrameEvent, GoalEvent, ProgressEvent, ScanEvent
+from station.guide.manual_camera import HandCamera
 from station.sessions.journal_head import same_bits
 from station.sessions.session import SessionShot
 
+Check = Callable[[RawFrame, Facts], Advice]
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
 SKIP_PLACE = "skip it"
@@ -80,12 +83,13 @@ class PhotographRequests:
             keys = advice.contradictory or look.rests_on
             resolve(self._talk, self._asks, stalled or advice.say, keys, last=bool(stalled) or progress.exhausted())
         else:
-            self._carry_out(action)
+            self._carry_out(action, look.check)
         return advice.good
 
-    def _show(self, frame: RawFrame, advice: Advice) -> None:
+    def _show(self, frame: RawFrame, advice: Advice, hold_s: float | None = None) -> None:
+        self._report(advice.goal)
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
-        self._talk.notify(FrameEvent(frame.planes[name], advice))
+        self._talk.notify(FrameEvent(frame.planes[name], advice, hold_s))
 
     def _action(self, advice: Advice, frame: RawFrame) -> AdviceAction:
         """How the advice is carried out: by the bench or the camera's cable where possible, else by hand."""
@@ -102,7 +106,7 @@ class PhotographRequests:
             return AdviceAction(advice, obstacle=obstacle)
         return AdviceAction(replace(advice, say=f"The bench corrects this: {moves_text(target)}."), target=target)
 
-    def _carry_out(self, action: AdviceAction) -> None:
+    def _carry_out(self, action: AdviceAction, check: Check) -> None:
         if action.exposure_s is not None:
             wanted_s = action.exposure_s
             self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
@@ -111,11 +115,34 @@ class PhotographRequests:
             self._approval.to_go(action.target, again=True)
             self._go_to(action.target)
         elif not action.shown.good:
-            self._by_hand(action.shown, action.obstacle)
+            self._by_hand(action.shown, action.obstacle, self._coach(action.shown, check))
 
-    def _by_hand(self, advice: Advice, why: str = "") -> None:
+    def _coach(self, advice: Advice, check: Check) -> Coach | None:
+        """The coach while the operator corrects a pose; of the operator's own camera, the next photograph."""
+        if isinstance(self._recorder.camera, HandCamera):
+            return self._recorder.camera.after_correction
+        if advice.outline is None:
+            return None
+
+        def coach(ended: Ended) -> bool:
+            facts: dict[str, Fact] = {}
+
+            def preview() -> RawFrame:
+                frame, now = self._recorder.preview()
+                facts.update(now)
+                return frame
+
+            return until_held(preview, lambda frame: check(frame, facts), self._show, self._held, ended)
+
+        return coach
+
+    def _held(self, advice: Advice) -> bool:
+        """Whether nothing is left to correct by hand: all is good, or the bench corrects the rest."""
+        return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
+
+    def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
         """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
-        self._talk.by_hand(advice, why)
+        self._talk.by_hand(advice, why, coach)
         self._approval.withdraw()
         self._recorder.settling.moved()
 
@@ -142,7 +169,7 @@ class PhotographRequests:
             scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
             self._session.judge(taken.shot, False, "a trial")
             self._show(taken.frame, Advice(True, ""))
-            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores), scan.quantity))
         if places:
             advice = scan.choose(places, scores)
             self._talk.learn_from_photograph(advice.facts)
@@ -184,8 +211,13 @@ class PhotographRequests:
         if advice.contradictory:
             resolve(self._talk, self._asks, advice.say, advice.contradictory, last=self._progress.exhausted())
             return False
+        self._report(advice.goal)
         self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
+
+    def _report(self, goal: Goal | None) -> None:
+        if goal is not None:
+            self._talk.notify(GoalEvent(goal))
 
     def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
         """Decide whether a shot counts, and add its estimate to the results."""
@@ -203,7 +235,7 @@ class PhotographRequests:
         if advice.contradictory:
             resolve(self._talk, self._asks, advice.say, advice.contradictory, last=self._progress.exhausted())
         else:
-            self._carry_out(action)
+            self._carry_out(action, shoot.check)
 
     def _record(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
         """Record whether the shot counts, show it, and derive how to carry out the advice."""
@@ -223,6 +255,7 @@ class PhotographRequests:
             if self._visited(stop):
                 continue
             self._talk.doing(stop.name, number, len(stops))
+            self._report(Goal(len(stops) - number + 1))
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
@@ -247,7 +280,7 @@ class PhotographRequests:
                     action = self._record(taken, advice)
                     if advice.good:
                         return ""
-                    self._carry_out(action)
+                    self._carry_out(action, stop.check)
                 if not self._retry_place(stop, tries):
                     return advice.say
         except Skipped:

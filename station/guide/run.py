@@ -182,6 +182,7 @@ class Run:
         return None
 
     def _ended(self, ended: RunEnded) -> RunEnded:
+        self._rig.extinguish()
         with suppress(ProcedureError):  # the run also ends on a full disk
             self._report_notices()
             for stop in self._rig.stops():
@@ -327,6 +328,8 @@ class Run:
     @_carry.register
     def _(self, light: SetLight) -> None:
         level = light.level(self._talk.facts)
+        self._approval.to_light(level)
+        self._talk.notify(ProgressEvent(f"the lamp goes to {100 * level:.0f} %" if level else "the lamp goes out"))
         if self._talk.attempt(lambda: self._rig.set_light(level), self._rig.recover):
             self._talk.learn({LIGHT_LEVEL: level})
 
@@ -383,7 +386,9 @@ class Run:
         if self._photographs is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:
-                camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
+                camera = self._talk.attempt(
+                    lambda: HandCamera(self._talk.ask_and_learn, self._clock, self._talk.meanwhile)
+                )
             recorder = PhotographRecorder(self._rig, camera, self._session, self._talk, self._clock, self._timeouts)
             self._photographs = PhotographRequests(recorder, self._known, self._approval, self.plan.asks())
         self._photographs.step = self._step.name

@@ -63,9 +63,10 @@ class StationLab:
         specification: Path | None = None,
         unit: str | None = None,
         shaker: bool = False,
+        speed: float = 1.0,
     ) -> None:
         self.sessions = sessions
-        self._shaker = shaker
+        self._shaker, self._speed = shaker, speed
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
         self._specification, self._unit = specification, unit
@@ -91,7 +92,9 @@ class StationLab:
         if self._simulate:
             folder = self._scratch.enter_context(temporary_folder())
             virtual = self.virtual_time
-            return simulated_bench(folder, seed=self._seed, virtual_time=virtual, shaker=self._shaker)
+            return simulated_bench(
+                folder, seed=self._seed, virtual_time=virtual, shaker=self._shaker, speed=self._speed
+            )
         tables = self._read_tables()
         return make_bench(tables, folder=self._config.resolve().parent) if self._config and tables else None
 

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from procedures.outcome import BadParameter
 from station.common.durable_files import write_whole
+from station.manual.formulas import add_formulas
 from station.manual.notebooks import notebook_of
 from station.manual.pages import PARTS, Page, index_text, sections_of
 from station.reports.page import html, render
@@ -68,6 +69,7 @@ def _search_index(pages: Sequence[Page]) -> str:
 def html_of(markdown: str) -> str:
     """The body of a page, with links to the other HTML pages and ids of headings."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    add_formulas(reader)
     tokens = reader.parse(markdown)
     for token, following in zip(tokens, [*tokens[1:], None], strict=True):
         if token.type == "heading_open" and following is not None:

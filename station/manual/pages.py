@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 
 from procedures.outcome import BadParameter
+from station.manual.formulas import plain_formulas
 
 PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
 """Folders of this package and their titles, in order."""
@@ -101,7 +102,7 @@ class PageSection:
 
 def sections_of(page: Page) -> list[PageSection]:
     """The sections of a page."""
-    above, *rest = re.split(r"^#{2,3} (.*)\n", page.text, flags=re.MULTILINE)
+    above, *rest = re.split(r"^#{2,3} (.*)\n", plain_formulas(page.text), flags=re.MULTILINE)
     parts = [("", above), *zip(rest[::2], rest[1::2], strict=True)]
     return [PageSection(page, heading, PICTURE.sub("", text)) for heading, text in parts]
 
@@ -119,5 +120,5 @@ def search(pages: Sequence[Page], words: Sequence[str]) -> list[tuple[PageSectio
 
 
 def for_terminal(text: str) -> str:
-    """The Markdown without pictures, and with links to other pages as the command that shows them."""
-    return PAGE_LINK.sub(r"\1 (`station manual \2`)", PICTURE.sub("", text))
+    """The Markdown without pictures, formulas in plain letters, and links to pages as the command that shows them."""
+    return PAGE_LINK.sub(r"\1 (`station manual \2`)", plain_formulas(PICTURE.sub("", text)))

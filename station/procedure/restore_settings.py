@@ -144,6 +144,15 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     ] = ()
     focal_length_mm: Annotated[float, setting("For --metres.  [default: as recorded]", least=0.1)] | None = None
     pixel_pitch_um: Annotated[float, setting("For --metres: of the sensor's pixels.", least=0.1)] | None = None
+    camera_uncertainty: Annotated[
+        float,
+        setting(
+            "For --metres: relative standard uncertainty of the focus distance, and of focal length over f-number and "
+            "pixel pitch; 0 for calibrated values.",
+            least=0,
+            most=0.5,
+        ),
+    ] = 0.01
     reference: Annotated[
         Path | None,
         setting("A sharp photograph of the same scene from the same place, with which the result is compared."),

@@ -26,7 +26,7 @@ from procedures.restoration.masks.checks import check_photographs, trust_of
 from procedures.restoration.masks.mask_fields import MaskField, Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import Distances, ambiguity, distances_of, unexplained
+from procedures.restoration.metres import CameraUncertainty, Distances, ambiguity, distances_of, unexplained
 from procedures.restoration.photograph_blur import (
     AdditionalDefocus,
     BlurSpec,
@@ -85,7 +85,7 @@ def restored(
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if lenses and outcome.value is not None:
-        distances = _distances(outcome.value, photographs, blur.masks, lenses[0], str(settings.metres))
+        distances = _distances(outcome.value, photographs, blur.masks, lenses[0], settings)
         outcome = _judged(outcome, distances)
     outcome = developed.judged(outcome, frames)
     if truth is not None:
@@ -248,15 +248,17 @@ def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
 
 
 def _distances(
-    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting, side: str
-) -> Distances:
+    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting,
+    settings: RestoreSettings,
+) -> Distances:  # fmt: skip
     """Depth in metres."""
     z = np.stack(photographs)
     aligned = register(z, trust_of(z), masks).z
     w, noise = restoration.w.astype(np.float64), restoration.diagnostics.noise
     spread = np.hypot(restoration.w_std, ambiguity(list(aligned), masks, w, noise))
     spread[unexplained(restoration.residual.astype(np.float64), noise)] = np.inf
-    return distances_of(w, spread, lens, side)
+    known = CameraUncertainty(settings.camera_uncertainty, settings.camera_uncertainty)
+    return distances_of(w, spread, lens, str(settings.metres), known)
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
@@ -278,6 +280,7 @@ def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
         "focus_m": [one.focus_mm / 1000 for one in lenses],
         "focal_length_mm": lenses[0].focal_length_mm,
         "pixel_pitch_um": settings.pixel_pitch_um,
+        "camera_uncertainty": settings.camera_uncertainty,
     }
 
 

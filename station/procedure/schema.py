@@ -7,8 +7,8 @@ import msgspec
 from procedures.numbers import NUMBERS
 from procedures.outcome import Verdict
 from station.procedure.base import Procedure
+from station.results.comparison import Compliance
 from station.results.measurement import BY_PLANE
-from station.results.plane_result import Compliance
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NUMBER_OR_NULL = {"type": ["number", "null"]}

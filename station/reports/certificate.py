@@ -16,7 +16,8 @@ from station.common.sanitise import stated
 from station.reports.certificate_figure import curves_figure, qr_code
 from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
 from station.reports.report import METHODS, Report, comparison
-from station.results.plane_result import MEASUREMENT, SPECIFICATION, PlaneResult
+from station.results.comparison import MEASUREMENT, SPECIFICATION
+from station.results.plane_result import PlaneResult
 from station.results.result_files import SEAL, json_text
 from station.results.units import Pixels, Unit
 

@@ -42,6 +42,8 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
         Heading("Uncertainty of the projection: of a point fixed to the charts, from the points’ own errors"),
         Figures([figures.coverage_figure(geometry, f"{prefix}coverage"), *maps], wide=True, summary=True),
     ]
+    if geometry.shutter is not None:
+        blocks.append(f"The frames show a {geometry.shutter.words}.")
     if (proposed := geometry.next_view) is not None:
         blocks.append(
             f"One more photograph would help most of the chart in {next_view_words(proposed)}: over the whole frame, "
@@ -60,14 +62,32 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
 
 
 def _lens(geometry: Geometry, prefix: str) -> list[Figure]:
-    trials = [[f"{one.model}, {one.parameters}", f"{one.left_over:.4g}"] for one in geometry.trials]
-    return [
+    drawn = [
         figures.distortion_figure(geometry, f"{prefix}distortion"),
         figures.misfit_figure(geometry, f"{prefix}misfit"),
+    ]
+    return [*drawn, *_formulas(geometry)]
+
+
+def _formulas(geometry: Geometry) -> list[Figure]:
+    """The parametric models fitted to a reference, and the compared degrees of its smoothness."""
+    if not geometry.formulas:
+        return []
+    rows = [
+        [one.camera.model, str(len(one.camera.params)), f"{one.difference.rms_px:.3g}", f"{one.difference.max_px:.3g}",
+         f"{one.share:.0%}"]
+        for one in geometry.formulas
+    ]  # fmt: skip
+    trials = [[one.model, f"{one.roughness_px:.3g}", f"{one.left_over:.5g}"] for one in geometry.trials]
+    return [
         Figure(
-            Table(trials, ["model, numbers", "error in views not fitted"], style="plain"),
-            "Each model fitted to half of the views and asked for the other half: mean square in units of the points’ "
-            "covariances. The first is used; a richer one must do better by more than half a per cent.",
+            Table(rows, ["formula", "parameters", "loss, pixel rms", "largest", "of the covered frame"], style="plain"),
+            "Formulas fitted to the reference, as exports have them, with their loss over the covered frame.",
+        ),
+        Figure(
+            Table(trials, ["spline", "roughness, pixel", "error at points not fitted"], style="plain"),
+            "Splines fitted to half of the points and compared with the other half: mean square in units of the "
+            "points’ covariances. The first is used.",
         ),
     ]
 

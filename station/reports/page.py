@@ -20,8 +20,9 @@ from station.common.sanitise import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
-from station.results.plane_result import measurement_words
+from station.results.comparison import measurement_words
 from station.results.record_head import PartBeside
+from station.results.units import Unit
 
 Text = str
 """Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""
@@ -120,7 +121,19 @@ class PrintedPicture:
                     "beside" if self.width_mm < SMALL_MM else "", uri, self.width_mm, self.caption)  # fmt: skip
 
 
-Block = Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
+@dataclass(frozen=True)
+class Scripted:
+    """HTML that the script of this name completes and shows."""
+
+    markup: Markup
+    script: str
+
+    def __html__(self) -> Markup:
+        """The HTML."""
+        return self.markup
+
+
+Block = Scripted | Text | Markup | PrintedPicture | Note | Heading | Items | KeyNumbers | Table | Figures
 
 
 @dataclass(frozen=True)
@@ -145,12 +158,14 @@ class Section:
     anchor: str = ""
 
 
-def page(title: str, sections: Iterable[Section]) -> str:
-    """The page of sections, with the scripts that they use."""
+def page(title: str, sections: Iterable[Section], *, explored: Markup | None = None) -> str:
+    """The page of sections, with the scripts that they use; `explored` is the data of `explore.explorer`."""
     shown = list(sections)
     blocks = [block for one in shown for block in one.blocks]
     scripts = ["sort.js"] if any(isinstance(one, Table) and one.style == SORTABLE for one in blocks) else []
-    return render("page.html", title=title, sections=shown, scripts=scripts)
+    scripts += ["explore.js"] if explored else []
+    scripts += sorted({one.script for one in blocks if isinstance(one, Scripted)})
+    return render("page.html", title=title, sections=shown, scripts=scripts, explored=explored or "")
 
 
 def render(template: str, **context: Any) -> str:
@@ -216,6 +231,20 @@ def quantity(number: Quantity) -> str:
 def unit_of(number: Quantity) -> str:
     """The unit of a number; nothing if it has none."""
     return "" if number.unit == "1" else number.unit
+
+
+def shown_unit(number: Quantity) -> Text:
+    """The unit of a number. The script of a page changes that of a frequency."""
+    unit = unit_of(number)
+    return html("<span data-unit>{}</span>", unit) if unit in tuple(Unit) else unit
+
+
+def value_of(number: Quantity) -> Text:
+    """A number with its uncertainty. The script of a page converts that of a frequency."""
+    words = stated(number.value, number.uncertainty)
+    if number.unit not in tuple(Unit):
+        return words
+    return html('<span data-q="{:.7g} {:.7g}">{}</span>', number.value, number.uncertainty, words)
 
 
 def percent(share: float) -> str:

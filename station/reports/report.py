@@ -13,10 +13,11 @@ from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
+from station.results.comparison import MEASUREMENT, SPECIFICATION, Comparison, Compliance
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay
-from station.results.plane_result import MEASUREMENT, SPECIFICATION, Comparison, Compliance, PlaneResult
+from station.results.plane_result import PlaneResult
 from station.results.record_head import condition_words
 from station.results.result_files import RECORD
 from station.results.terms import specification_verdict

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.numbers import Group, in_group
-from station.common.sanitise import stated
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
+from station.reports.explore import ExploredPlaces, explorer
 from station.reports.page import (
     Block,
     Figures,
@@ -27,9 +28,10 @@ from station.reports.page import (
     page,
     plane_name,
     sentence,
+    shown_unit,
     small,
     tag,
-    unit_of,
+    value_of,
 )
 from station.reports.report import Report, comparison, numbers_of_page
 from station.results.overlay import Overlay
@@ -65,6 +67,7 @@ def report_page(
     summary: Sequence[Block] = (),
     plane_blocks: Callable[[PlaneResult], Sequence[Block]] = lambda plane: (),
     closing: Sequence[Section] = (),
+    spots: Mapping[str, ExploredPlaces] = MappingProxyType({}),
 ) -> str:
     """The page of a report.
 
@@ -73,6 +76,7 @@ def report_page(
     summary : blocks below the verdicts
     plane_blocks : what a plane's section shows before its numbers; the first figures for the summary are moved there
     closing : sections between those of the planes and the provenance
+    spots : places of the frame that are explored, by plane
     """
     shown = [(plane, plane_blocks(plane)) for plane in report.planes]
     figures = ((plane, one) for plane, blocks in shown for one in blocks if isinstance(one, Figures) and one.summary)
@@ -100,7 +104,8 @@ def report_page(
         links = [html('<a href="{}"><code>{}</code></a>', one, one) for one in report.files]
         files = html("<p>{}</p>", Markup(", ").join(links))
         sections.append(Section("The files beside this page", [files], closing=True))
-    return page(f"{report.subject}: {report.headline}", [*sections, _citation(report)])
+    title, explored = f"{report.subject}: {report.headline}", explorer(report, spots)
+    return page(title, [*sections, _citation(report)], explored=explored)
 
 
 def _head(report: Report, summary: Sequence[Block]) -> Section:
@@ -138,11 +143,11 @@ def _main_numbers(report: Report) -> list[Block]:
     first = report.planes[0]
     pixel = f" {Pixels(first.pitch).words}" if first.unit is Unit.CYCLES and first.pitch else ""
     frequencies = f"Frequencies in {first.unit}{pixel}; " if any(one.unit == Unit.CYCLES for one in numbers) else ""
-    note = Note(f"{frequencies}± is one standard uncertainty.")
+    note = Note(html('<span class="own-unit">{}</span>± is one standard uncertainty.', frequencies))
     quantities = [[plane.quantity(one) for one in numbers] for plane in report.planes]
-    units = [next(unit_of(one) for one in column if one is not None) for column in zip(*quantities, strict=True)]
-    labels = [", ".join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
-    values = [["—" if one is None else stated(one.value, one.uncertainty) for one in row] for row in quantities]
+    units = [next(shown_unit(one) for one in column if one is not None) for column in zip(*quantities, strict=True)]
+    labels = [Markup(", ").join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
+    values = [["—" if one is None else value_of(one) for one in row] for row in quantities]
     if len(report.planes) == 1:
         return [KeyNumbers(list(zip(values[0], labels, strict=True))), note]
     rows = []
@@ -164,7 +169,7 @@ def _numbers(plane: PlaneResult) -> list[Block]:
             rows.append([words, f"{one:.3f}", "", *([""] if intervals else [])])
             continue
         interval = [f"{one.low:.5g} to {one.high:.5g}".replace("-", "−") if hasattr(one, "low") else ""]
-        rows.append([small(words, one.method), stated(one.value, one.uncertainty), unit_of(one),
+        rows.append([small(words, one.method), value_of(one), shown_unit(one),
                      *(interval if intervals else [])])  # fmt: skip
     head = ["number", "value ± standard uncertainty", "unit", *(["95 % interval"] if intervals else [])]
     return [Heading("Numbers"), Table(rows, head, "wnun", "numbers")]

@@ -13,7 +13,8 @@ from typing import Any
 
 from procedures.numbers import CYCLES, FAMILIES, HORIZONTAL, MTF, NUMBERS, VERTICAL, label, name_at
 from procedures.outcome import Quantity
-from station.results.plane_result import UNMEASURED, Comparison, Compliance, Judgement, PlaneResult, worst
+from station.results.comparison import UNMEASURED, Comparison, Compliance, Judgement, worst
+from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, convert_name, convert_quantity
 
 BOTH = (HORIZONTAL, VERTICAL)

@@ -16,9 +16,10 @@ from procedures.outcome import BadInput, Miss, Quantity, Verdict
 from procedures.reading.arrays import checked_array, parse_npy
 from procedures.reading.text import parse_json
 from station.common.durable_files import read_own
+from station.results.comparison import Comparison
 from station.results.measurement import BY_PLANE, Measurement
 from station.results.overlay import table_columns
-from station.results.plane_result import Comparison, PlaneResult
+from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in

@@ -18,12 +18,10 @@ class ReadFile(Protocol):
     @property
     def path(self) -> Path:
         """Path of the file."""
-        ...
 
     @property
     def sha256(self) -> str:
         """SHA-256 of its bytes."""
-        ...
 
 
 @dataclass(frozen=True)

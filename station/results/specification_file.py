@@ -30,7 +30,7 @@ from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.text import read_text
 from station.common.models import ModelField, TableSource, fields_of, one_of, read_model, read_value
 from station.common.sanitise import printable
-from station.common.toml_text import Path as KeyPath
+from station.common.toml_text import KeyPath
 from station.results.limits import BOTH, Limit, Place, Specification, limited_numbers
 from station.results.units import Unit
 

@@ -9,8 +9,9 @@ from typing import Any
 
 from procedures.numbers import name_at
 from procedures.outcome import BadParameter
+from station.results.comparison import Comparison, Compliance, Judgement, worst
 from station.results.limits import BOTH, Specification, Spot, compare
-from station.results.plane_result import Comparison, Compliance, Judgement, PlaneResult, worst
+from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any
 
-from procedures.plan import Ask
+from procedures.plan import Ask, Points
 from station.bench.opening import Bench
 from station.bench.stage_watch import DeviceState, StageWatch
+from station.guide.coach import way_words, ways
+from station.guide.frontend import CONSENTS, NOT_NOW
 from station.guide.workspace import StationLab
 from station.service.pictures import LatestPicture
 from station.service.remote_operator import RunStatus
@@ -105,6 +108,8 @@ def run_record(status: RunStatus) -> dict[str, Any]:
         "instruction": status.instruction,
         "doing": {"say": status.doing, "done": status.done, "total": status.total},
         "advice": status.advice.say if status.advice is not None else "",
+        "coach": coach_record(status),
+        "goal": status.goal.say if status.goal is not None else "",
         "readings": [{**asdict(r), "good": r.good} for r in (status.advice.readings if status.advice else ())],
         "trouble": asdict(status.trouble) if status.trouble is not None else None,
         "question": question_record(status.question) if status.question is not None else None,
@@ -114,7 +119,34 @@ def run_record(status: RunStatus) -> dict[str, Any]:
     }
 
 
+def coach_record(status: RunStatus) -> dict[str, Any] | None:
+    """The pose to match in the newest picture, in fractions of its sides; None where there is none."""
+    outline = status.advice.outline if status.advice is not None else None
+    if outline is None or status.ended is not None:
+        return None
+    rows, columns = status.shape
+
+    def fractions(points: Points) -> list[tuple[float, float]]:
+        return [((x + 0.5) / columns, (y + 0.5) / rows) for x, y in points]
+
+    off = outline.off_px / math.hypot(rows, columns)
+    return {
+        "present": fractions(outline.present),
+        "wanted": fractions(outline.wanted),
+        "words": way_words(outline, status.shape) if outline.present else "",
+        "arrows": [arrow for arrow, _ in ways(outline, status.shape)] if outline.present else [],
+        "off": off if math.isfinite(off) else None,
+        "good": status.advice is not None and status.advice.good,
+        "hold_s": status.hold_s,
+    }
+
+
 def question_record(ask: Ask) -> Mapping[str, Any]:
     """A question, as a record."""
     names = ("key", "question", "kind", "unit", "default", "low", "high", "choices")
-    return {name: getattr(ask, name) for name in names}
+    consent = CONSENTS.get(ask.key)
+    return {
+        **{name: getattr(ask, name) for name in names},
+        "consent": asdict(consent) if consent else None,
+        "decline": NOT_NOW,
+    }

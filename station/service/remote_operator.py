@@ -8,13 +8,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from procedures.outcome import BadParameter
-from procedures.plan import Advice, Ask, Fact
+from procedures.plan import Advice, Ask, Fact, Goal
 from procedures.raw import Plane
 from station.guide.answers import parse
 from station.guide.frontend import (
-    MOVE,
+    CONSENTS,
     Event,
     FrameEvent,
+    GoalEvent,
     ProblemEvent,
     ProgressEvent,
     Result,
@@ -25,8 +26,8 @@ from station.guide.frontend import (
     Stopped,
 )
 
-NEVER_BY_DEFAULT = (MOVE, "trouble", "look", "contradiction")
-"""Questions that a person must answer: consent to motion, and how to continue after an error."""
+NEVER_BY_DEFAULT = (*CONSENTS, "trouble", "look", "contradiction")
+"""Questions that a person must answer: consent to motion and light, and how to continue after an error."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,9 @@ class RunStatus:
     session, plan : of the run
     step, instruction : the present step
     doing, done, total : the present operation, with its countable parts
-    advice : from the last frame examined
+    advice : from the last frame examined, whose plane has this `shape`
+    hold_s : time for which its pose must still be held; None outside its tolerance
+    goal : progress of the photographs
     trouble : the last error in this step
     question : the question that waits for an answer
     result : the estimate
@@ -51,6 +54,9 @@ class RunStatus:
     done: int = 0
     total: int = 0
     advice: Advice | None = None
+    hold_s: float | None = None
+    shape: tuple[int, ...] = (1, 1)
+    goal: Goal | None = None
     trouble: ProblemEvent | None = None
     question: Ask | None = None
     result: Result | None = None
@@ -120,6 +126,15 @@ class RemoteOperator:
                 raise BadParameter(f"{words!r} is not an answer to {key!r}", str(error)) from error
             self._lock.notify_all()
 
+    def settle(self, fact: Fact) -> bool:
+        """Answer the open question by the photographs; False where none is open."""
+        with self._lock:
+            if self._status.question is None or self._reply:
+                return False
+            self._reply[:] = [fact]
+            self._lock.notify_all()
+            return True
+
     def stop(self) -> None:
         """Stop answering: open questions raise Stopped."""
         with self._lock:
@@ -139,8 +154,10 @@ def after(status: RunStatus, event: Event) -> RunStatus:
             return replace(status, gave={**status.gave, step.name: gave})
         case ProgressEvent(say, done, total):
             return replace(status, doing=say, done=done, total=total)
-        case FrameEvent(_, advice):
-            return replace(status, advice=advice)
+        case FrameEvent(plane, advice, hold_s):
+            return replace(status, advice=advice, hold_s=hold_s, shape=plane.samples.shape)
+        case GoalEvent(goal):
+            return replace(status, goal=goal)
         case ProblemEvent():
             return replace(status, trouble=event)
         case Result():

@@ -167,7 +167,9 @@ class Index:
     def update(self) -> None:
         """Read every new or changed session; remove missing ones."""
         known = dict(self._database.execute("SELECT folder, stamp FROM sessions"))
-        stamps = {folder.name: _stamp(folder) for folder in sessions_in(self.root) if _is_text(folder.name)}
+        stamps = {
+            folder.name: _stamp(folder) for folder in sessions_in(self.root) if folder.name == encodable(folder.name)
+        }
         with self._database:
             gone = [(name,) for name in known if name not in stamps]
             self._database.executemany("DELETE FROM sessions WHERE folder = ?", gone)
@@ -252,11 +254,6 @@ def _discard(path: Path) -> None:
     for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
         with contextlib.suppress(OSError):  # if it cannot be removed, an index in memory is used
             path.with_name(name).unlink(missing_ok=True)
-
-
-def _is_text(name: str) -> bool:
-    """Whether SQLite can store it; true for every name made by this program."""
-    return name == encodable(name)
 
 
 def _stamp(folder: Path) -> str:

@@ -64,7 +64,7 @@ def gap(path: Path, sums: Sequence[str], *, expected: bool) -> Gap:
         return Gap(0, f"{path.name} is missing: whether the journal is whole is unknown") if expected else Gap()
     except OSError as error:
         return Gap(0, f"{path.name} cannot be read ({error.strerror}): whether the journal is whole is unknown")
-    entries = _entries(data)
+    entries = [data[:WIDTH], data[WIDTH:]] if len(data) == 2 * WIDTH else [data or b"?"]
     heads = [head for head in map(_read, entries) if head is not None]
     ahead = max((head.count for head in heads), default=0) - len(sums)
     if ahead > 0:
@@ -80,11 +80,6 @@ def _lost(path: Path, count: int, ahead: int) -> str:
     last = f"line {count + 1} is" if ahead == 1 else f"lines {count + 1} to {count + ahead} are"
     power = "; it was lost, or being written when the program ended" if ahead == 1 else ": they were lost"
     return f"the journal has {count} lines, but {path.name} counts {count + ahead}: {last} missing{power}"
-
-
-def _entries(data: bytes) -> list[bytes]:
-    """The two entries; a file of another length as a single invalid one."""
-    return [data[:WIDTH], data[WIDTH:]] if len(data) == 2 * WIDTH else [data or b"?"]
 
 
 def _read(entry: bytes) -> Head | None:

@@ -166,25 +166,9 @@ def after(state: SessionState, line: JournalLine) -> SessionState:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _acknowledged(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, notices=())
-
-
-def _noticed(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, notices=(*state.notices, str(line.data["say"])))
-
-
-def _learned(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, facts={**state.facts, **line.data["facts"]})
-
-
 def _forgot(state: SessionState, line: JournalLine) -> SessionState:
     gone = set(line.data["names"])
     return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
-
-
-def _step_began(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, step=str(line.data["step"]), ended=None)
 
 
 def _step_ended(state: SessionState, line: JournalLine) -> SessionState:
@@ -205,31 +189,11 @@ def _reopened(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, done=done, step="", shots=shots, ended=None)
 
 
-def _exposing(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"])))
-
-
-def _gave_up(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, awaited=None, adopting=None)
-
-
-def _adopting(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, adopting=_shot(line.data))
-
-
 def _adopted(state: SessionState, line: JournalLine) -> SessionState:
     shot = state.adopting
     if shot is None or shot.number != line.data["shot"]:
         raise ValueError("no shot was being adopted")
     return replace(state, adopting=None, awaited=None, shots=(*state.shots, shot))
-
-
-def _judged(state: SessionState, line: JournalLine) -> SessionState:
-    return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
-
-
-def _lost(state: SessionState, line: JournalLine) -> SessionState:
-    return _with_shot(state, line, counts=False, reason=LOST, lost=True)
 
 
 def _with_shot(state: SessionState, line: JournalLine, **change: Any) -> SessionState:
@@ -259,28 +223,26 @@ def _given(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, given={**state.given, **files})
 
 
-def _ended(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, ended=str(line.data["how"]))
-
-
 CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
-    "told": _acknowledged,
-    "noticed": _noticed,
-    "learned": _learned,
+    "told": lambda state, line: replace(state, notices=()),
+    "noticed": lambda state, line: replace(state, notices=(*state.notices, str(line.data["say"]))),
+    "learned": lambda state, line: replace(state, facts={**state.facts, **line.data["facts"]}),
     "forgot": _forgot,
-    "step_began": _step_began,
+    "step_began": lambda state, line: replace(state, step=str(line.data["step"]), ended=None),
     "step_ended": _step_ended,
     "reopened": _reopened,
-    "exposing": _exposing,
-    "gave_up": _gave_up,
-    "adopting": _adopting,
+    "exposing": lambda state, line: replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"]))),
+    "gave_up": lambda state, line: replace(state, awaited=None, adopting=None),
+    "adopting": lambda state, line: replace(state, adopting=_shot(line.data)),
     "adopted": _adopted,
-    "judged": _judged,
-    "lost": _lost,
+    "judged": lambda state, line: _with_shot(
+        state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"])
+    ),
+    "lost": lambda state, line: _with_shot(state, line, counts=False, reason=LOST, lost=True),
     "derived": _derived,
     "found": _found,
     "given": _given,
-    "ended": _ended,
+    "ended": lambda state, line: replace(state, ended=str(line.data["how"])),
 }
 
 

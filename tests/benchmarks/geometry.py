@@ -38,8 +38,8 @@ from simulated_views import (  # noqa: E402
 from procedures.geometry.adjustment import AdjustmentProblem, adjust  # noqa: E402
 from procedures.geometry.cameras import MODELS  # noqa: E402
 from procedures.geometry.chart_bins.photographs import view_of  # noqa: E402
-from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
+from procedures.geometry.reference import first_state, fit_formula, fit_model  # noqa: E402
 from procedures.geometry.shape import estimated_node_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
@@ -90,7 +90,7 @@ def _spread(draws: int, model: str, shoot: Shoot) -> None:
         taken = take(shoot, np.random.default_rng(1000 + draw))
         problem = AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes))
         if start is None:
-            start = fit_model(model, first_state(problem, truth.size), problem).state
+            start = fit_formula(model, first_state(problem, truth.size), problem).state
         found = adjust(start, problem)
         node_mm = estimated_node_errors(found.state.errors_mm, found.errors_variance)
         found = adjust(found.state, replace(problem, shape=replace(problem.shape, node_mm=node_mm)))
@@ -175,8 +175,8 @@ def speed(_: int) -> None:
     problem, size = AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes)), shoot.camera.size
     print("30 views of 24 x 24 points")
     start = timed("first state", lambda: first_state(problem, size))
-    timed("one model", lambda: fit_model(RICH, start, problem))
-    timed("choice of the model", lambda: choose_model(MODELS, start, problem))
+    timed("one model", lambda: fit_formula(RICH, start, problem))
+    timed("the reference", lambda: fit_model(None, start, problem))
     timed("everything", lambda: calibrate_geometry(taken.views, size, GeometryParameters(CELL_MM)))
 
 

@@ -1,7 +1,5 @@
 """The shutter box's firmware, compiled for this machine, at the end of a cable in the time of the tests."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every driver at its twin, or, with `--driver NAME --port URL`, one driver at a real device."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """A real GRBL in simavr, in the time of the tests."""
 
-from __future__ import annotations
-
 import subprocess
 
 

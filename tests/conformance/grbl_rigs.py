@@ -1,7 +1,5 @@
 """GRBL and grblHAL as their makers have them, with motors, switches and a power supply."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

@@ -10,8 +10,6 @@
 (`gcc -O2 -I/usr/include/simavr grbl_box.c -o grbl_box -lsimavrparts -lsimavr -lelf -lpthread -lutil`).
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -8,8 +8,6 @@ It is built from the sources of grblHAL's project "Simulator" with switches at t
 `limitsEnable` leaves the axes that are homing out of the interrupt's mask, as drivers of real boards do.
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Devices without a port: behind other people's software, at the kernel's boundary, or behind a program."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -23,7 +21,7 @@ from drivers.micromanager.core import Core
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from drivers.v4l2.camera import V4l2Camera
-from simulators.devices.v4l2 import FakeCamera
+from tests.drivers.v4l2_twin import FakeCamera
 
 from ..aravis_fake import IGNORED, fake_camera, require_aravis
 from ..drivers.rpicam_twin import install_twin

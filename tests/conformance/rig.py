@@ -1,7 +1,5 @@
 """A device under test with its clock and its surroundings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol

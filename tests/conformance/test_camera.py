@@ -1,7 +1,5 @@
 """What every camera promises."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from itertools import islice

@@ -1,7 +1,5 @@
 """What every device promises, whatever its kind."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import DeviceError, LineLost

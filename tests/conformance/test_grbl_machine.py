@@ -3,8 +3,6 @@
 At the twins always; at GRBL in simavr with `--grbl-firmware` and `--grbl-box`, at grblHAL's simulator with `--grblhal`.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import DeviceError, Held, LineLost, NoAnswer, NotHomed, WasReset

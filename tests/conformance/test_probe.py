@@ -1,7 +1,5 @@
 """What every probe promises."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What every rangefinder promises."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import DeviceError, NoReading

@@ -1,7 +1,5 @@
 """What every shaker promises."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

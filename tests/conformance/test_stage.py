@@ -1,7 +1,5 @@
 """What every stage promises."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import pytest

@@ -1,7 +1,5 @@
 """The twins of stage controllers, driven by published clients, which share no line with our drivers."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The Zaber twin, driven by the vendor's own library: a client that shares no line with ours."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

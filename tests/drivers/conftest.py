@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench

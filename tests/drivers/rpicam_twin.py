@@ -1,7 +1,5 @@
 """The program `rpicam-still` of the simulators, at a path of its own."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path
@@ -13,8 +11,6 @@ def install_twin(folder: Path) -> Path:
     """Write the program into a folder."""
     program = folder / "rpicam-still"
     path = os.pathsep.join((str(REPOSITORY), os.environ.get("PYTHONPATH", "")))
-    program.write_text(
-        f'#!/bin/sh\nPYTHONPATH="{path}" exec "{sys.executable}" -m simulators.devices.rpicam_still "$@"\n'
-    )
+    program.write_text(f'#!/bin/sh\nPYTHONPATH="{path}" exec "{sys.executable}" -m tests.drivers.rpicam_still "$@"\n')
     program.chmod(0o755)
     return program

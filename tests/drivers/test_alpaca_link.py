@@ -1,7 +1,5 @@
 """Requests to an Alpaca server whose replies are wrong."""
 
-from __future__ import annotations
-
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 

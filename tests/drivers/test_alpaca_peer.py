@@ -1,7 +1,5 @@
 """The drivers of Alpaca devices at a server that others wrote (alpaca-simulators)."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Art-Net: a node that lights a lamp, and packets as a published client sends them."""
 
-from __future__ import annotations
-
 import socket
 import threading
 
@@ -9,7 +7,7 @@ import pytest
 
 from drivers.artnet import ArtNetLight, dmx_packet
 from drivers.errors import BadConfiguration, LineLost, NoAnswer
-from simulators.devices.artnet import ArtNetNode
+from tests.drivers.artnet_node import ArtNetNode
 
 
 @pytest.fixture

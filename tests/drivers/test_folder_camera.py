@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, LineLost, NoAnswer

@@ -1,7 +1,5 @@
 """GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
 
-from __future__ import annotations
-
 import json
 import threading
 

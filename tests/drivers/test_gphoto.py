@@ -1,7 +1,5 @@
 """GphotoCamera through the real libgphoto2, at its own "Directory Browse" camera: a folder that plays a body."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

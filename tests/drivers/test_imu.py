@@ -1,7 +1,5 @@
 """Loss is counted, whichever way the device reports it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

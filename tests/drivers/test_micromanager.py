@@ -1,7 +1,5 @@
 """Micro-Manager's adapters through its real core, at its own demo devices."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """Packed pixels: bits laid out by hand, as the naming convention and GigE Vision draw them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """RpicamCamera at a program that behaves as `rpicam-still`."""
 
-from __future__ import annotations
-
 import json
 import sys
 import threading

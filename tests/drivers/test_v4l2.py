@@ -1,7 +1,5 @@
 """V4l2Camera at a twin that answers the kernel's requests; the twin, and the structures, against what others wrote."""
 
-from __future__ import annotations
-
 import ctypes
 import io
 import json
@@ -22,7 +20,9 @@ from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.v4l2 import kernel
 from drivers.v4l2.camera import FORMATS, V4l2Camera, V4l2Settings, four_characters
 from procedures.raw import read_frame
-from simulators.devices.v4l2 import (
+from simulators.world.clock import VirtualClock
+from station.bench.opening import inspect_raw, make_bench, read_config
+from tests.drivers.v4l2_twin import (
     EXPOSURE_MODE,
     EXPOSURE_TIME,
     GAIN,
@@ -32,8 +32,6 @@ from simulators.devices.v4l2 import (
     WHITE_BALANCE,
     FakeCamera,
 )
-from simulators.world.clock import VirtualClock
-from station.bench.opening import inspect_raw, make_bench, read_config
 
 
 @pytest.fixture

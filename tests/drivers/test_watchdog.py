@@ -1,7 +1,5 @@
 """The watchdog at its twin: heartbeats keep the motors enabled, and without them every axis has lost its position."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """What Zaber devices do, and what the driver makes of it."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

@@ -1,7 +1,5 @@
 """Surroundings of a chart in a real room: posters, edges, cables, text; and objects covering it."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

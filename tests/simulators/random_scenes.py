@@ -1,7 +1,5 @@
 """Random photographs for trials of detection and estimation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -80,8 +80,6 @@ def _clear(row: Picture) -> None:
 def saddle_points(image: Picture, kernels: Picture, flatter: float, weakest: float) -> tuple[Indices, Picture, Picture]:
     """Local extrema of saddle strength, row by row: flat indices, (Lxx - Lyy) / 2 and Lxy there.
 
-    Parameters
-    ----------
     image : (rows >= 5, columns >= 5) float32
     kernels : (3, 5) float32 Gaussian and its first two derivatives, from the middle on
     flatter : greatest mean curvature over strength
@@ -119,8 +117,6 @@ def saddle_points(image: Picture, kernels: Picture, flatter: float, weakest: flo
 def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float) -> Picture:
     """Share of the second harmonic in the remaining variance on a ring of eight samples around pixels (n,).
 
-    Parameters
-    ----------
     index : (n,) int64 pixels of the picture, flattened
     radius : radius of the ring, in pixels
     off_centre : share of the first harmonic that is subtracted from the variance

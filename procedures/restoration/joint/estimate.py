@@ -16,7 +16,7 @@ from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.moved_objects import PICTURE, Occlusion, largest, moved_objects, occlusion_of
-from procedures.restoration.joint.noise_and_contrast import depth_freedom, noise_gain
+from procedures.restoration.joint.noise_and_contrast import depth_freedom, effective_weights, noise_gain
 from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme
@@ -187,7 +187,12 @@ def _restoration(
     noise = max(finest, residual_noise(data.z, residual * ~moved, sharp, R))
     rms = _rms(residual, data.trust)
     freedom = 0.0 if flat else depth_freedom(data, state.u, last)
-    error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, freedom)
+    downhill = data.blur_adjoint(residual)[:, R:-R, R:-R].astype(np.float64)
+    weights = np.maximum(effective_weights(sharp.astype(np.float64), downhill), last.picture)
+    error = picture_error(
+        masks, np.quantile(w, joint_descent.DECILES), weights, residual, sharp, freedom,
+        as_restored=p.least_image_weight > 0,
+    )  # fmt: skip
     # where something moved, neither w nor the picture is known
     occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks)
     undetermined = float((np.where(moved, limit, spread) > 0.5).mean())

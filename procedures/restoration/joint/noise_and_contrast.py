@@ -65,7 +65,7 @@ def moments(
     L, rings = parts[0][1], rings_of((SIZE, SIZE))
     noise, slopes = np.zeros((2, BANDS))
     for band in range(BANDS):
-        noise[band], slopes[band] = _separated(
+        noise[band], slopes[band] = separated(
             [(S[rings == band], L[rings == band]) for S, _ in parts],
             weights[band], len(stacks), fitted, len(stacks) * residual[band], gradient[band],
         )  # fmt: skip
@@ -80,14 +80,17 @@ def moments(
     return Moments(float(noise[rings[rings >= 0]].mean()), variance, contrast)
 
 
-def _separated(
-    parts: list[tuple[Array, Array]], weight: float, count: int, fitted: float, residual: float, gradient: float
-) -> tuple[float, float]:
+def separated(
+    parts: list[tuple[Array, Array]], weight: float, count: int, fitted: float, residual: float, gradient: float,
+    *, fixed: bool = False,
+) -> tuple[float, float]:  # fmt: skip
     """Noise and squared gradient of a band, from residual and restored gradient; parts : S and L here, by part of the
-    frame."""
+    frame; fixed : the squared gradient is the restored one, and all of the residual noise."""
     S, L = (np.concatenate(spectra) for spectra in zip(*parts, strict=True))
     kept, lost = S / (S + weight * L + 1e-12), weight * L / (S + weight * L + 1e-12)
     free = max(count - 1 + float(np.mean(lost**2)) - fitted, 0.2)
+    if fixed:
+        return residual / free, gradient
     system = np.array(
         [
             [free, np.mean(kept * lost) * weight],

@@ -20,6 +20,7 @@ from procedures.restoration.joint.noise_and_contrast import (
     gradient_powers,
     responses,
     rings_of,
+    separated,
 )
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
@@ -45,34 +46,39 @@ class PictureError:
 
 
 def picture_error(
-    stacks: list[MaskStack], depths: Array, weight: float, residual: Array, sharp: Array, fitted: float = 0.0
-) -> PictureError:
+    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, fitted: float = 0.0,
+    *, as_restored: bool = False,
+) -> PictureError:  # fmt: skip
     """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
-    depths : w of equal parts of the frame; weight : lambda_u; fitted : noise fitted by the depth.
+    depths : w of equal parts of the frame; weights : effective weights of the prior in every band, see
+    `effective_weights`; fitted : noise fitted by the depth; as_restored : X is
+    that of the restored picture, for estimated masks, which share a part with the picture and make it too sharp.
 
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
-    parts of N, and the part suppressed by the prior; X is taken as restored.
+    parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
     """
     power, slopes, rings = (
         band_powers(residual.astype(np.float64)),
         gradient_powers(sharp.astype(np.float64)),
         rings_of((SIZE, SIZE)),
     )
-    parts = np.zeros(3)
-    for w in depths:
-        S, L = responses(stacks, float(w))
-        soft = weight * L / (S + weight * L + 1e-12)
-        sharpest = (1 - np.sqrt(responses_of_best(stacks, float(w)))) ** 2 / np.maximum(L, 1e-12)
-        for band in range(BANDS):
-            at = rings == band
-            free = max(len(stacks) - 1 + float(np.mean(soft[at] ** 2)) - fitted, 0.2)
-            noise = len(stacks) * power[band] / free
+    parts, count = np.zeros(3), len(stacks)
+    each = [(*responses(stacks, float(w)), responses_of_best(stacks, float(w))) for w in depths]
+    for band in range(BANDS):
+        at = rings == band
+        here = [(S[at], L[at], best[at]) for S, L, best in each]
+        noise, contrast = separated(
+            [(S, L) for S, L, _ in here], weights[band], count, fitted, count * power[band], slopes[band],
+            fixed=as_restored,
+        )  # fmt: skip
+        for S, L, best in here:
+            soft = weights[band] * L / (S + weights[band] * L + 1e-12)
             parts += [
-                noise * np.sum(S[at] / (S[at] + weight * L[at] + 1e-12) ** 2),
-                slopes[band] * np.sum(soft[at] ** 2 / L[at]),
-                slopes[band] * np.sum(sharpest[at]),
+                noise * np.sum(S / (S + weights[band] * L + 1e-12) ** 2),
+                contrast * np.sum(soft**2 / L),
+                contrast * np.sum((1 - np.sqrt(best)) ** 2 / L),
             ]
     parts /= len(depths) * np.sum(rings >= 0)
     return PictureError(float(np.sqrt(parts[:2].sum())), *(float(one) for one in np.sqrt(parts)))

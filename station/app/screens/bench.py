@@ -238,8 +238,16 @@ class BenchScreen(StationScreen):
 
     @on(Brighter)
     def brighter(self) -> None:
-        """Brighten the lamp."""
-        self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
+        """Brighten the lamp; one that is dark asks first."""
+        if self.bench is None or self.app.bench_taken or "light" not in self.bench.devices or self.bench.light.level():  # type: ignore[attr-defined]
+            self._brighten(0)
+        else:
+            question = "The lamp goes on, and out again when the program ends. Do not look into it."
+            self.app.push_screen(Choose(question, ("light it", "not now"), moves=True), self._brighten)
+
+    def _brighten(self, answer: int | None) -> None:
+        if answer == 0:
+            self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
 
     @on(NextWire)
     def next_wire(self) -> None:

@@ -46,16 +46,17 @@ class Dialog(ModalScreen[int | None]):
 
 
 class Help(Dialog):
-    """The keys, and the glossary."""
+    """The open question, the keys, and the glossary."""
 
-    def __init__(self, commands: Sequence[type[Command]]) -> None:
+    def __init__(self, commands: Sequence[type[Command]], question: Sequence[str] = ()) -> None:
         super().__init__()
-        self._commands = commands
+        self._commands, self._question = commands, question
 
     def compose(self) -> ComposeResult:
         """The introduction, then a line for every key."""
         keys = [f"{command.key_name():>4}  {command.help()}" for command in self._commands]
         with Vertical(), VerticalScroll():
+            yield Part(id="help-question")
             yield Part(id="introduction")
             yield Part(id="help-keys")
             yield Part(id="help-words")
@@ -63,8 +64,11 @@ class Help(Dialog):
 
     def on_mount(self) -> None:
         """Fill in the texts."""
-        paragraphs = INTRODUCTION.split("\n")
-        self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
+        first, *more = self._question or ("",)
+        self.query_one("#help-question", Part).update(
+            lines_of(literal(HEAD, "bold"), *((literal(first, "bold"), *more, "") if first else ()))
+        )
+        self.query_one("#introduction", Part).update(lines_of(*INTRODUCTION.split("\n"), ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
         heading, *lines = paragraphs_of(for_terminal(find_page(read_pages(), GLOSSARY).text))
         self.query_one("#help-words", Part).update(lines_of(literal(heading.removeprefix("# "), "bold"), *lines))

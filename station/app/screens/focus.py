@@ -281,4 +281,5 @@ def _curve(reading: FocusReading) -> Callable[[int, int, bool], list[str]]:
     known = all(place == place for place in reading.places)
     places = reading.places if known else tuple(range(1, reading.number + 1))
     best = None if reading.best is None else reading.scores[reading.best - 1]
-    return trend(places, reading.scores, f"MTF50 over {'steps of the ring' if known else 'photographs'}", best)
+    over = "steps of the ring" if known else "photographs"
+    return trend(places, reading.scores, f"MTF50 in cycles/pixel over {over}", best)

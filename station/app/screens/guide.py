@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from functools import partial, singledispatchmethod
+from math import ceil
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
@@ -14,10 +16,11 @@ from textual.events import Key
 from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
 from station.app.mailbox import FramePreview, MailboxEntry, Question
 from station.app.screens.parts import AnswerBox, StationScreen
-from station.app.screens.result_view import mtf_plot, specified
+from station.app.screens.result_view import mtf_plot, number_lines, specified
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import (
     SPACE,
+    BigText,
     CurveView,
     Part,
     Picture,
@@ -28,11 +31,14 @@ from station.app.widgets import (
     literal,
     verdict_words,
 )
-from station.bench.motions import label
+from station.bench.motions import axis_words
 from station.drawing.diagrams import drawn, trend
+from station.guide.coach import DOWN, LEFT, RIGHT, UP, way_words, ways
 from station.guide.frontend import (
     MOVE,
     DiagramEvent,
+    GoalEvent,
+    Matched,
     ProblemEvent,
     ProgressEvent,
     Result,
@@ -42,13 +48,19 @@ from station.guide.frontend import (
     StepBegan,
     StepEnded,
 )
+from station.guide.line_frontend import plane_words
 
 if TYPE_CHECKING:
     from procedures.plan import Reading
     from station.app.background import Problem
     from station.app.screens.result_view import Plotted
-    from station.drawing.terminal_plots import Glyphs
+    from station.drawing.glyphs import Glyphs
+    from station.results.plane_result import PlaneResult
 
+COUNT_S = 0.5
+"""Interval of the countdown."""
+SIGNS = {RIGHT: ">", LEFT: "<", DOWN: "v", UP: "^"}
+"""Large signs of the ways."""
 AT_WORK = "Please wait: the station is working."
 ENDINGS = {
     "finished": "Done.",
@@ -74,6 +86,15 @@ class GuideScreen(StationScreen):
         self._stopped = False
         self._doing_last = False
         self._verdict: tuple[str, ...] = ()
+        self._coached: FramePreview | None = None
+        self._held_until_s = 0.0
+
+    def on_mount(self) -> None:
+        """Count the time down for which a pose must be held; Textual calls the base class's handler itself."""
+        for name in ("#coach", "#goal", "#values"):
+            self.query_one(name, Part).say("")
+        self.query_one("#sign").display = False
+        self.set_interval(COUNT_S, self._show_coach)
 
     def body(self) -> ComposeResult:
         """List of steps, current step, progress."""
@@ -82,12 +103,16 @@ class GuideScreen(StationScreen):
             with Vertical(id="main"):
                 yield Part(id="instruction")
                 yield AnswerBox(id="answer")
+                yield Part(id="coach")
                 with Horizontal(id="sight"):
                     yield Picture("no photograph yet", id="picture")
                     with VerticalScroll(id="numbers", can_focus=False):
+                        yield BigText(id="sign")
+                        yield Part(id="values")
                         yield Readings(id="readings")
                         yield CurveView(id="curve")
         yield Part(id="trouble")
+        yield Part(id="goal")
         yield ProgressLine(id="progress")
 
     @property
@@ -107,6 +132,11 @@ class GuideScreen(StationScreen):
         if command is StepBack:
             return self.step_before is not None
         return command is not NewSession or self._stopped
+
+    def question_help(self) -> Sequence[str]:
+        """Help on the open question, in its step."""
+        steps = self._began.plan.steps if self._began is not None else ()
+        return self.answers.explain(next((step for step in steps if step.name == self._now), None))
 
     @property
     def finished(self) -> bool:
@@ -147,12 +177,15 @@ class GuideScreen(StationScreen):
     def _(self, began: StepBegan) -> None:
         self._now = began.step.name
         self._done = self._before(began.step.name)
-        self.query_one("#trouble", Part).say("")
+        self._end_coach()
+        for name in ("#trouble", "#goal"):
+            self.query_one(name, Part).say("")
         words = (literal(began.step.title, "bold"), began.step.instruction)
         self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))
         if not self._verdict:
             self._show_readings(())
             self._show_curve(None)
+            self._show_values(())
             if began.step.drawing:
                 self.query_one(Picture).show_words(began.step.drawing)
         self._show_rail()
@@ -175,14 +208,26 @@ class GuideScreen(StationScreen):
     def _(self, preview: FramePreview) -> None:
         self._doing_last, self._verdict = False, ()
         self.remove_class("-verdict")
+        self._show_values(())
+        self._coach(preview)
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
         if not self.answers.open:
             self.answers.show_sentence(preview.advice.say or AT_WORK)
 
     @show.register
+    def _(self, event: GoalEvent) -> None:
+        self.query_one("#goal", Part).say(self.glyphs.spelt(event.goal.say))
+
+    @show.register
+    def _(self, matched: Matched) -> None:
+        self.app.bell()
+        self._end_coach()
+        self.answers.show_sentence("Taking the photograph.")
+
+    @show.register
     def _(self, curve: ScanEvent) -> None:
-        self._show_curve(trend(curve.places, curve.scores, f"sharpness by {label(curve.axis)}"))
+        self._show_curve(trend(curve.places, curve.scores, f"{curve.quantity} over {axis_words(curve.axis)}"))
 
     @show.register
     def _(self, event: DiagramEvent) -> None:
@@ -209,6 +254,7 @@ class GuideScreen(StationScreen):
         self.add_class("-verdict")
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self._show_readings(())
+        self._show_values(list(result.planes.values()))
         shown = [plane for plane in result.planes.values() if plane.samples is not None]
         if shown and shown[0].samples is not None:
             one = next((plane for plane in shown if plane.name == "G1"), shown[0])
@@ -261,6 +307,44 @@ class GuideScreen(StationScreen):
             f"Ending after this exposure. {EndRun.key_name()} again: stop every device and end now."
         )
 
+    # --- the coach
+
+    def _coach(self, preview: FramePreview) -> None:
+        """Show how to match the outline; a tone when it matches."""
+        was_held = self._coached is not None and self._coached.hold_s is not None
+        outline = preview.advice.outline
+        self._coached = (
+            preview if outline is not None and not (preview.advice.good and preview.hold_s is None) else None
+        )
+        if preview.hold_s is not None:
+            self._held_until_s = time.monotonic() + preview.hold_s
+            if not was_held:
+                self.app.bell()
+        self._show_coach()
+
+    def _end_coach(self) -> None:
+        self._coached = None
+        self._show_coach()
+
+    def _show_coach(self) -> None:
+        """The way to the wanted outline, or the countdown, in words and in large signs."""
+        if not self.whole:
+            return
+        words = sign = ""
+        if self._coached is not None and self._coached.hold_s is not None:
+            left = max(ceil(self._held_until_s - time.monotonic()), 0)
+            words, sign = f"Hold still: {left} s", str(left)
+        elif self._coached is not None and (outline := self._coached.picture.outline) is not None:
+            words = way_words(outline, (1, 1)) if outline.present else ""
+            sign = " ".join(SIGNS[arrow] for arrow, _ in ways(outline, (1, 1))) if outline.present else ""
+            words = words and f"Bring the outline to its place: {self.glyphs.spelt(words)}"
+        self.query_one("#coach", Part).say(words, "bold")
+        big = self.query_one("#sign", BigText)
+        if big.text != sign:
+            big.display = bool(sign)
+            big.show(sign)
+            self._make_room()
+
     # --- parts
 
     @property
@@ -275,6 +359,15 @@ class GuideScreen(StationScreen):
         if self._began is not None:
             self.query_one(Rail).show(self._began.plan, self._done, self._now)
 
+    def _show_values(self, planes: Sequence[PlaneResult]) -> None:
+        """The numbers that one accepts: all of one plane, the sharpness of the others."""
+        first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
+        lines = [line for plane in first for line in (literal(plane.name, "bold"), *number_lines(plane, self.glyphs))]
+        others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
+        values = self.query_one("#values", Part)
+        values.update(lines_of(*lines, *others))
+        values.display = bool(planes)
+
     def _show_curve(self, drawn: Plotted | None) -> None:
         curve = self.query_one(CurveView)
         curve.display = drawn is not None
@@ -287,7 +380,7 @@ class GuideScreen(StationScreen):
 
     def _make_room(self) -> None:
         """Adapt the layout: the image takes the space of missing numbers and curves, and a drawing gives its own."""
-        visible = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
+        visible = any(self.query_one(f"#{name}").display for name in ("sign", "values", "readings", "curve"))
         self.query_one("#numbers").display = visible
         self.set_class(visible and self.query_one(Picture).picture is None, "-drawing")
 

@@ -19,16 +19,18 @@ from station.app.commands import Command
 from station.app.widgets import SPACE, Part, lines_of, literal
 
 if TYPE_CHECKING:
-    from procedures.plan import Ask, Fact
+    from procedures.plan import Ask, Fact, Step
     from station.app.background import Finished
+    from station.guide.frontend import Consent
 
 
 DONE = "done: press Enter"
 MIN_READ_S = 0.4
 """Earlier answers to a question before a move are ignored: Enter may have been held down."""
-MOVES = "clear: press Enter to move; F12 stops"
 TYPE_AHEAD_S = 1.0
 """Digits typed within this time before a question belong to its answer."""
+ALONE_S = 0.03
+"""Time without another key after which a number chooses a line."""
 NUMBER_CHARACTERS = "0123456789.,-"
 
 
@@ -75,6 +77,10 @@ class StationScreen(Screen[None]):
     def can(self, command: type[Command]) -> bool:
         """Whether a command of this screen is available."""
         return True
+
+    def question_help(self) -> Sequence[str]:
+        """Help on the open question, if any."""
+        return ()
 
     def done(self, finished: Finished) -> None:
         """Handle the end of a job of the screen."""
@@ -133,7 +139,7 @@ class Choices(Part, can_focus=True):
         several = len(self.lines) > 1
         rows = []
         for i, line in enumerate(self.lines):
-            mark = self.glyphs.now if i == self.at else " " * len(self.glyphs.now)
+            mark = self.glyphs.now if i == self.at and self.has_focus else " " * len(self.glyphs.now)
             number = f"{i + 1}{SPACE}" if several and i < 9 else ""
             style = "bold reverse" if i == self.at and self.has_focus else ""
             rows.append(literal(f"{mark}{SPACE}{number}{line}", style))
@@ -143,12 +149,9 @@ class Choices(Part, can_focus=True):
         """Record the time of the key."""
         self.pressed_s = event.time
 
-    def on_focus(self) -> None:
-        """Update the highlight."""
-        self._show()
-
-    def on_blur(self) -> None:
-        """Update the highlight."""
+    def watch_has_focus(self, focused: bool) -> None:
+        """Show the cursor in the list that has the focus, and in no other."""
+        super().watch_has_focus(focused)
         self._show()
 
     def action_move(self, by: int) -> None:
@@ -169,11 +172,12 @@ class Choices(Part, can_focus=True):
             self.action_take()
 
     def action_number(self, number: int) -> None:
-        """Choose a line by its number."""
+        """Choose a line by its number, unless more keys follow at once, as from a pasted text."""
         if number <= len(self.lines) and not self.by_enter_alone:
             self.at = number - 1
             self._show()
-            self.action_take()
+            pressed_s = self.pressed_s
+            self.set_timer(ALONE_S, lambda: self.action_take() if self.pressed_s == pressed_s else None)
 
 
 class InputLine(Input):
@@ -226,10 +230,11 @@ class AnswerBox(Vertical):
         """Whether a question is open."""
         return self._ask is not None
 
-    @property
-    def question(self) -> str:
-        """The open question, or ""."""
-        return self._ask.question if self._ask is not None else ""
+    def explain(self, step: Step | None = None) -> Sequence[str]:
+        """Help on the open question, if any."""
+        from station.guide.question_help import explain
+
+        return () if self._ask is None else explain(self._ask, step)
 
     def show_sentence(self, sentence: str) -> None:
         """Show a sentence without a question."""
@@ -265,11 +270,14 @@ class AnswerBox(Vertical):
                 box.action_select_all()  # typing replaces the default
         else:
             choices = self.query_one(Choices)
-            from station.guide.frontend import MOVE
+            from station.guide.frontend import BY_HAND, NOT_NOW
 
-            lines = ask.choices if ask.kind == "choice" else (MOVES if ask.key == MOVE else DONE,)
+            consent = _consent(ask)
+            lines = ask.choices if ask.kind == "choice" else (DONE, NOT_NOW) if ask.key == BY_HAND else (DONE,)
+            if consent is not None:
+                lines = (f"clear: press Enter to {consent.start}; F12 stops", NOT_NOW)
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
-            choices.set_lines(lines, at, by_enter_alone=ask.key == MOVE)
+            choices.set_lines(lines, at, by_enter_alone=consent is not None)
 
     def _note_shown(self) -> None:
         self._shown_s = Message().time
@@ -304,15 +312,14 @@ class AnswerBox(Vertical):
         if self._offers:
             self.screen.post_message(self._offers[event.index]())
             return
-        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else "")
+        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else ("yes", "no")[event.index])
 
     def _answer(self, text: str) -> None:
         if self._ask is None:
             return
         from station.guide.answers import parse
-        from station.guide.frontend import MOVE
 
-        if self._ask.key == MOVE and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
+        if _consent(self._ask) and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
             return  # the key was pressed before the question could be read
         try:
             fact = parse(self._ask, text)
@@ -323,8 +330,17 @@ class AnswerBox(Vertical):
         self.post_message(self.Given(fact))
 
 
+def _consent(ask: Ask) -> Consent | None:
+    """How a question for consent is asked; None for other questions."""
+    from station.guide.frontend import CONSENTS
+
+    return CONSENTS.get(ask.key)
+
+
 def _wanted(ask: Ask) -> str:
-    """Unit and limits of a number: " (50 to 2000 mm)"."""
+    """Checks before a consent; unit and limits of a number: " (50 to 2000 mm)"."""
+    if consent := _consent(ask):
+        return f" {consent.check}"
     if ask.kind != "number":
         return ""
     from station.guide.answers import plain

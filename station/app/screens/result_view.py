@@ -10,9 +10,11 @@ from procedures.numbers import Group, in_group
 from procedures.outcome import Quantity, WithVerdict
 from station.app.widgets import verdict_words
 from station.common.sanitise import stated
-from station.drawing.terminal_plots import Glyphs, TerminalCurve, TerminalFrame, plot
+from station.drawing.glyphs import Glyphs
+from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
+from station.results.comparison import specification_words
 from station.results.measurement import Measurement
-from station.results.plane_result import PlaneResult, specification_words
+from station.results.plane_result import PlaneResult, line_numbers
 from station.results.reader import Change
 from station.results.terms import specification_verdict
 
@@ -50,16 +52,22 @@ def specified(planes: Sequence[PlaneResult]) -> list[str]:
 def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
     """Verdict and causes, then the numbers with unit and uncertainty."""
     lines = [f"Plane {plane.name}: {verdict_words(plane.verdict, glyphs)}"]
-    lines += _causes_in_words(plane)
+    lines += [*_causes_in_words(plane), *number_lines(plane, glyphs)]
+    if plane.specification is not None and plane.specification.judged is not None:
+        lines.append(specification_words(plane.specification.judged).capitalize())
+        lines += plane.specification.against
+    return lines
+
+
+def number_lines(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
+    """The numbers with unit and uncertainty; the group LINE where it has none of those of the screen."""
+    lines = []
     for key, words in SHOWN:
         if key in plane.numbers:
             one = plane.numbers[key]
             value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
             lines.append(f"{words:14} {value} {_unit(one)}")
-    if plane.specification is not None and plane.specification.judged is not None:
-        lines.append(specification_words(plane.specification.judged).capitalize())
-        lines += plane.specification.against
-    return lines
+    return lines or [glyphs.spelt(line) for line in line_numbers(plane)]
 
 
 def _causes_in_words(judged: WithVerdict) -> list[str]:

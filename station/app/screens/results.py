@@ -19,7 +19,7 @@ from station.app.screens.parts import Choices, StationScreen
 from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in_words, restored_in_words
 from station.app.terminal_images import picture_thumbnail, psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, lines_of
-from station.drawing.terminal_plots import Glyphs
+from station.drawing.glyphs import Glyphs
 from station.results.measurement import RESTORATION, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.reader import changes, find_results, read_picture, read_result

@@ -11,10 +11,10 @@ import numpy as np
 
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, STEREOGRAPHIC, CameraModel, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
-from procedures.geometry.spline_camera import SplineCamera
+from procedures.geometry.spline_camera import ROUGH_PX, SplineCamera
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
-from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
+from procedures.reading.arrays import LONGEST, SMALLEST, checked_array, checked_number
 from procedures.reading.guard import decoding
 from station.calibration.stored_results import plane_entry, stored_record
 
@@ -55,14 +55,20 @@ def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
         return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
 
 
-def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> CameraModel:
+def _camera(
+    model: str, params: list[float], columns: int, rows: int, roughness_px: float = ROUGH_PX, **_: object
+) -> CameraModel:
     """Raises ValueError where it is invalid."""
     try:
-        kind = SplineCamera if any(split_model(model)[1]) else CameraModel
+        spline = any(split_model(model)[1])
     except BadParameter as error:
         raise ValueError(f"there is no camera model {model!r}") from error
     what = f"the parameters of a camera {model}"
-    camera = kind(model, checked_array(params, what, (None,), remedy=_GIVE), columns, rows)
+    values = checked_array(params, what, (None,), remedy=_GIVE)
+    camera = CameraModel(model, values, columns, rows)
+    if spline:
+        rough = checked_number(roughness_px, "the roughness of a spline", SMALLEST)
+        camera = SplineCamera(model, values, columns, rows, rough)
     checked_array(camera.params, what, (len(camera.names),), remedy=_GIVE)
     checked_array(camera.focal_px, "the focal length of a camera", (2,), low=SMALLEST, remedy=_GIVE)
     if not all(type(side) is int and 0 < side <= LONGEST for side in (columns, rows)):

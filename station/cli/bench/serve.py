@@ -18,6 +18,7 @@ from station.cli.terminal.bench_options import (
     seed_option,
     shaker_option,
     simulate_option,
+    speed_option,
 )
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.inherited import inherited
@@ -41,6 +42,7 @@ PATIENCE_S = 3.0
 @inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @simulate_option
 @shaker_option
+@speed_option
 @seed_option
 @inherited("--specification", type=click.Path(path_type=Path), help="Limits for the results of new sessions, in TOML.")
 @inherited("--unit", type=UNITS, help="Of frequencies in new sessions.  [default: from station.toml]")

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.result_log import check_strict
 from station.cli.session.group import sessions_option
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
@@ -54,9 +55,10 @@ def chosen(since: str | None, **others: str | None) -> Filter:
 @click.option("--camera", help="Only sessions of this camera.")
 @filter_options
 @click.option("--verdict", type=click.Choice(VERDICTS), help="Only sessions whose last result has this verdict.")
+@strict_option
 @json_option
 @log_json_option
-def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
+def session_list(root: Path, strict: bool, as_json: bool, **wanted: Any) -> None:
     """List the sessions, newest first."""
     from station.sessions.index import Index
 
@@ -73,6 +75,7 @@ def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
     for one in entries:
         if one.damage:
             log("damaged", f"{one.folder.name}: {one.damage}", level="warning", folder=str(one.folder))
+    check_strict([one.verdict for one in entries], strict=strict)
 
 
 HEADING = ("session", "begun", "camera", "lens", "plan", "shots", "ended", "verdict")

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.result_log import check_strict
 from station.cli.session.group import find_session, session_argument
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
+from station.cli.terminal.progress import awaited
 from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
@@ -24,14 +26,16 @@ DIFFERENT = 1
 @click.command("recompute", cls=StationCommand)
 @session_argument
 @click.option("--result", "numbers", type=click.IntRange(min=1), multiple=True, help="Its number; all by default.")
+@strict_option
 @json_option
 @log_json_option
-def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: bool) -> None:
+def session_recompute(name: str, root: Path, numbers: tuple[int, ...], strict: bool, as_json: bool) -> None:
     """Recompute the results of SESSION from its photographs and journal, and compare every byte."""
     from station.guide.recompute import recompute
+    from station.sessions.reader import read_session
 
     results = []
-    for one in recompute(find_session(name, root), numbers):
+    for one in awaited("recomputing", recompute(folder := find_session(name, root), numbers)):
         results.append(one)
         _report(one)
     if not results:
@@ -41,6 +45,9 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
         click.echo(json.dumps({"schema": "station/recomputed/1", "results": entries}, indent=1))
     if not all(one.identical for one in results):
         raise click.exceptions.Exit(DIFFERENT)
+    if strict:
+        verdicts = {result.folder: result.verdict for result in read_session(folder).state.results}
+        check_strict([verdicts[one.result] for one in results], strict=strict)
 
 
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"

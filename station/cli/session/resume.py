@@ -9,7 +9,7 @@ import click
 
 from station.cli.session.group import find_session, newest_unfinished, sessions_option
 from station.cli.terminal.bench_options import config_option, usual_config
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import StationCommand, strict_option
 from station.cli.terminal.inherited import inherited
 from station.common.errors import log_json_option
 
@@ -21,9 +21,16 @@ from station.common.errors import log_json_option
 @inherited("--simulate", is_flag=True, help="Use the simulated bench; the default for a session that began on it.")
 @click.option("--without", type=click.IntRange(min=1), multiple=True, help="Discard a shot whose photograph is lost.")
 @click.option("--back-to", metavar="STEP", help="Repeat this step and the following ones.")
+@strict_option
 @log_json_option
 def session_resume(
-    name: str | None, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
+    name: str | None,
+    root: Path,
+    config: Path | None,
+    simulate: bool,
+    without: tuple[int, ...],
+    back_to: str | None,
+    strict: bool,
 ) -> None:
     """Continue SESSION, or the newest unfinished one, at the first incomplete step; stages home first."""
     from station.cli.guide import Watched, conduct
@@ -42,7 +49,7 @@ def session_resume(
     )
     lab.virtual_time = True  # simulated time need not be real: nobody watches the bench
     operator = Watched(sys.stdin, sys.stdout)
-    code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without))
+    code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without), strict=strict)
     raise click.exceptions.Exit(code)
 
 

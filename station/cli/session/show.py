@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.result_log import check_strict
 from station.cli.session.group import find_session, session_argument
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
+from station.cli.terminal.progress import progress
 from station.common.errors import log, log_json_option
 
 if TYPE_CHECKING:
@@ -22,14 +24,13 @@ if TYPE_CHECKING:
 @click.command("show", cls=StationCommand)
 @session_argument
 @click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
+@strict_option
 @json_option
 @log_json_option
-def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
+def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool) -> None:
     """Show the content of SESSION, a folder or a name in --sessions."""
-    from station.common.durable_files import holds
     from station.common.sanitise import printable
-    from station.sessions.layout import SUMS
-    from station.sessions.reader import check_whole, read_session, sums, unknown_files, verify, verify_results
+    from station.sessions.reader import read_session, unknown_files
 
     record = read_session(find_session(name, root))
     click.echo(json.dumps(record.record(), indent=1) if as_json else _words(record))
@@ -38,13 +39,33 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     for file in unknown_files(record.folder, record.state):
         log("unknown", f"{printable(file)} is not in the journal", level="warning")
     if check:
-        if not holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest()):
-            log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
-        verify(record.folder, record.state)
-        verify_results(record)
-        check_whole(record)
-        count = sum(not shot.lost for shot in record.state.shots)
-        log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
+        with progress(1) as shown:
+            shown("hashing photographs and results", 0)
+            same = _sums_agree(record)
+        _log_check(record, sums_agree=same)
+    check_strict([one.verdict for one in record.state.results[-1:]], strict=strict)
+
+
+def _sums_agree(record: SessionRecord) -> bool:
+    """Compare photographs and results with the journal; whether the list of sums is that of the journal. Raises
+    Damaged."""
+    from station.common.durable_files import holds
+    from station.sessions.layout import SUMS
+    from station.sessions.reader import check_whole, sums, verify, verify_results
+
+    verify(record.folder, record.state)
+    verify_results(record)
+    check_whole(record)
+    return holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
+
+
+def _log_check(record: SessionRecord, *, sums_agree: bool) -> None:
+    from station.sessions.layout import SUMS
+
+    if not sums_agree:
+        log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
+    count = sum(not shot.lost for shot in record.state.shots)
+    log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
 
 
 def _words(record: SessionRecord) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED
+from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab
@@ -37,6 +37,11 @@ simulate_option = inherited("--simulate", is_flag=True, help="Work with the simu
 seed_option = inherited("--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench.")
 shaker_option = inherited("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.")
 
+speed_option = inherited(
+    "--speed", type=FiniteNumber(min=0.1, max=1000.0), default=1.0, show_default=True,
+    help="With --simulate: how many times as fast as real ones its moves are.",
+)  # fmt: skip
+
 
 def check_shaker(*, simulate: bool, shaker: bool) -> None:
     """Raises UsageError for the simulated shaker on a real bench."""
@@ -53,6 +58,7 @@ def make_lab(
     seed: int,
     specification: Path | None,
     unit: str | None,
+    speed: float = 1.0,
 ) -> StationLab:
     """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
     from station.guide.catalogue import entries
@@ -60,12 +66,14 @@ def make_lab(
     from station.results.specification_file import read_specification
 
     check_shaker(simulate=simulate, shaker=shaker)
+    if speed != 1.0 and not simulate:
+        raise click.UsageError("--speed is for the simulated bench: give --simulate, or leave --speed out")
     if specification is not None:
         entries()  # loads the procedures of installed packages, whose numbers may have limits
         read_specification(specification)
     return StationLab(
         sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
-        shaker=shaker, unit=frozen_unit(unit, config),
+        shaker=shaker, unit=frozen_unit(unit, config), speed=speed,
     )  # fmt: skip
 
 

@@ -11,7 +11,21 @@ from station.common.errors import quiet_option
 GROUPS: dict[str, tuple[str, ...]] = {
     "Input": (
         "--raw", "--plane", "--bits", "--seed", "--sensor", "--pixel-pitch-um", "--f-number", "--wavelength-nm",
-        "--trust-typed", "--config", "--simulate", "--shaker", "--sessions", "--originals",
+        "--trust-typed", "--config", "--simulate", "--shaker", "--speed", "--sessions",
+        "--originals", "--encoding", "--reference",
+    ),
+    "Blur": (
+        "--blur", "--shape", "--samples-per-pixel", "--ratio", "--offset", "--max-w", "--defocus-shape",
+        "--defocus-ratio", "--defocus-offset",
+    ),
+    "Unknown motion": (
+        "--prototype-region", "--recorded-path", "--imu", "--poses", "--focal-px", "--max-inverse-depth",
+        "--exposure-s", "--imu-within-s",
+    ),
+    "Depth in metres": ("--metres", "--focus-m", "--focal-length-mm"),
+    "Estimation": (
+        "--image-weight", "--depth-weight", "--scheme", "--depth-start", "--symmetric-axis", "--total-variation",
+        "--depth-total-variation",
     ),
     "Numbers and limits": ("--unit", "--at", "--specification", "--strict"),
     "Results": (

@@ -17,13 +17,17 @@ EXPLICIT = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 WITHOUT_COMMAND = "leave the command out; the option is for the guide, which `station` opens by itself"
 KEPT = "leave it out; a session keeps what it was begun with"
 SIMULATED = "leave it out; this command simulates in any case"
+KEPT_OPTIONS = ("--seed", "--shaker", "--speed", "--specification", "--unit", "--plan")
 INSTEAD: Mapping[tuple[str, str], str] = {
     ("batch", "--unit"): 'write `unit = "..."` in the procedure file',
     ("batch", "--specification"): 'write `specification = "..."` in the procedure file',
     ("session resume", "--plain"): "leave it out; a session is resumed in plain lines in any case",
     ("demo", "--simulate"): SIMULATED,
     ("simulate", "--simulate"): SIMULATED,
-    **{("session resume", name): KEPT for name in ("--seed", "--shaker", "--specification", "--unit", "--plan")},
+    **{
+        ("session resume", name): KEPT
+        for name in ("--seed", "--shaker", "--speed", "--specification", "--unit", "--plan")
+    },
 }
 """Remedy by command and option, where it is more specific than to omit the option."""
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from station.common.errors import is_quiet, log, logs_json
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from station.common.progress import Progress
 
 
+T = TypeVar("T")
 PATIENCE_S = 5.0
 """Interval of lines about work within a step, where there is no terminal."""
 
@@ -30,6 +31,18 @@ def progress(total: int) -> Iterator[Progress]:
             yield shown
     else:
         yield step_lines()
+
+
+def awaited(words: str, items: Iterable[T]) -> Iterator[T]:
+    """The items, with a bar while each is computed; lines may be written in between."""
+    iterator = iter(items)
+    while True:
+        with progress(1) as shown:
+            shown(words, 0)
+            one = next(iterator, None)
+        if one is None:
+            return
+        yield one
 
 
 def step_lines(clock: Callable[[], float] = time.monotonic) -> Progress:

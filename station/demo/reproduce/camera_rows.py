@@ -4,15 +4,18 @@ Of the thesis's photographs one is published (`photograph_rows`). The others are
 simulated.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import Diffraction
+from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import WAVELENGTHS_UM
 from station.demo.digital_twin import align
 from station.demo.reproduce import cameras
@@ -111,6 +114,54 @@ def accuracy(setting: Setting) -> RowValues:
     errors = np.array([_at_aperture(N, seed)[1] for N, seed in shots])
     figure = curves("accuracy", [Curve("error", [N for N, _ in shots], errors, "o")], x="f-number", y="relative error")
     return RowValues((float(errors.mean()), float(errors.max())), (figure,))
+
+
+# --- Figure 2.14: the response ---
+
+CURVATURE = 0.05
+"""Curvature of the simulated sensor: a departure from a straight line by 0.8 % of the chart's contrast."""
+GREYS = np.linspace(0.05, 1.2, 24)
+"""Uniform light of the photographs that measure the response, white = 1."""
+
+
+def response(setting: Setting) -> RowValues:
+    """The response refined with the PSF, measured by uniform light, or ignored: curves and MTFs are alike."""
+    camera = cameras.green_camera(5.6)
+    camera = replace(camera, sensor=replace(camera.sensor, curvature=CURVATURE))
+    shot = cameras.photograph_chart(camera, _chart(), 4, roll_deg=1.5)
+    plane = cameras.plane_of(shot)
+    measured, signal = _by_uniform_light(camera)
+    ignored = replace(measured, bend=())
+    estimates = {
+        "refined": cameras.estimated(plane, _chart()),
+        "ignored": cameras.estimated(plane, _chart(), sensor=ignored),
+        "measured": cameras.estimated(plane, _chart(), sensor=measured),
+    }
+    m = np.linspace(0, 1, 101)
+    beta = estimates["refined"].diagnostics["response_curvature"]
+    bent = measured.bent(m * signal) / measured.bent(np.array([signal]))
+    refined = m + beta * (m**2 - m)
+    mtf = {name: cameras.mtf_down(one.psf.h) for name, one in estimates.items()}
+    figures = (
+        curves(
+            "response", [Curve("with the PSF", m, refined), Curve("uniform light", m, bent, "--")], x="light", y="g"
+        ),
+        cameras.mtf_curves("response-mtf", "vertical", mtf),
+    )
+    departure = max(float(np.abs(g - m).max()) for g in (refined, bent))
+    apart = max(float(np.ptp([one[i] for one in mtf.values()])) for i in range(len(F)))
+    return RowValues((departure, float(np.abs(refined - bent).max()), apart), figures)
+
+
+def _by_uniform_light(camera: SimulatedCamera) -> tuple[SensorModel, float]:
+    """The sensor's response by photographs of uniform light, and the linearised signal of white, digital numbers."""
+    rng, sensor = np.random.default_rng(14), camera.sensor
+    numbers = [sensor.expose(np.full((64, 64), grey), cameras.WHITE_E, rng).mean() - sensor.black[0] for grey in GREYS]
+    slope, quadratic = np.linalg.lstsq(np.stack([GREYS, GREYS**2], axis=1), numbers, rcond=None)[0]
+    return SensorModel(
+        1 / sensor.gain_e_per_dn, 0.0, 0.0, sensor.read_noise_e**2 / sensor.gain_e_per_dn**2,
+        sensor.white - sensor.black[0], slope, (quadratic / slope,),
+    ), slope  # fmt: skip
 
 
 # --- Figures 2.15, 2.16: planes and places ---

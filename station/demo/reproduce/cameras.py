@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from procedures.clipping import SensorModel
 from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
@@ -114,9 +115,11 @@ def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float, seed: i
     return near, photograph_wall(camera_of(far_side), near_mm * ratio, seed, 2)
 
 
-def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls") -> PatternPsf:
+def estimated(
+    plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls", sensor: SensorModel | None = None
+) -> PatternPsf:
     """The PSF from a photograph of the chart. Raises Refused if there is none."""
-    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver))
+    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver), sensor=sensor)
     if outcome.value is None:
         raise Refused(f"a simulated or published photograph was refused: {outcome.reason}", outcome.remedy)
     return outcome.value

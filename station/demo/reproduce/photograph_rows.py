@@ -3,11 +3,14 @@
 import numpy as np
 import numpy.typing as npt
 
+from procedures.outcome import Refused
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import read_frame
-from station.demo.reproduce import cameras
+from procedures.slanted_edge.estimate import estimate_edges
+from station.demo.reproduce import cameras, patterns
 from station.demo.reproduce.figures import pictures
+from station.demo.reproduce.rival_rows import LEVELS, K, joshi, view
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
@@ -76,3 +79,45 @@ def published_photograph(setting: Setting) -> RowValues:
         cameras.mtf_curves("program-mtf", "horizontal", mtf),
     )  # fmt: skip
     return RowValues(tuple(correlations), figures)
+
+
+EDGE = "edges/Test_edge1_mono.tif"
+EDGE_WINDOW = (80, 80)
+
+
+@ordered(Order("a higher level lowers the MTF at high frequencies", lambda v: v[1] > 0))
+def joshi_photograph(setting: Setting) -> RowValues:
+    """Joshi et al. at three levels on a photograph of a slanted edge: the level decides at high frequencies only."""
+    plane = read_frame(setting.path(EDGE)).planes["Y"]
+    edge = estimate_edges(plane)[0].value
+    if edge is None:
+        raise Refused("the published edge was refused", "check the file")
+    samples, course = (plane.samples.T, edge.course[:, ::-1]) if edge.turned else (plane.samples, edge.course)
+    kernels = {f"Joshi, {name}": h for name, h in _by_predicted_edge(samples, course).items()}
+    mtf = {name: cameras.mtf_across(h) for name, h in kernels.items()}
+    measured = np.interp(F, edge.frequencies, edge.mtf, right=np.nan)
+    low, high = (F <= 0.15), (F >= 0.4) & (F <= 1.2)
+    apart = max(float(np.abs(one - measured)[low].max()) for one in mtf.values())
+    spread = np.ptp(list(mtf.values()), axis=0)
+    figures = (
+        pictures("joshi-psf", list(kernels.items()), columns=3, cmap="viridis"),
+        cameras.mtf_curves("joshi-mtf", "across the edge", {**mtf, "slanted edge": measured}),
+    )
+    return RowValues((apart, float(spread[high].max())), figures)
+
+
+def _by_predicted_edge(samples: npt.NDArray[np.floating], course: Array) -> dict[str, Array]:
+    """Kernels at each level from a near-vertical edge whose sharp picture is a step along its course (x, y)."""
+    slope, at_0 = np.polyfit(course[:, 1], course[:, 0], 1)
+    half = (EDGE_WINDOW[0] - 1) / 2
+    top = (samples.shape[0] - EDGE_WINDOW[0]) // 2
+    middle = slope * (top + half) + at_0
+    left = round(middle - half)
+    window = samples[top : top + EDGE_WINDOW[0], left : left + EDGE_WINDOW[1]].astype(np.float64)
+    first, last = (float(np.median(window[:, part])) for part in (np.s_[:8], np.s_[-8:]))
+    step = patterns.of_drawing(
+        lambda x, y: np.where(x - (middle - left - half) > slope * y, 1.0, 0.0),
+        patterns.side(EDGE_WINDOW, cameras.S, K), cameras.S,
+    )  # fmt: skip
+    A = view(step, EDGE_WINDOW).A
+    return {name: joshi(A, ((window - first) / (last - first)).ravel(), K, w) for name, w in LEVELS.items()}

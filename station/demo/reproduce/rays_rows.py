@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from procedures.ray_histogram.comparison import psnr_db
+from procedures.ray_histogram.comparison import decibels as to_decibels
+from procedures.ray_histogram.comparison import psnr_db, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER
@@ -23,8 +24,8 @@ from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 
 Array = npt.NDArray[np.float64]
 
-FILMS = {64: "rays/cornell_00064_f16.npz", 256: "rays/cornell_00256_f16.npz"}
-REFERENCE = "rays/cornell_reference.npz"
+FILMS = {n: f"rays/cornell_{n:05d}_f16.npz|rays/room_{n:05d}.npz" for n in (64, 256)}
+REFERENCE = "rays/cornell_reference.npz|rays/room_reference.npz"
 GAMMA = 2.2
 WIDE_PX = 6.0
 """Standard deviation of the low-pass filter that separates noise of low frequency, pixels: beyond the search block."""
@@ -36,26 +37,40 @@ def _film(path: Path) -> Film:
 
 
 @cache
-def _reference(path: Path) -> Array:
-    return checked_array(read_npz(path, ("reference",))[0]["reference"], f"the reference {path}", (None, None, 3))
+def _reference(path: Path) -> Film:
+    arrays, names = read_npz(path, ("reference",))
+    if "reference" not in names:
+        return _film(path)
+    picture = checked_array(arrays["reference"], f"the reference {path}", (None, None, 3))
+    return replace(Film.blank(*picture.shape[:2]), mean=picture, moment2=None)
 
 
-def _of(setting: Setting, samples: int) -> tuple[Film, Array]:
+def film_and_reference(setting: Setting, samples: int) -> tuple[Film, Film]:
+    """The film of the Cornell box, or else of the program's room, with that many samples, and the converged picture."""
     return _film(setting.path(FILMS[samples])), _reference(setting.path(REFERENCE))
+
+
+def psnr(picture: npt.NDArray[np.floating], reference: Film) -> float:
+    """PSNR, corrected for the noise of a reference rendered here; the published one is a picture alone."""
+    if reference.variance is None:
+        return psnr_db(picture, reference.mean)[0]
+    return to_decibels(shown_error(picture, reference))
 
 
 def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Array:
     """The film filtered by the paper's algorithms."""
-    film, _ = _of(setting, samples)
+    film, _ = film_and_reference(setting, samples)
     picture = filter_film(film, replace(PAPER, kappa=kappa, scales=scales), threads=setting.threads).picture
     return np.asarray(picture, dtype=np.float64)
 
 
-def _decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
-    return psnr_db(_filtered(setting, samples, kappa, scales), _of(setting, samples)[1])[0]
+def decibels(setting: Setting, samples: int, kappa: float, scales: int) -> float:
+    """PSNR of a film filtered by the paper's algorithms."""
+    return psnr(_filtered(setting, samples, kappa, scales), film_and_reference(setting, samples)[1])
 
 
-def _shown(picture: npt.NDArray[np.floating]) -> Array:
+def shown(picture: npt.NDArray[np.floating]) -> Array:
+    """The picture as displayed."""
     return np.asarray(np.clip(picture, 0, 1) ** (1 / GAMMA), dtype=np.float64)
 
 
@@ -76,15 +91,15 @@ CASES = (
 )
 def rays_cornell(setting: Setting) -> RowValues:
     """PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does."""
-    film, truth = _of(setting, 256)
-    ours = [_decibels(setting, *case) for case in CASES]
+    film, truth = film_and_reference(setting, 256)
+    ours = [decibels(setting, *case) for case in CASES]
     figure = pictures(
         "rays",
-        [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
-         ("converged", _shown(truth))],
+        [("256 samples", shown(film.mean)), ("filtered", shown(_filtered(setting, 256, 1.0, 3))),
+         ("converged", shown(truth.mean))],
         columns=3,
     )  # fmt: skip
-    return RowValues((psnr_db(film.mean, truth)[0], *ours), (figure,))
+    return RowValues((psnr(film.mean, truth), *ours), (figure,))
 
 
 # --- Figure 4.20 ---------------------------------------------------------------------------------------------------
@@ -95,19 +110,24 @@ KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 @ordered(Order("the error has a minimum between", lambda v: min(v[1:]) > 1))
 def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
-    error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in estimates])
+    error = np.array([10 ** (-psnr(one, truth) / 10) for one in estimates])
     best = int(np.argmin(error))
     figures = (
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", _detail(shown(estimates[i]))) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
+
+
+def _detail(picture: Array) -> Array:
+    rows, columns = picture.shape[:2]
+    return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
 
 
 # --- Figure 4.2 ----------------------------------------------------------------------------------------------------
@@ -116,22 +136,22 @@ def rays_kappa(setting: Setting) -> RowValues:
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
-    _, truth = _of(setting, 256)
+    _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
-    wide = {scales: _wide_noise(one, truth) for scales, one in estimates.items()}
-    line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in estimates.items()}
-    across = np.arange(truth.shape[1])
+    wide = {scales: _wide_noise(one, truth.mean) for scales, one in estimates.items()}
+    middle, across = len(truth.mean) // 2, np.arange(truth.mean.shape[1])
+    line = {f"scales: {scales}": one[middle].mean(axis=-1) for scales, one in estimates.items()}
     figures = (
-        pictures("scales", [(f"scales: {n}", _shown(one)) for n, one in estimates.items()], columns=2),
+        pictures("scales", [(f"scales: {n}", shown(one)) for n, one in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],
-            x="column of row 125",
+            x="column of the middle row",
             y="mean of the colours",
-            published=Curve("converged", across, truth[125].mean(axis=-1)),
+            published=Curve("converged", across, truth.mean[middle].mean(axis=-1)),
         ),
     )
-    gain = psnr_db(estimates[3], truth)[0] - psnr_db(estimates[1], truth)[0]
+    gain = psnr(estimates[3], truth) - psnr(estimates[1], truth)
     return RowValues((wide[3] / wide[1], gain), figures)
 
 
@@ -149,8 +169,9 @@ OCTAVES = 2.0
 @ordered(Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10))
 def rays_samples(setting: Setting) -> RowValues:
     """PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level."""
-    rendered = {n: psnr_db(_of(setting, n)[0].mean, _of(setting, n)[1])[0] for n in FILMS}
-    filtered = {n: _decibels(setting, n, 1.0, 3) for n in FILMS}
+    films = {n: film_and_reference(setting, n) for n in FILMS}
+    rendered = {n: psnr(film.mean, truth) for n, (film, truth) in films.items()}
+    filtered = {n: decibels(setting, n, 1.0, 3) for n in FILMS}
     figure = curves(
         "samples",
         [

@@ -10,11 +10,11 @@ import numpy.typing as npt
 from procedures.outcome import Refused
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, first_depth, noise_of, restore
-from procedures.restoration.joint.joint_descent import problem_of
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
 from station.demo.reproduce import scenes
+from station.demo.reproduce.algorithm_1 import data_term
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Order, RowValues, Setting, increases, ordered
 
@@ -30,13 +30,15 @@ SMALL = (122, 178)
 """Half the thesis's frame along each axis."""
 
 
-def restored_at_known_depth(pair: scenes.Pair, stacks: list[MaskStack], weight: float, steps: int = STEPS) -> Array:
-    """The picture (H, W) of least cost at the true depth, Tikhonov, by conjugate gradients."""
-    data, _ = problem_of(pair.z, stacks, np.ones((2, 1, *pair.w.shape)), np.float32)
+def restored_at(
+    pair: scenes.Pair, stacks: list[MaskStack], w: Array, weight: float = WEIGHT, steps: int = STEPS
+) -> Array:
+    """The picture (H, W) of least cost at a depth w, Tikhonov, by conjugate gradients."""
+    data = data_term(pair.z, stacks)
     R = data.R
-    data.focus(np.pad(pair.w, R, mode="edge").astype(np.float32))
-    begin = np.pad(pair.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
-    return np.asarray(restore_picture(data, begin, weight, steps)[0, R:-R, R:-R], dtype=np.float64)
+    data.focus(np.pad(w, R, mode="edge").astype(np.float32))
+    picture = restore_picture(data, data.mean(), weight, steps)
+    return np.asarray(picture[0, R:-R, R:-R], dtype=np.float64)
 
 
 def _restored(pair: scenes.Pair, stacks: list[MaskStack]) -> Restoration:
@@ -53,15 +55,15 @@ def _restored(pair: scenes.Pair, stacks: list[MaskStack]) -> Restoration:
 def restoration_known(setting: Setting) -> RowValues:
     """Restoration at the known depth, four levels of noise, 100 steps of conjugate gradients, Tikhonov."""
     shape = scenes.comatic()
-    right, wrong = scenes.stacks(shape), scenes.gaussian_stacks()
+    right, wrong = scenes.stacks(shape), scenes.gaussian_stacks(shape)
     pairs = [scenes.pair(shape, noise) for noise in NOISES]
     weights = MORE_WEIGHTS if setting.full else WEIGHTS
-    grid = np.array([[pair.error(restored_at_known_depth(pair, right, w)) for w in weights] for pair in pairs])
+    grid = np.array([[pair.error(restored_at(pair, right, pair.w, w)) for w in weights] for pair in pairs])
     at = weights.index(WEIGHT)
     blurred = pairs[0].error(pairs[0].z[0, 0])
-    gaussian = pairs[0].error(restored_at_known_depth(pairs[0], wrong, WEIGHT))
-    longer = pairs[0].error(restored_at_known_depth(pairs[0], right, WEIGHT, 2 * STEPS))
-    clear = restored_at_known_depth(pairs[1], right, WEIGHT)
+    gaussian = pairs[0].error(restored_at(pairs[0], wrong, pairs[0].w))
+    longer = pairs[0].error(restored_at(pairs[0], right, pairs[0].w, WEIGHT, 2 * STEPS))
+    clear = restored_at(pairs[1], right, pairs[1].w)
     figures = (
         pictures(
             "known-pictures",
@@ -105,7 +107,7 @@ def restoration_40db(setting: Setting) -> RowValues:
     pair = scenes.pair(shape, 40.0, SMALL)
     restored = _restored(pair, stacks)
     picture = pair.error(restored.sharp[0])
-    best = pair.error(restored_at_known_depth(pair, stacks, WEIGHT))
+    best = pair.error(restored_at(pair, stacks, pair.w))
     figure = pictures(
         "unknown-40",
         [("blurred", pair.z[0, 0]), ("restored", restored.sharp[0]), ("w estimated", restored.w), ("w true", pair.w)],
@@ -135,11 +137,11 @@ def restoration_start(setting: Setting) -> RowValues:
         [scenes.pair(shape, noise, picture=scenes.texture, picture_seed=n) for noise in NOISES] for n in range(TEXTURES)
     ]
     drawing = scenes.pair(shape, None)
-    depths = [[_first_depth(pair, stacks, "symmetric") for pair in pairs] for pairs in textures]
+    depths = [[first_depth_of(pair, stacks) for pair in pairs] for pairs in textures]
     errors = [[pair.w_error(w) for pair, w in zip(*one, strict=True)] for one in zip(textures, depths, strict=True)]
     blurred = [[pairs[0].error(photograph[0]) for photograph in pairs[0].z] for pairs in textures]
-    matched = ", ".join(f"{pair.w_error(_first_depth(pair, stacks, 'matched')):.2f}" for pair in textures[0])
-    drawn = _first_depth(drawing, stacks, "symmetric")
+    matched = ", ".join(f"{pair.w_error(first_depth_of(pair, stacks, 'matched')):.2f}" for pair in textures[0])
+    drawn = first_depth_of(drawing, stacks)
     first, second = _mean(blurred)
     remark = (
         f"The blurred textures have errors of {first:.1f} and {second:.1f} grey levels, the thesis's map 17.2 and 19.2."
@@ -152,11 +154,10 @@ def restoration_start(setting: Setting) -> RowValues:
     return RowValues(_mean(errors), (figure,), remark)
 
 
-def _first_depth(pair: scenes.Pair, stacks: list[MaskStack], start: str) -> Array:
-    return np.asarray(
-        first_depth(pair.z, stacks, noise_of(pair.z, stacks), RestorationParameters(depth_start=start)).w,
-        dtype=np.float64,
-    )
+def first_depth_of(pair: scenes.Pair, stacks: list[MaskStack], start: str = "symmetric", axis: str = "both") -> Array:
+    """The first depth (H, W) by one of the program's algorithms."""
+    p = RestorationParameters(depth_start=start, symmetric_axis=axis)
+    return np.asarray(first_depth(pair.z, stacks, noise_of(pair.z, stacks), p).w, dtype=np.float64)
 
 
 def _mean(lines: list[list[float]]) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
@@ -25,12 +25,14 @@ class Setting:
     full: bool = False
     threads: int = 1
 
-    def path(self, name: str) -> Path:
-        """A file of the data folder. Raises BadParameter if it does not exist."""
-        if self.data is None or not (self.data / name).exists():
-            where = "no data folder" if self.data is None else f"no {name} in {self.data}"
-            raise BadParameter(f"the row needs {name}; {where}", "name the data folder with --data")
-        return self.data / name
+    def path(self, names: str) -> Path:
+        """The first file of the data folder that exists, of one or several names "a|b". Raises BadParameter if none."""
+        for name in names.split("|"):
+            if self.data is not None and (self.data / name).exists():
+                return self.data / name
+        needed = names.replace("|", " or ")
+        where = "no data folder" if self.data is None else f"no {needed} in {self.data}"
+        raise BadParameter(f"the row needs {needed}; {where}", "name the data folder with --data, and add --fetch")
 
 
 @dataclass(frozen=True)
@@ -179,9 +181,18 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
     """The row of a table of `rows.toml`, computed by the function of its name in its module."""
     given = dict(table)
     compute = getattr(import_module(f"{__package__}.{given.pop('module')}"), name.replace("-", "_"))
-    checks, needs = tuple(map(read_check, given.pop("checks"))), tuple(given.pop("needs", ()))
+    each, needs = given.pop("each", ()), tuple(given.pop("needs", ()))
+    checks = tuple(read_check(one) for entry in given.pop("checks") for one in _one_by_one(entry, each))
     title, order = compute.__doc__.removesuffix("."), getattr(compute, "order", None)
     return Row(name, title=title, checks=checks, needs=needs, compute=compute, order=order, **given)
+
+
+def _one_by_one(entry: Mapping[str, Any], each: Sequence[str]) -> list[Mapping[str, Any]]:
+    """An entry with a list of published numbers as one entry for each case of the row: "error of w, 40 dB"."""
+    if isinstance(entry["published"], str):
+        return [entry]
+    cases = zip(each, entry["published"], strict=True)
+    return [{**entry, "quantity": f"{entry['quantity']}, {case}", "published": number} for case, number in cases]
 
 
 def read_check(entry: Mapping[str, Any]) -> ClaimCheck:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.ndimage import center_of_mass, gaussian_filter, maximum_filter, shift
 
 from procedures.restoration.masks.blur_models import gaussian, mask_stack
 from procedures.restoration.masks.blur_operator import BlurOperator, MaskStack
@@ -112,9 +112,11 @@ def stacks(shape: Array) -> list[MaskStack]:
     return [mask_stack(shape, LARGEST_W + 0.3, ratio=ratio, R=REACH) for ratio in (1.0, RATIO)]
 
 
-def gaussian_stacks() -> list[MaskStack]:
-    """Masks of Gaussian shape and the right size."""
-    return stacks(gaussian())
+def gaussian_stacks(shape: Array) -> list[MaskStack]:
+    """Masks of Gaussian shape, of the right size and about the centroid of the right ones."""
+    wrong = gaussian()
+    centroid = 2 * np.array(center_of_mass(shape)) / (np.array(shape.shape) - 1) - 1
+    return stacks(np.asarray(shift(wrong, centroid * (len(wrong) // 2), order=1)))
 
 
 def pair(

@@ -14,8 +14,8 @@ from station.common.sanitise import stated
 from station.procedure.base import Inputs, Procedure
 from station.procedure.psf import OpticsReading
 from station.procedure.settings import setting
+from station.results.comparison import measurement_words
 from station.results.measurement import Measurement
-from station.results.plane_result import measurement_words
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 from station.results.units import convert_quantity

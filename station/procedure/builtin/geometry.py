@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
@@ -32,6 +32,10 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         str | None,
         setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by views left out]"),
     ] = None
+    frame_rate_hz: (
+        Annotated[float, setting("The frames are a video: measure the shutter's row time.", least=1e-3)]
+        | None
+    ) = None  # fmt: skip
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 
     @property
@@ -43,7 +47,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         if self.model is not None:
             parameter_names(self.model)
         known = self.width_uncertainty_mm
-        share = {} if known is None else {"scale_uncertainty": known / self.width_mm}
+        share: dict[str, Any] = {} if known is None else {"scale_uncertainty": known / self.width_mm}
         cell_mm = self.width_mm / (BLOCK * BLOCKS)
         return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
 
@@ -82,15 +86,13 @@ class CameraGeometry(Procedure[GeometrySettings]):
         }  # fmt: skip
         read = [one for one in shoots[0].records if one.sha256]
         head = RecordHead(self.name, files_read(read), given)
-        return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
+        return geometry_measurement(conclude(shoots, parameters, settings.frame_rate_hz), head).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """Which camera model each plane has, and from how many views."""
-        return [
-            f"{one.name}: {one.estimate.camera.model} from {len(one.estimate.views)} views"
-            for one in measurement.planes
-            if one.estimate is not None
-        ]
+        """Which camera model each plane has, from how many views, and which shutter."""
+        cameras = [(one.name, one.estimate) for one in measurement.planes if one.estimate is not None]
+        models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
+        return models + [f"{name}: {one.shutter.words}" for name, one in cameras if one.shutter is not None]
 
 
 PROCEDURE = CameraGeometry()

@@ -1,8 +1,9 @@
 """A restoration's picture with another aperture and another plane of focus."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import cv2
 import numpy as np
@@ -19,13 +20,16 @@ from procedures.restoration.refocus import refocus
 from station.common.durable_files import sha256_of
 from station.common.progress import Progress, silent
 from station.common.sanitise import printable
-from station.drawing.pictures import described_tiff, display_png, float_tiff
+from station.drawing.pictures import described_tiff, display_png, encoded, float_tiff
 from station.procedure.base import Inputs, Procedure, plane_result
 from station.procedure.settings import Settings, setting, to_record
 from station.results.measurement import Measurement
 from station.results.reader import read_record
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from station.reports.page import Scripted
 
 DESCRIPTION = "refocused picture, linear, 1 = white, first row uppermost; calibration-station"
 FILES = ("result.json", "sharp.tiff", "w.npy")
@@ -82,7 +86,7 @@ class Refocus(Procedure[RefocusSettings]):
         planes = (plane_result("picture", Outcome(result)),)
         files = {"refocused.tiff": described_tiff(float_tiff(image), DESCRIPTION), "refocused.png": display_png(image)}
         head = RecordHead(self.name, inputs, to_record(settings))
-        return Measurement(self.schema, head, planes, files=files, result=(sharp, result)).compared(terms)
+        return Measurement(self.schema, head, planes, files=files, result=(sharp, metres, result)).compared(terms)
 
     def page(self, measurement: Measurement) -> bytes:
         """The restored and the refocused picture, and where it is sharp."""
@@ -91,14 +95,50 @@ class Refocus(Procedure[RefocusSettings]):
         from station.reports.page import Figures, Section, image
         from station.reports.report_page import report_page
 
-        sharp, result = measurement.result
+        sharp, metres, result = measurement.result
         shown = [("restored", sharp), ("refocused", result.picture)]
         pictures = [Figure(image(display_png(_image(one)), words), words) for words, one in shown]
         axes = frame_axes(4, result.radius_px.shape)
         picture(axes, result.radius_px, colours="RdBu_r", bar=BAR_RIGHT)
         blur = finished(axes, "blur", "signed radius of the blur circle in pixels, positive in front of the focus")
         sections = [Section("Pictures", [Figures(pictures, wide=True)]), Section("Blur", [Figures([blur])])]
+        sections.insert(1, Section("Other apertures", [_explorer(sharp, metres, result.setting)]))
         return report_page(self.report(measurement), closing=sections).encode()
+
+
+EXPLORED_PX = 320
+"""Greatest side of the picture in which the page's reader changes aperture, focus and bokeh."""
+CONTROLS = """<div class="refocus" data-lens="{}" hidden><p>
+<label>Aperture <input type="range" name="aperture" min="0" max="10" step="0.25" value="{}"></label>
+<label>Focus, far to near <input type="range" name="focus" min="0" max="1" step="0.005" value="{}"></label>
+<label>Bokeh <select name="bokeh"><option value="circle">circle</option><option value="polygon:5">5 blades</option>
+<option value="polygon:6">6 blades</option><option value="polygon:7">7 blades</option>
+<option value="gaussian">Gaussian</option></select></label></p>
+<canvas></canvas><p><output></output></p><div hidden>{}{}</div></div>"""
+
+
+def _explorer(sharp: Array, metres: Array, setting: CameraSetting) -> "Scripted":
+    """Controls of aperture, focus and bokeh over a small picture, which a script refocuses."""
+    from station.reports.page import Scripted, html, image  # imported here: templates are slow to load
+
+    factor = min(1.0, EXPLORED_PX / max(metres.shape))
+    size = tuple(max(1, round(factor * n)) for n in metres.shape[::-1])
+    small = np.asarray(cv2.resize(_image(sharp), size, interpolation=cv2.INTER_AREA), np.float64)
+    inverse = cv2.resize(1 / metres, size, interpolation=cv2.INTER_NEAREST)
+    least, most = float(inverse.min()), max(float(inverse.max()), float(inverse.min()) + 1e-6)
+    code = np.rint((inverse - least) / (most - least) * 65535).astype(np.uint16)
+    coded = np.dstack([np.zeros_like(code), code % 256, code // 256]).astype(np.uint8)
+    lens = {
+        "focal_length_mm": setting.focal_length_mm,
+        "pitch_um": setting.pitch_um * metres.shape[1] / size[0],
+        "least": least,
+        "most": most,
+    }
+    stop, focus = 2 * np.log2(setting.f_number), (1000 / setting.focus_mm - least) / (most - least)
+    pictures = image(display_png(small), "restored"), image(encoded(".png", coded), "inverse distances")
+    return Scripted(
+        html(CONTROLS, json.dumps(lens), round(4 * stop) / 4, float(np.clip(focus, 0, 1)), *pictures), "refocus.js"
+    )
 
 
 def _image(picture: Array) -> Array:

@@ -20,7 +20,7 @@ from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, Figure, drawn, legend, points
 from station.drawing.style import axes_grid
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
-from station.results.plane_result import measurement_words
+from station.results.comparison import measurement_words
 
 MAX_LINES = 500
 """Photographs in the page's table and figures; summary.csv has all."""

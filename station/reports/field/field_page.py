@@ -16,6 +16,7 @@ from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONA
 from station.drawing.plots import Figure
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
+from station.reports.field.explored_places import explored_places
 from station.reports.field.field_files import FieldParts, mm_per_pixel
 from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
@@ -68,7 +69,8 @@ def field_page(report: Report) -> str:
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
-    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
+    spots = {name: explored_places(one.interpolation.field) for name, one in whole.fitted.items()}
+    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 
 def _summary(whole: FieldParts) -> list[Block]:

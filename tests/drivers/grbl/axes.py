@@ -1,7 +1,5 @@
 """The axes that the tests of GRBL move."""
 
-from __future__ import annotations
-
 from drivers.grbl_envelope import GrblAxis
 
 AXES = [GrblAxis("z_mm", "X", 3000.0), GrblAxis("x_mm", "Y", 1500.0)]

@@ -1,7 +1,5 @@
 """What GRBL says against its manual, and what the driver makes of it."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import (

@@ -1,7 +1,5 @@
 """Travel, rates and places as the controller is set to them."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import (

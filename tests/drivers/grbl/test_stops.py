@@ -1,7 +1,5 @@
 """What ends a move of GRBL or a homing, and what is left then."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import (

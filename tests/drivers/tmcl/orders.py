@@ -1,7 +1,5 @@
 """What the tests of TMCL move, send and look for."""
 
-from __future__ import annotations
-
 import struct
 
 from drivers.tmcl.link import checksum

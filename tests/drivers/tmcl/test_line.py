@@ -1,7 +1,5 @@
 """Datagrams of TMCL: in step, late, cut off, and the stop past all of them."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

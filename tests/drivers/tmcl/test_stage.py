@@ -1,7 +1,5 @@
 """What TMCL modules do, and what the driver makes of it."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

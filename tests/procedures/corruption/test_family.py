@@ -1,7 +1,5 @@
 """How a corruption is reported."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Noise of paper under light that falls off over it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

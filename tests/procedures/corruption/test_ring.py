@@ -1,7 +1,5 @@
 """Rings around the cores of PSFs whose OTFs are formulae."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.corruption.ring import missing_light

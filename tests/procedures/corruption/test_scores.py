@@ -1,7 +1,5 @@
 """Strengths of corruptions in linear systems whose truth is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

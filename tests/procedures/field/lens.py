@@ -1,7 +1,5 @@
 """A simulated lens over its frame, fast: PSFs from the pupil by discrete Fourier transforms, nodes with noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Results of many nodes: bracket, planes, verdicts, and their page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Charts of one frame become nodes, in every plane at their positions in that plane."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sagittal and meridional MTF over image height, compared with the simulated lens."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

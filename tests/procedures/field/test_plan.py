@@ -1,7 +1,5 @@
 """Moves of a field's tour, compared with an independent projection by the bench's geometry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Nodes of different supports are widened to one without changing their PSFs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from procedures.geometry.adjustment import AdjustmentProblem, AdjustmentState
 from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import CameraModel
-from procedures.geometry.choice import fit_model
+from procedures.geometry.reference import fit_formula
 from procedures.geometry.shape import rigid_shape, shape_of_terms
 from procedures.geometry.views import ChartView, Pose
 
@@ -57,7 +57,7 @@ def test_mrcals_optimum_is_recovered(published, views):
     shape = shape_of_terms(nodes, terms, np.full(2, 20.0), 0.0)
     bundle = first_bundle(nodes, views, SIZE)
     problem = AdjustmentProblem(nodes, views, shape)
-    found = fit_model("FULL_OPENCV", problem.flat_state(bundle.camera, bundle.poses), problem)
+    found = fit_formula("FULL_OPENCV", problem.flat_state(bundle.camera, bundle.poses), problem)
     # the residual of their camera, poses and warp: the poses are of the board's corner there
     corner, theirs = nodes[0], 1000 * published["calobject_warp"]
     camera = CameraModel("FULL_OPENCV", published["intrinsics"][0], *SIZE)

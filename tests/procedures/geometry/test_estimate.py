@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.geometry import choice, estimate
-from procedures.geometry.adjustment import NotConverged
-from procedures.geometry.choice import choose_model, first_state
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView, chart_nodes, greatest_tilt
 from procedures.outcome import Verdict
@@ -64,53 +61,6 @@ def test_a_model_that_is_too_simple_is_named_as_doubtful():
     assert "OPENCV is too simple for this lens" in found.reason
     assert found.value is not None
     assert found.value.misfit.rms_px > 0.02  # thin prism of 6e-4 r^2: a tenth of a pixel and more at the rim
-
-
-@pytest.mark.delicate
-@pytest.mark.slow
-def test_the_model_that_predicts_the_other_views_is_chosen(taken):
-    parameters = GeometryParameters(CELL_MM)
-    found = calibrate_geometry(taken.views, PLAIN.size, parameters, nodes=taken.nodes)
-    assert found.value is not None
-    trials = found.value.trials
-    assert trials[0].model == "OPENCV"
-    assert next(one for one in trials if one.model == "SIMPLE_RADIAL").left_over > 2 * trials[0].left_over
-
-
-def failing_halves(monkeypatch, taken, *, unless):
-    """Make the adjustment of FULL_OPENCV to half of the views fail unless the initial camera passes a test."""
-    adjust = choice.adjust
-
-    def failing(start, problem):
-        rich = start.camera.model == "FULL_OPENCV"
-        if rich and len(problem.views) < len(taken.views) and not unless(start.camera):
-            raise NotConverged("did not converge", "add views")
-        return adjust(start, problem)
-
-    monkeypatch.setattr(choice, "adjust", failing)
-
-
-def test_a_half_that_does_not_converge_restarts_from_the_fit_to_all_views(taken, problem, monkeypatch):
-    start = first_state(problem, PLAIN.size)
-    models = ("OPENCV", "FULL_OPENCV")
-    expected = {one.model: one for one in choose_model(models, start, problem)}
-    # the start from OPENCV has no denominator; the fit to all views has one
-    failing_halves(monkeypatch, taken, unless=lambda camera: camera.params[-1] != 0)
-    found = {one.model: one for one in choose_model(models, start, problem)}
-    assert found["FULL_OPENCV"].converged
-    # both converge to a thirtieth of an uncertainty; the predicted views depend on a few of them
-    assert found["FULL_OPENCV"].left_over == pytest.approx(expected["FULL_OPENCV"].left_over, rel=0.05)
-
-
-def test_a_model_that_could_not_be_compared_makes_the_choice_doubtful(taken, monkeypatch):
-    failing_halves(monkeypatch, taken, unless=lambda camera: False)
-    monkeypatch.setattr(estimate, "MODELS", ("OPENCV", "FULL_OPENCV"))
-    found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
-    assert found.verdict is Verdict.DOUBTFUL
-    assert "OPENCV was chosen without a comparison with FULL_OPENCV" in found.reason
-    assert "--model FULL_OPENCV" in found.remedy
-    assert found.value is not None
-    assert [one.converged for one in found.value.trials] == [True, False]
 
 
 def test_two_views_are_refused(taken):

@@ -8,7 +8,6 @@ from scipy.spatial import ConvexHull
 
 from procedures.geometry.adjustment import AdjustmentProblem
 from procedures.geometry.cameras import simple_camera
-from procedures.geometry.choice import first_state, fit_model
 from procedures.geometry.estimate import SMALL_SHARE
 from procedures.geometry.next_view import (
     COVER,
@@ -20,6 +19,7 @@ from procedures.geometry.next_view import (
     next_views,
     planned_view,
 )
+from procedures.geometry.reference import first_state, fit_formula
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes
 
@@ -33,7 +33,7 @@ def few():
     taken = take(replace(SMALL, camera=PLAIN, print_mm=0.0, width_px=1200.0), np.random.default_rng(3))
     views = [view for view, pose in zip(taken.views, taken.poses, strict=True) if abs(pose.t[0]) < 0.2 * pose.t[2]][:5]
     problem = AdjustmentProblem(taken.nodes, views, shape_model(taken.nodes, 0.001))
-    return taken, fit_model("OPENCV", first_state(problem, PLAIN.size), problem)
+    return taken, fit_formula("OPENCV", first_state(problem, PLAIN.size), problem)
 
 
 @pytest.mark.slow
@@ -49,7 +49,7 @@ def test_the_proposed_view_reduces_the_uncertainty_as_predicted(few):
         points = image[inside] + 0.01 * np.random.default_rng(1).standard_normal((len(inside), 2))
         more = [*fit.problem.views, ChartView("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
         start = replace(fit.state, poses=(*fit.state.poses, pose))
-        again = fit_model("OPENCV", start, replace(fit.problem, views=more))
+        again = fit_formula("OPENCV", start, replace(fit.problem, views=more))
         reached.append(next_views(again)[0].before_px)
     assert best.after_px < 0.8 * best.before_px
     assert reached[0] < reached[1]

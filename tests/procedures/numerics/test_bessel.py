@@ -1,7 +1,5 @@
 """Bessel functions compared with SciPy's, computed by other methods."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.special
 from scipy.integrate import quad

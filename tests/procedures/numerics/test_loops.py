@@ -1,7 +1,5 @@
 """The compiled extension computes what the loops' Python source does, refuses what it cannot take, and is optional."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

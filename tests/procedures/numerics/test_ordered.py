@@ -1,7 +1,5 @@
 """Quantiles and distinct values compared with NumPy's, which interpolate and sort in the same way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

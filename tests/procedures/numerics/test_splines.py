@@ -1,7 +1,5 @@
 """The band-limited cell image compared with its definition: integrals of the cells times the sinc kernel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Transforms by OpenCV compared with NumPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Triangular solvers compared with NumPy's general ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.fft

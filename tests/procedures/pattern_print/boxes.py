@@ -1,7 +1,5 @@
 """Bounding boxes of the elements of a sheet, in millimetres."""
 
-from __future__ import annotations
-
 from reportlab.pdfbase.pdfmetrics import stringWidth
 
 from procedures.pattern_print.panel import BOLD_FONT, FONT, Drawing, Text

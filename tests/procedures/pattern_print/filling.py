@@ -1,7 +1,5 @@
 """Filling of a path by the non-zero rule, as in a viewer, independent of the tracing of outlines."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from procedures.pattern_print.distance import FOCAL_LENGTHS_MM, SAMPLES_PER_PIXEL, SENSORS, table_m

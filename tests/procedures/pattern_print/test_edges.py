@@ -1,7 +1,5 @@
 """Chart with slanted edges: the chart is unchanged, and two edges in white are added."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A chart over several sheets: its cells, each on one sheet, and the marks by which the sheets are joined."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

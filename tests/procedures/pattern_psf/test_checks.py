@@ -55,6 +55,18 @@ def turned(**angles):
     return ObjectPose((0.0, 0.0, FAR_MM), **{f"{name}_deg": angle for name, angle in angles.items()})
 
 
+# --- outline ---
+
+
+def test_the_wanted_outline_is_the_present_one_of_a_chart_in_its_place(shoot):
+    # seen from 1.2 times the distance and to the right; in its place it lies where the outline wanted it, to the pixel
+    before = check_distance(shoot(ObjectPose((8.0, -5.0, 1.2 * FAR_MM))), FACTS).outline
+    after = check_distance(shoot(), FACTS).outline
+    assert before.off_px > 20 > 2 > np.abs(np.array(after.present) - np.array(before.wanted)).max()
+    assert before.growth == pytest.approx(1.2, abs=0.03)
+    assert before.arrow[0] < 0 < before.arrow[1]
+
+
 # --- square ------------------------------------------------------------------------------------------------------
 
 WORDS = {

@@ -1,7 +1,5 @@
 """Small files that announce vast contents: each writes one and names the reader that must refuse it."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """NumPy's files: wanted arrays are read, others skipped, and damaged archives raise BadInput."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 

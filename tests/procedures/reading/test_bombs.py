@@ -1,7 +1,5 @@
 """Declared sizes are compared with the limit before anything is decoded: time and memory stay small."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

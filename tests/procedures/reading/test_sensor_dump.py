@@ -1,7 +1,5 @@
 """Sensor dumps: parsing of layouts, and files that disagree with them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

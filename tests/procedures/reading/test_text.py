@@ -1,7 +1,5 @@
 """Text formats: numbers that no float or array takes are refused where they are read."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.outcome import BadInput

@@ -3,8 +3,6 @@
 Electrons are Poisson distributed; response, noise, offset, gain, rounding and clipping follow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Numbers of the published reference program for EMVA 1288, by our names."""
 
-from __future__ import annotations
-
 import warnings
 from functools import partial
 from pathlib import Path

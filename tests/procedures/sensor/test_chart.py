@@ -1,7 +1,5 @@
 """A camera with a nonlinearity of 5 %, calibrated by even light, then used with the chart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

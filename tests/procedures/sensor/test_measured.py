@@ -1,7 +1,5 @@
 """Coverage of the intervals, in draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The same pictures through the published reference program for EMVA 1288, by its own data set and simulator."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

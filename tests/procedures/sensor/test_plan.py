@@ -1,7 +1,5 @@
 """Checks of a picture by the guided sensor measurement, with and without a controlled panel."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Numbers of a sensor whose noise is less than a digital number, against pictures that were rounded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

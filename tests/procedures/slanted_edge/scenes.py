@@ -1,7 +1,5 @@
 """Simulated edges: a bright half plane on a dark ground, through known optics, on a known sensor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MTF across simulated edges against the true optics, uncertainties against the scatter of errors, and refusals."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

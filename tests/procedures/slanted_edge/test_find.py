@@ -1,7 +1,5 @@
 """Where edges are looked for without a region."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import ndtr

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from tests.procedures.field.conftest import covariance
 
 __all__ = ["covariance"]

@@ -1,7 +1,5 @@
 """Simulated sensors with known tilt, backfocus and screws, and brackets of a simulated lens."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flats of a lens with decentred vignetting, under uneven light."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

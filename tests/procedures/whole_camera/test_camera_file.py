@@ -1,7 +1,5 @@
 """Writing and reading of a camera's file, and refusal of others."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

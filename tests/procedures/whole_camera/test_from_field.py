@@ -1,7 +1,5 @@
 """Parts of a camera from simulated charts: their covariance compared with that of draws."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 

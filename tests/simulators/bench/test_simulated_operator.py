@@ -1,7 +1,5 @@
 """What the simulated person does who restores: the ring of apertures, the time, and what shakes the rig."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

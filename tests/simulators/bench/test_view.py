@@ -1,7 +1,5 @@
 """The bench's camera sees the bench: where the stage put it, how it shook meanwhile, how bright the lamp was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sheets as the camera sees them: contrast, place and overlap as optics and geometry have them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

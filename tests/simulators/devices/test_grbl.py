@@ -1,7 +1,5 @@
 """The GRBL twin against GRBL's documents: what the interface and jogging pages say it answers."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

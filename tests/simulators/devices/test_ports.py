@@ -1,7 +1,5 @@
 """The twins as other programs meet them: through pseudo-terminals and TCP, in real time."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -19,7 +19,8 @@ from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, 
 from station.app.widgets import left_of, literal, progress_in_words
 from station.bench.stage_watch import DeviceState
 from station.common.sanitise import printable
-from station.drawing.terminal_plots import ASCII, GUTTER, UNICODE, TerminalCurve, TerminalFrame, glyphs_for, plot
+from station.drawing.glyphs import ASCII, UNICODE, glyphs_for
+from station.drawing.terminal_plots import GUTTER, TerminalCurve, TerminalFrame, plot
 from station.guide.frontend import ProgressEvent
 
 SIDES = st.integers(1, 40)

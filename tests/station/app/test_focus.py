@@ -15,7 +15,7 @@ from procedures.raw import Plane
 from station.app.app import StationApp
 from station.app.screens import focus as screen
 from station.app.screens.parts import MIN_READ_S
-from station.drawing.terminal_plots import ASCII, big_lines
+from station.drawing.glyphs import ASCII, big_lines
 from station.guide.focus import live
 from station.guide.workspace import OpenedBench
 

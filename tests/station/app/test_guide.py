@@ -13,7 +13,7 @@ from procedures.pattern_psf.gamma import gamma_diagram
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Ask
 from station.app.app import StationApp
-from station.drawing.terminal_plots import ASCII, UNICODE
+from station.drawing.glyphs import ASCII, UNICODE
 from station.guide.frontend import DiagramEvent, ProblemEvent, ProgressEvent, RunEnded, ScanEvent, Stopped
 from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import OpenedBench, SessionSummary, StationLab

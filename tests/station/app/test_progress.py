@@ -9,7 +9,7 @@ from procedures.plan import Advice, Ask
 from station.app.app import StationApp
 from station.app.screens.guide import AT_WORK
 from station.app.widgets import ProgressLine, progress_in_words
-from station.drawing.terminal_plots import UNICODE
+from station.drawing.glyphs import UNICODE
 from station.guide.frontend import FrameEvent, ProgressEvent, RunEnded
 
 from .driving import Driver, drive

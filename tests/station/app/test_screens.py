@@ -21,12 +21,13 @@ from station.app.screens.result_view import mtf_plot, plane_in_words, specified
 from station.app.screens.results import read_all
 from station.app.screens.start import USUAL_PLAN
 from station.app.terminal_images import psf_thumbnail
+from station.drawing.glyphs import ASCII
 from station.drawing.pictures import encoded
-from station.drawing.terminal_plots import ASCII
 from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import Result, RunEnded
+from station.results.comparison import Comparison, Compliance, Judgement
 from station.results.measurement import RESTORATION
-from station.results.plane_result import Comparison, Compliance, Judgement, PlaneResult
+from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_record

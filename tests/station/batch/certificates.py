@@ -1,7 +1,5 @@
 """Certificates for a cluster of one's own: an authority, and a certificate and key that it vouches for."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path

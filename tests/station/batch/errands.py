@@ -1,7 +1,5 @@
 """Work that other processes find by name: see `test_workers.py`."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """The work of a batch with a photograph that ends its process."""
 
-from __future__ import annotations
-
 import os
 import signal
 

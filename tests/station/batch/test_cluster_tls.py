@@ -1,7 +1,5 @@
 """A cluster that speaks TLS: who has its authority's certificate works with it, nobody else gets in."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.outcome import BadParameter

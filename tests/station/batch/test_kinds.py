@@ -1,7 +1,5 @@
 """Batches of edges, of fields and of a series are the same work as that of their commands."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

@@ -3,8 +3,6 @@
 The record of every item, of those that failed too, follows the schema that is generated from the procedure.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Processes that die: the item is named, the rest is finished."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """A batch of every procedure of the registry: limits, record and schema, page, certificate, and no work done twice."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Batches of restorations: what their file says, which photographs belong together, and that all restore alike."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """A series: photographs of one setting together, the best aperture and how sure it is, its table and page."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -1,7 +1,5 @@
 """Rows of a batch on the disk, and the summary as CSV and Parquet from them."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 

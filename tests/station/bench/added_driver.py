@@ -1,7 +1,5 @@
 """A distance sensor of a package outside: its options and its maker in one file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """A hastily written driver of an ESP301: it keeps every promise on a good line, and stops once without asking again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

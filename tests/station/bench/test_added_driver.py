@@ -1,7 +1,5 @@
 """A driver of another package is configured, checked and made like a built-in one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

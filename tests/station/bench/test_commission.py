@@ -1,7 +1,5 @@
 """Commissioning of a stage at the simulated bench: consent, reported settings, recommended changes, the table."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

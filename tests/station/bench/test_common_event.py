@@ -1,7 +1,5 @@
 """The delay of a cable, from taps that two inertial units feel."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.errors import BadConfiguration

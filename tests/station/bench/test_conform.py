@@ -1,7 +1,5 @@
 """The trials of `station conform`: every stage's driver at its twin, and a hasty one that they refuse."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Wrong station.toml files: each refused with key, value, line and remedy, in words that are not Python's."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 
@@ -11,7 +9,7 @@ from click.testing import CliRunner
 from drivers.errors import BadConfiguration
 from station.__main__ import main
 from station.bench.opening import make_bench, read_config
-from station.common.toml_text import key_lines
+from station.common.toml_text import line_of
 
 GOOD = {
     "stage": {
@@ -348,11 +346,10 @@ x = 'it\\'
   x = "\\"]" # y = 2
 y.z = 2026-01-01T00:00:00Z
 '''
-    lines = key_lines(text)
     assert tomllib.loads(text)["rows"][1]["y"]
-    assert lines[("title",)] == 2
-    assert lines[("a", "b c", "d")] == 5
-    assert lines[("a", "b c", "d", 1, "e")] == lines[("a", "b c", "d", 1, "f", 1)] == 6
-    assert [lines[("rows", n, "x")] for n in (0, 1)] == [9, 11]
-    assert lines[("rows", 1, "y", "z")] == 12
-    assert ("devices", "fake", "key") not in lines
+    assert line_of(text, ("title",)) == 2
+    assert line_of(text, ("a", "b c", "d")) == 5
+    assert line_of(text, ("a", "b c", "d", 1, "e")) == line_of(text, ("a", "b c", "d", 1, "f", 1)) == 6
+    assert [line_of(text, ("rows", n, "x")) for n in (0, 1)] == [9, 11]
+    assert line_of(text, ("rows", 1, "y", "z")) == 12
+    assert line_of(text, ("devices", "fake", "key")) is None

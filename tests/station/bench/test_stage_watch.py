@@ -1,7 +1,5 @@
 """What a front end is shown of a stage before, in and after a motion; the stage's motion is a list of places."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -14,8 +14,9 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from station.__main__ import main
+from station.cli.result_log import check_strict
 from station.cli.terminal.examples import EXAMPLES
-from station.cli.terminal.progress import step_lines
+from station.cli.terminal.progress import awaited, step_lines
 
 
 def commands(group: click.Group = main, context: click.Context | None = None) -> Iterator[click.Context]:
@@ -105,3 +106,23 @@ def test_work_within_a_step_is_reported_at_intervals(capsys):
         report(f"{second} models fitted", 0)
     report("done")
     assert capsys.readouterr().err.split("\n") == ["6 models fitted", "done", ""]
+
+
+@pytest.mark.parametrize(
+    "command", ["demo", "verify", "session list", "session show", "session recompute", "session resume", "psf pattern"]
+)
+def test_commands_with_verdicts_take_strict(command):
+    answer = CliRunner().invoke(main, [*command.split(), "--help"])
+    assert "--strict" in answer.output
+
+
+def test_strict_counts_all_but_a_pass_as_failed():
+    check_strict(["pass", "doubtful"], strict=False)
+    check_strict(["pass", "pass"], strict=True)
+    with pytest.raises(click.exceptions.Exit) as ended:
+        check_strict(["pass", "doubtful"], strict=True)
+    assert ended.value.exit_code == 1
+
+
+def test_items_are_awaited_in_order():
+    assert list(awaited("working", iter([1, 2, 3]))) == [1, 2, 3]

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
+import subprocess
+from base64 import b64decode
+from html import unescape
+from importlib.resources import files
 
 import cv2
 import numpy as np
 import pytest
+
+from procedures.restoration.masks.blur_models import pillbox, polygon
+from procedures.restoration.masks.thin_lens import CameraSetting
+from procedures.restoration.refocus import _mean_of_views
 
 LENS = {"metres": "behind", "focal_length_mm": 12.0, "f_number": [2.8, 2.0], "focus_m": [0.45, 0.45],
         "pixel_pitch_um": 6.0}  # fmt: skip
@@ -47,6 +57,51 @@ def test_focus_moves_from_one_half_to_the_other(run, restored, tmp_path):
         plane = record["planes"]["picture"]
         assert plane["depth_of_field_near"]["value"] < metres[n] < plane["depth_of_field_far"]["value"]
         assert "Pictures" in (out / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def node():
+    program = shutil.which("node")
+    if program is None:
+        pytest.skip("no Node.js")
+
+    def call(expression, **values):
+        source = files("station.reports.templates").joinpath("refocus.js").read_text("utf-8")
+        stub = "globalThis.document = {querySelectorAll: () => []};"
+        given = f"const given = {json.dumps(values)};"
+        code = f"{stub}{source}{given}console.log(JSON.stringify({expression}))"
+        return json.loads(subprocess.run([program, "-e", code], check=True, capture_output=True, text=True).stdout)
+
+    return call
+
+
+@pytest.mark.parametrize(("aperture", "shape"), [("circle()", pillbox()), ("polygon(5)", polygon(5))])
+def test_the_pages_script_draws_the_programs_picture(node, rng, aperture, shape):
+    light, radius = rng.random((1, 20, 24)), np.repeat([[2.0, -3.0]], 12, axis=1) * np.ones((20, 1))
+    expected = _mean_of_views(light, radius, shape)
+    # as many views; the sampled shape decides otherwise at its border only
+    drawn = node(f"Array.from(meanOfViews(given.light, given.radius, 20, 24, BOKEH.{aperture}, 1024))",
+                 light=light.ravel().tolist(), radius=radius.ravel().tolist())  # fmt: skip
+    np.testing.assert_allclose(np.reshape(drawn, (20, 24)), expected[0], atol=0.01)
+
+
+def test_the_pages_script_has_the_programs_optics(node):
+    setting = CameraSetting(50, 2.0, 1500.0, 6.0)
+    drawn = node("blurRadius(given.inverse, {focal_length_mm: 50, pitch_um: 6}, 2, 1 / 1.5)", inverse=[0.5, 1, 2])
+    np.testing.assert_allclose(drawn, setting.blur_radius_px(np.array([2000.0, 1000.0, 500.0])), rtol=1e-12)
+
+
+def test_the_page_has_controls_of_aperture_focus_and_bokeh(run, restored, tmp_path):
+    assert run("refocus", restored, "--f-number", 2, "--focus-m", 0.6, "--out", tmp_path / "o").exit_code == 0
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert all(f'name="{name}"' in page for name in ("aperture", "focus", "bokeh"))
+    assert "meanOfViews" in page
+    lens = json.loads(unescape(re.search('data-lens="([^"]*)"', page)[1]))
+    png = re.search('base64,([^"]*)" alt="inverse distances"', page)[1]
+    coded = cv2.imdecode(np.frombuffer(b64decode(png), np.uint8), cv2.IMREAD_COLOR)
+    inverse = lens["least"] + (256.0 * coded[..., 2] + coded[..., 1]) / 65535 * (lens["most"] - lens["least"])
+    taken = CameraSetting(12, 2.8, 450.0, 6.0)
+    np.testing.assert_allclose(inverse[0, [0, -1]], 1000 / taken.distance_mm(np.array([-1.0, -3.0])), atol=1e-4)
 
 
 @pytest.mark.parametrize(

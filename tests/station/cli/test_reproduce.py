@@ -43,6 +43,18 @@ def test_without_data_rows_are_not_computed(run, tmp_path, monkeypatch):
     assert "not computed" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["--fetch"], "--fetch needs a folder"), (["--data", "absent"], "--data needs a folder; there is no absent")],
+)
+def test_a_folder_must_exist_or_be_fetched(run, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.delenv("STATION_SHARED_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    done = run("reproduce", "bound-solved", "--out", tmp_path / "out", *arguments)
+    assert done.exit_code == 2
+    assert message in done.stderr
+
+
 def test_the_tables_bounds_come_from_one_noise_region():
     # Table 2.2 prints 0.10, 0.35, 0.70, 1.15: Proposition 1 for 53 x 54 pixels and what the PSF adds around them
     rows = {check.quantity: check for check in catalogue.ROWS[0].checks}

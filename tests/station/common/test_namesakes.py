@@ -1,7 +1,5 @@
 """A foreign package of the same name is named at the start, with the way out."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

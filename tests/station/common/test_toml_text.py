@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 import tomllib
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """A rendered scene in depth, from its light to the restored depth, on a small picture."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

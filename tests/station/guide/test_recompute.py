@@ -171,7 +171,7 @@ def test_report_is_complete_and_escapes_html(folder):
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page
-    for markup in ("<script", "<img", "<b>a", ", </title>", "<i>room"):
+    for markup in ("<script>alert", "<img", "<b>a", ", </title>", "<i>room"):
         assert markup not in page
 
 

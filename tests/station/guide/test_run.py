@@ -15,6 +15,7 @@ from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
 from simulators.bench.bench import FaultEvent
 from station.guide.frontend import (
+    LAMP,
     FrameEvent,
     ProblemEvent,
     ProgressEvent,
@@ -87,7 +88,9 @@ def test_the_bench_goes_where_the_plan_and_the_scan_say(bench, session):
     # best of 600, 620, 640 is the one nearest to 615
     assert curve.scores == pytest.approx((-15.0, -5.0, -25.0), abs=0.1)
     assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)
-    assert bench.light.level() == pytest.approx(0.8)
+    assert session.state.facts["light_level"] == pytest.approx(0.8)
+    assert bench.light.level() == 0.0, "the lamp goes out at the end"
+    assert [ask.key for ask in operator.asked].count(LAMP) == 1, "it asks once, before it is lit"
     assert session.state.facts["distance_mm"] == pytest.approx(800.0 + 700.0 + 120.0, abs=3)
 
 

@@ -24,6 +24,7 @@ from station.common.models import fields_of
 from station.manual.browser_pages import html_of, section_name
 from station.manual.command_reference import commands_text
 from station.manual.field_reference import attributes
+from station.manual.formulas import FORMULA, plain_formulas
 from station.manual.pages import PICTURE, Page, find_page, for_terminal, read_pages, search
 from tests.printed import print_faults, screen_faults
 
@@ -146,6 +147,24 @@ def test_search_finds_the_sections_with_all_words_those_with_a_heading_first(run
 def test_a_terminal_shows_no_pictures():
     assert "picture:" in text_of("psf")
     assert "picture:" not in for_terminal(text_of("psf"))
+
+
+FORMULAS = [found[2] or found[3] for page in PAGES for found in FORMULA.finditer(page.text) if not found[1]]
+
+
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_a_formula_is_plain_in_a_terminal_and_mathml_in_a_browser(formula):
+    assert not re.search(r"[\\{}$]", plain_formulas(f"${formula}$"))
+    pytest.importorskip("latex2mathml", reason="latex2mathml is not installed (extra `manual`)")
+    body = html5lib.parse(html_of(f"# T\n\n$${formula}$$\n"), namespaceHTMLElements=False)
+    (math,) = (one for one in body.iter() if one.tag.endswith("}math"))
+    assert "\\" not in "".join(math.itertext())
+
+
+def test_dollars_in_code_are_no_formulas():
+    text = "`$110=500 $22=25` and $\\frac{1}{2} \\sigma^2$"
+    assert plain_formulas(text) == "`$110=500 $22=25` and 1/2 σ²"
+    assert "<math" not in html_of("# T\n\n`$110=500 $22=25`\n")
 
 
 @pytest.fixture(scope="module")

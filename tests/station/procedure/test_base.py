@@ -1,7 +1,5 @@
 """The base class of procedures of photographs, with a procedure of three lines."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import cv2

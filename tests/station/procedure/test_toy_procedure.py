@@ -1,7 +1,5 @@
 """A procedure of a package outside: one file of at most 60 lines gets every ability."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

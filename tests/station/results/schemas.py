@@ -1,7 +1,5 @@
 """The part of JSON Schema (draft 2020-12) that the shipped schemas use, as a check that raises."""
 
-from __future__ import annotations
-
 import json
 import re
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 
@@ -13,8 +11,9 @@ from hypothesis import strategies as st
 from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
+from station.results.comparison import Comparison, Compliance
 from station.results.limits import Limit, Place, Specification, Spot, compare, limited_numbers, place_of
-from station.results.plane_result import Comparison, Compliance, PlaneResult
+from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
 LOW = Quantity(0.25, "cycles/pixel", 0.001, "", 1)

@@ -1,7 +1,5 @@
 """Records of every procedure read back as they were written, and damaged ones refused."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -14,7 +12,8 @@ import pytest
 
 from procedures.outcome import BadInput, Quantity, Verdict
 from station.results import reader
-from station.results.plane_result import Compliance, PlaneResult
+from station.results.comparison import Compliance
+from station.results.plane_result import PlaneResult
 from station.results.reader import changes, find_results, read_picture, read_result
 from station.results.result_files import plain
 from station.results.units import Unit

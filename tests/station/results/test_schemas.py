@@ -1,7 +1,5 @@
 """The schemas that are shipped describe the records that are written, and refuse others."""
 
-from __future__ import annotations
-
 import copy
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Units of frequencies, what is asked of a result, the conditions it was made in, and its seal."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -13,8 +11,9 @@ import pytest
 from procedures.outcome import BadInput, BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from station.calibration.stored_results import plane_entry, table_prefix
+from station.results.comparison import Comparison, Compliance
 from station.results.limits import Place, Specification
-from station.results.plane_result import Comparison, Compliance, PlaneResult, line_numbers
+from station.results.plane_result import PlaneResult, line_numbers
 from station.results.record_head import condition_words, environment_of, temperature_during
 from station.results.result_files import ResultFolder, damage, is_sealed, write_record
 from station.results.specification_file import parse_specification, read_specification

@@ -11,7 +11,7 @@ from station.service.runs import read_order
 
 from .alpaca_clients import beside
 
-UNATTENDED = {"plan": "short", "camera": "C", "lens": "L", "answers": {"move": True}, "by_default": True}
+UNATTENDED = {"plan": "short", "camera": "C", "lens": "L", "answers": {"move": True, "lamp": True}, "by_default": True}
 
 
 def wait_for(client, holds):

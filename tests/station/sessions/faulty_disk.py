@@ -1,7 +1,5 @@
 """A disk that fails at a chosen operation: the power goes, the disk is full, or a write stops half way."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A calibration that takes as little time as one can: homing, a look, two shots, one plane's estimate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

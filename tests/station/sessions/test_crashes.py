@@ -1,7 +1,5 @@
 """The power is cut, or the disk is full, at every single operation of a session."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.outcome import ProcedureError

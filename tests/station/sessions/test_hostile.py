@@ -1,7 +1,5 @@
 """Nothing typed or found writes outside the session's folder, whatever it is called and wherever links lead."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import tomllib

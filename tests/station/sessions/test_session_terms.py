@@ -1,7 +1,5 @@
 """A session's specification: frozen when it begins, compared with every result, reported as text and exit code."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,8 @@ from procedures.psf import Psf
 from procedures.quality import assess
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
-from station.results.plane_result import Comparison, Compliance, PlaneResult
+from station.results.comparison import Comparison, Compliance
+from station.results.plane_result import PlaneResult
 from station.results.terms import USUAL
 from station.results.units import Pixels
 from station.sessions.session import Session

@@ -1,7 +1,5 @@
 """A small session as a run would drive it: looks, shots that count, a result; it goes on where the session stands."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, field
 from datetime import UTC, datetime

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures.restoration.joint.noise_and_contrast import BANDS
 from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.masks.blur_operator import MaskStack
 
@@ -36,14 +37,18 @@ def scene():
 @pytest.fixture(params=[0.0, 0.2, 0.5])
 def restored(request, scene):
     """Truth, picture, residual and masks, each with a relative error of every sample."""
+    return filtered(scene, request.param, WEIGHT)
+
+
+def filtered(scene, wrong, weight):
     rng = np.random.default_rng(2)
     true = kernels(rng)
-    measured = (true * (1 + request.param * rng.standard_normal(true.shape))).clip(0)
+    measured = (true * (1 + wrong * rng.standard_normal(true.shape))).clip(0)
     measured /= measured.sum(axis=(1, 2), keepdims=True)
     z = np.fft.ifft2(spectra(true) * np.fft.fft2(scene)).real + NOISE * rng.standard_normal((2, N, N))
     H, Z = spectra(measured), np.fft.fft2(z)
     across = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(N))
-    U = (H.conj() * Z).sum(axis=0) / ((np.abs(H) ** 2).sum(axis=0) + WEIGHT * (across[:, None] + across))
+    U = (H.conj() * Z).sum(axis=0) / ((np.abs(H) ** 2).sum(axis=0) + weight * (across[:, None] + across))
     residual = np.fft.ifft2(Z - H * U).real
     return np.fft.ifft2(U).real[None], residual[:, None], measured
 
@@ -54,7 +59,7 @@ def stacks(masks):
 
 def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, restored):
     u, residual, measured = restored
-    error = picture_error(stacks(measured), np.array([0.5]), WEIGHT, residual, u)
+    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u)
     # errors of masks are equal in picture and residual only on average over many masks
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
     assert error.std == pytest.approx(np.hypot(error.noise, error.lost))
@@ -63,7 +68,7 @@ def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, resto
 
 def test_two_standard_deviations_hold_95_percent_of_the_pixels(scene, restored):
     u, residual, measured = restored
-    error = picture_error(stacks(measured), np.array([0.5]), WEIGHT, residual, u)
+    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u)
     inside = np.abs(u[0] - scene) < 2 * error_map(error.std, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
@@ -94,3 +99,12 @@ def test_noise_is_not_estimated_where_texture_is_everywhere():
     rng = np.random.default_rng(3)
     scene = gaussian_filter(rng.standard_normal((1, N, N)), (0, 1, 1))
     assert residual_noise(np.stack([scene, scene]), rng.standard_normal((2, 1, N, N)), scene, 3) == 0
+
+
+@pytest.mark.parametrize("weight", [3e-3, 3e-2])
+def test_detail_suppressed_by_the_prior_is_in_the_expected_error_of_known_masks(scene, weight):
+    u, residual, masks = filtered(scene, 0.0, weight)
+    true = np.std(u[0] - scene)
+    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, weight), residual, u)
+    # with the contrast as restored it is 1.15 and 0.92 of the error
+    assert error.std == pytest.approx(true, rel=0.07)

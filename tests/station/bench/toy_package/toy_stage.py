@@ -4,8 +4,6 @@
 hexadecimal digits. `!` stops the motor at once, also within a line.
 """
 
-from __future__ import annotations
-
 import itertools
 from binascii import crc_hqx
 from collections.abc import Callable, Sequence

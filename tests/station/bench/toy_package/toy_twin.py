@@ -1,7 +1,5 @@
 """The toy stage at byte level: what `station conform toy-stage` drives."""
 
-from __future__ import annotations
-
 from binascii import crc_hqx
 
 from simulators.devices.serial_device import drained

@@ -1,7 +1,5 @@
 """The mean level of photographs: a procedure of a package outside, in one file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,6 +1,6 @@
 """A program that behaves as `rpicam-still`: lists cameras, takes options by their names, writes DNGs of their layout.
 
-Run as `python -m simulators.devices.rpicam_still`. The variable RPICAM_TWIN of the environment holds its faults as
+Run as `python -m tests.drivers.rpicam_still`. The variable RPICAM_TWIN of the environment holds its faults as
 JSON: `cameras` (2), `delay_s` (0), `fails` (the words of an error), `no_raw` (a version that writes no DNG).
 """
 

@@ -1,0 +1,166 @@
+"""Chapters 6 and 10 of Sorel's thesis by the thesis's own chain: Algorithm II, then Algorithm I with its solver.
+
+The thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.restoration.joint.data_term import restore_picture
+from procedures.restoration.masks.blur_models import uniform_motion
+from procedures.restoration.masks.blur_operator import MaskStack
+from station.demo.reproduce import scenes
+from station.demo.reproduce.algorithm_1 import Alternation, algorithm_1, data_term
+from station.demo.reproduce.figures import Curve, curves, pictures
+from station.demo.reproduce.restoration_rows import NOISE_WORDS, NOISES, SMALL, WEIGHT, first_depth_of, restored_at
+from station.demo.reproduce.row import Order, RowValues, Setting, Values, ordered
+
+Array = npt.NDArray[np.float64]
+
+ITERATIONS = (1, 2, 5, 10, 20, 50, 100, 200)
+CHAIN = Alternation(WEIGHT, depth_weight=0.01)
+"""The thesis's scheme 50 x (8 + 10) + 100; it does not state lambda_w."""
+MODERATE = 3
+"""Number of levels of noise up to 20 dB."""
+
+
+def _pairs(shape: Array) -> list[scenes.Pair]:
+    return [scenes.pair(shape, noise, picture=scenes.texture, picture_seed=0) for noise in NOISES]
+
+
+def _errors(pairs: Sequence[scenes.Pair], restored: Sequence[Array]) -> list[float]:
+    return [pair.error(u) for pair, u in zip(pairs, restored, strict=True)]
+
+
+def _by_noise(restored: Sequence[Array], what: str = "") -> list[tuple[str, Array]]:
+    return [(f"{what}{words}", u) for words, u in zip(NOISE_WORDS, restored, strict=True)]
+
+
+def _grows(values: Values) -> bool:
+    return all(a < b for a, b in pairwise(values))
+
+
+# --- Figure 6.1 ---
+
+
+@ordered(Order("conjugate gradients are ahead of steepest descent after 200 iterations", lambda v: v[0] > 1))
+def restoration_solvers(setting: Setting) -> RowValues:
+    """Error term after n iterations of steepest descent and conjugate gradients: known depth, no noise, no prior."""
+    shape = scenes.comatic()
+    pair = scenes.pair(shape, None, SMALL, picture=scenes.texture, picture_seed=0)
+    data = data_term(pair.z, scenes.stacks(shape))
+    data.focus(np.pad(pair.w, data.R, mode="edge").astype(np.float32))
+    begin = data.mean()
+
+    def error(u: npt.NDArray[np.floating]) -> float:
+        return float(np.sum(data.residual(u) ** 2) / 2)
+
+    conjugate = [error(restore_picture(data, begin, 0.0, n)) for n in ITERATIONS]
+    steepest, u = [], begin
+    for n in range(1, ITERATIONS[-1] + 1):
+        u = restore_picture(data, u, 0.0, 1)  # the first iteration of conjugate gradients is one of steepest descent
+        if n in ITERATIONS:
+            steepest.append(error(u))
+    figure = curves(
+        "solvers",
+        [Curve("steepest descent", ITERATIONS, steepest, "o-"), Curve("conjugate gradients", ITERATIONS, conjugate)],
+        x="iterations",
+        y="error term",
+        log="xy",
+    )
+    start, at_100 = error(begin), steepest[ITERATIONS.index(100)]
+    return RowValues((steepest[-1] / conjugate[-1], (at_100 - steepest[-1]) / start, conjugate[-1] / start), (figure,))
+
+
+# --- Figures 10.3 right, 10.4 right and 10.5 ---
+
+
+@ordered(
+    Order(
+        "the error grows with the noise; up to 20 dB it is larger than with the right mask",
+        lambda v: _grows(v[:4]) and v[4] > 0.9 and v[5] > 1,
+    )
+)
+def restoration_gaussian(setting: Setting) -> RowValues:
+    """Restoration at the known depth with a Gaussian instead of the true mask, four levels of noise."""
+    shape = scenes.comatic()
+    right, wrong = scenes.stacks(shape), scenes.gaussian_stacks(shape)
+    pairs = _pairs(shape)
+    restored = [restored_at(pair, wrong, pair.w) for pair in pairs]
+    errors = _errors(pairs, restored)
+    best = [pair.error(restored_at(pair, right, pair.w)) for pair in pairs[:MODERATE]]
+    over_blurred = errors[0] / pairs[0].error(pairs[0].z[0, 0])
+    over_right = min(a / b for a, b in zip(errors, best, strict=False))
+    return RowValues((*errors, over_blurred, over_right), (pictures("gaussian", _by_noise(restored)),))
+
+
+@ordered(
+    Order(
+        "the errors grow with the noise, and up to 20 dB a Gaussian mask has the larger ones",
+        lambda v: _grows(v[:4]) and _grows(v[4:]) and all(a < b for a, b in zip(v[:MODERATE], v[4:], strict=False)),
+    )
+)
+def restoration_direct(setting: Setting) -> RowValues:
+    """Restoration directly at the depth of Algorithm II, with the true and with a Gaussian mask."""
+    shape = scenes.comatic()
+    right, wrong = scenes.stacks(shape), scenes.gaussian_stacks(shape)
+    pairs = _pairs(shape)
+    depths = [first_depth_of(pair, right) for pair in pairs]
+    by_right, by_wrong = (
+        [restored_at(pair, stacks, w) for pair, w in zip(pairs, depths, strict=True)] for stacks in (right, wrong)
+    )
+    figures = (pictures("direct", _by_noise(by_right)), pictures("direct-gaussian", _by_noise(by_wrong)))
+    return RowValues((*_errors(pairs, by_right), *_errors(pairs, by_wrong)), figures)
+
+
+# --- Figures 10.6, 10.7, 10.9 and 10.10 ---
+
+
+LOWERS = Order(
+    "from Algorithm II's depth on, Algorithm I lowers the errors of w and of the picture", lambda v: max(v[-2:]) < 1
+)
+
+
+def _followed(
+    pairs: Sequence[scenes.Pair], depths: Sequence[Array], stacks: list[MaskStack]
+) -> tuple[list[float], list[float], list[Array]]:
+    """Errors of w and of the picture after Algorithm I, and w."""
+    results = [algorithm_1(pair.z, stacks, w, CHAIN) for pair, w in zip(pairs, depths, strict=True)]
+    of_w = [pair.w_error(w) for pair, (_, w) in zip(pairs, results, strict=True)]
+    return of_w, _errors(pairs, [u for u, _ in results]), [w for _, w in results]
+
+
+def _gains(before: Sequence[float], after: Sequence[float]) -> float:
+    """Greatest ratio of errors, after over before, up to 20 dB."""
+    return max(b / a for a, b in zip(before[:MODERATE], after[:MODERATE], strict=True))
+
+
+@ordered(LOWERS)
+def restoration_chain(setting: Setting) -> RowValues:
+    """Algorithm II, then Algorithm I with the thesis's solver, out of focus, with the true and with a Gaussian mask."""
+    shape = scenes.comatic()
+    right, wrong = scenes.stacks(shape), scenes.gaussian_stacks(shape)
+    pairs = _pairs(shape)
+    depths = [first_depth_of(pair, right) for pair in pairs]
+    (w, picture, maps), (w_wrong, wrong_picture, _) = (_followed(pairs, depths, stacks) for stacks in (right, wrong))
+    direct = _errors(pairs, [restored_at(pair, right, one) for pair, one in zip(pairs, depths, strict=True)])
+    first = [pair.w_error(one) for pair, one in zip(pairs, depths, strict=True)]
+    ratios = (w_wrong[0] / w[0], _gains(first, w), _gains(direct, picture))
+    figures = (pictures("chain-first", _by_noise(depths)), pictures("chain", _by_noise(maps)))
+    return RowValues((*w, *w_wrong, *picture, *wrong_picture, *ratios), figures)
+
+
+@ordered(LOWERS)
+def restoration_chain_motion(setting: Setting) -> RowValues:
+    """Algorithm II, then Algorithm I with the thesis's solver, motion along x, four levels of noise."""
+    shape = uniform_motion()
+    stacks, pairs = scenes.stacks(shape), _pairs(shape)
+    depths = [first_depth_of(pair, stacks, axis="x") for pair in pairs]
+    direct = _errors(pairs, [restored_at(pair, stacks, one) for pair, one in zip(pairs, depths, strict=True)])
+    first = [pair.w_error(one) for pair, one in zip(pairs, depths, strict=True)]
+    w, picture, maps = _followed(pairs, depths, stacks)
+    figures = (pictures("chain-motion-first", _by_noise(depths)), pictures("chain-motion", _by_noise(maps)))
+    return RowValues((*first, *w, *direct, *picture, _gains(first, w), _gains(direct, picture)), figures)

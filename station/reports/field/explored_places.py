@@ -1,0 +1,49 @@
+"""The places of a field that its page lets one explore: PSF, MTF along rows and columns, and MTF50 with its budget."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from procedures.field.maps import grid, mesh, mtf50_about, propagated, radius_direction
+from procedures.numbers import OF_PLACES
+from procedures.outcome import Quantity
+from procedures.psf import Psf
+from procedures.psf_field import PsfField
+from procedures.quality import mtf_along
+from station.reports.explore import ExploredPlace, ExploredPlaces
+
+COLUMNS = 7
+"""Places along the frame's longer side."""
+POINTS = 41
+"""Number of points of a curve."""
+DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
+
+
+def explored_places(field: PsfField) -> ExploredPlaces:
+    """A grid of places over the frame."""
+    points = mesh(*grid(field.shape, COLUMNS))
+    enclosed, parameters = field.inside(points), field.parameters(points)
+    return ExploredPlaces(field.shape, [_spot(field, *one) for one in zip(points, enclosed, parameters, strict=True)])
+
+
+def _spot(field: PsfField, place: np.ndarray, enclosed: bool, parameters: np.ndarray) -> ExploredPlace:
+    x, y = map(float, place)
+    noise, interpolation = field.covariances(x, y)
+    psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
+    only_noise = Psf.of(parameters, noise, field.k, field.s, interpolation)
+    radius = radius_direction(field.shape, x, y)
+    (values, total), (_, by_noise) = mtf50_about(psf, radius), mtf50_about(only_noise, radius)
+    numbers = {str(name): Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
+    rest = np.sqrt(np.maximum(total**2 - by_noise**2, 0))
+    budgets = {
+        str(name): {"noise and truncation": float(a), "interpolation between the charts": float(b)}
+        for name, a, b in zip(OF_PLACES, by_noise, rest, strict=True)
+    }
+    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
+    curves = {"frequency": frequencies}
+    for name, angle in DIRECTIONS.items():
+        curves[name], slopes = mtf_along(psf, frequencies, angle)
+        curves[f"{name}_uncertainty"] = propagated(psf, slopes)
+    return ExploredPlace(x, y, bool(enclosed), numbers, budgets, curves, psf.h, psf.s)
