@@ -17,8 +17,7 @@ from drivers.move_checks import HOME
 from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import URGENT_S, anything
-from drivers.wire.in_step import StepQuestion
+from drivers.wire.connection import URGENT_S, StepQuestion, anything
 
 TRIES = 3
 MOTION, STOP_ALL = b"\x05", b"\x18"

@@ -24,7 +24,6 @@ from drivers.errors import (
     SystemClock,
     WasReset,
 )
-from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.making import LineOptions, MakerContext
 from drivers.move_checks import HOME, OneMover, check_arrival, check_target, in_turn, left_still
@@ -39,7 +38,10 @@ from drivers.protocols.grbl import (
     RESUMABLE,
     RESUME,
     Event,
+    GrblAxis,
+    GrblEnvelope,
     GrblParser,
+    envelope,
 )
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything

@@ -128,7 +128,7 @@ def scale_of(full_scale_g: float, full_scale_deg_s: float) -> list[float]:
     return [full_scale_g * G_M_S2 / 32768] * 3 + [math.radians(full_scale_deg_s) / 32768] * 3
 
 
-class CableImu(LineDevice[Transport[E]], Generic[E]):
+class StreamingImu(LineDevice[Transport[E]], Generic[E]):
     """A unit on a cable of its own."""
 
     def __init__(self, transport: Transport[E], clock: Clock | None, stream: _Stream) -> None:
@@ -155,7 +155,7 @@ class CableImu(LineDevice[Transport[E]], Generic[E]):
         self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
 
 
-class WitImu(CableImu[WitFrame]):
+class WitImu(StreamingImu[WitFrame]):
     """A WitMotion module in WIT standard protocol."""
 
     def __init__(
@@ -228,7 +228,7 @@ class WitImu(CableImu[WitFrame]):
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)
 
 
-class FastImu(CableImu[SampleBatch | TextMessage]):
+class FastImu(StreamingImu[SampleBatch | TextMessage]):
     """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(

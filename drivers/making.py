@@ -15,15 +15,15 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import Clock
-from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.frames import Inspect
 from drivers.interfaces import Device, Parser
 from drivers.options import GRBL_STAGE, Baud, FolderName, Port, device
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.transport import SerialTransport
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 
 
 @dataclass(frozen=True)

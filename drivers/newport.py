@@ -18,8 +18,7 @@ from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import StepQuestion
+from drivers.wire.connection import StepQuestion, anything, roll_call
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
 POWER = 1 << 4

@@ -15,8 +15,7 @@ from drivers.errors import Clock, DeviceError, EmergencyStopped, MoveFailed, NoA
 from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
 from drivers.options import AxisName, interval, option, positive
-from drivers.wire.connection import URGENT_S, anything, not_connected, opened
-from drivers.wire.in_step import InStepLine
+from drivers.wire.connection import URGENT_S, InStepLine, anything, not_connected, opened
 
 
 class StageAxis(Protocol):

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import BadConfiguration, Clock, FrameMissing, LineLost, NoAnswer, Rejected, SystemClock
-from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import DriverOptions, MakerContext

@@ -16,8 +16,7 @@ from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import LineOptions, MakerContext
 from drivers.options import Baud, Uncertainty, option, positive, text
 from drivers.protocols.framing import LineSplitter
-from drivers.wire.connection import LineDevice, opened
-from drivers.wire.in_step import InStepLine, StepQuestion
+from drivers.wire.connection import InStepLine, LineDevice, StepQuestion, opened
 from drivers.wire.visa import VISA, VisaTransport
 
 REPLY_S = 2.0

@@ -18,8 +18,7 @@ from drivers.move_checks import HOME
 from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
-from drivers.wire.connection import anything, roll_call
-from drivers.wire.in_step import StepQuestion
+from drivers.wire.connection import StepQuestion, anything, roll_call
 
 HOST, CONTROLLER, BAY, LONG, HEADER = 0x01, 0x50, 0x20, 0x80, 6
 REQ_INFO, GET_INFO, ENABLE = 0x0005, 0x0006, 0x0210

@@ -16,8 +16,7 @@ from serial.tools import list_ports
 
 from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import WRITE_S, Outgoing, anything
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import WRITE_S, Outgoing, Transcript, anything
 
 E = TypeVar("E")
 T = TypeVar("T")

@@ -139,11 +139,14 @@ class ZaberStage(AxisStage[Event, ZaberAxis]):
     def _hear(self, event: Event, host_s: float) -> None:
         self._alerts += isinstance(event, Alert)
 
+    def _reading(self, axis: ZaberAxis) -> float:
+        return axis.to_unit(self._number(axis, "pos"))
+
     def _state(self, axis: ZaberAxis) -> AxisState:
         return self._state_of(axis, self._status(axis))
 
     def _state_of(self, axis: ZaberAxis, status: Reply) -> AxisState:
-        return AxisState(axis.to_unit(self._number(axis, "pos")), status.busy, status.flag != INTERRUPTED)
+        return AxisState(self._reading(axis), status.busy, status.flag != INTERRUPTED)
 
     def _status(self, axis: ZaberAxis) -> Reply:
         return self._send(axis.device, axis.axis, "", tries=3)

@@ -290,11 +290,13 @@ class Shoot:
 
 @dataclass(frozen=True)
 class TourStop:
-    """One place of a tour: its name, which is the purpose of its shots, the move to it, and the check of a shot."""
+    """One place of a tour: its name, which is the purpose of its shots, the move to it, the check of a shot, and the
+    progress, by default the number of places left."""
 
     name: str
     go: Go
     check: Callable[[RawFrame, Facts], Advice]
+    goal: Callable[[Facts], Goal | None] = lambda facts: None
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ MOST_PER_PX, MOST_SAMPLES = 16, 101
 class Sampling:
     """Sampling of a PSF, and solver. Raises BadParameter if one of them is out of range.
 
-    s : samples per pixel of the plane, 2 or more; None: automatic
+    s : samples per pixel of the plane; None: automatic
     k : samples along one side of the support, odd; None: automatic
     solver : "ls" least squares, "clip" with its negative part set to 0, "nnls" non-negative least squares (with the
         chart: under a prior of amplitude, width and smoothness estimated from the photograph)
@@ -54,8 +54,8 @@ class Sampling:
                 f"s must be at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
                 "give s = 4 and k = 17, or omit both for the automatic choice",
             )
-        if self.s is not None and self.s < 2:
-            raise BadParameter(f"s must be 2 or more; got s = {self.s}", "give s = 3 or 4")
+        if self.s is not None and self.s < 1:
+            raise BadParameter(f"s must be 1 or more; got s = {self.s}", "give s = 3 or 4")
         if self.k is not None and (self.k < 3 or self.k % 2 == 0):
             raise BadParameter(
                 f"k must be odd and 3 or more, so that the support has a centre; got k = {self.k}",

@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
+from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, Clock, FrameMissing, FrameWrong, Rejected
-from drivers.frame_files.dng import Body, DngFolder, Frame
 from drivers.frames import OneFrame
 from drivers.interfaces import CameraSettings, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext

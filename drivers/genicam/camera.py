@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import (
     BadConfiguration,
     Clock,
@@ -16,7 +17,6 @@ from drivers.errors import (
     Rejected,
     SystemClock,
 )
-from drivers.frame_files.dng import Body, DngFolder, Frame
 from drivers.frames import OneFrame
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes

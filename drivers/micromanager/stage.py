@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from drivers.errors import Clock, EmergencyStopped, MoveFailed, NoAnswer, SystemClock
 from drivers.interfaces import Caveat, Condition, Identity, Travel
 from drivers.making import MakerContext
-from drivers.micromanager.core import (
+from drivers.micromanager.camera import (
     STAGE,
     XY_STAGE,
     Core,

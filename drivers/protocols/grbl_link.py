@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
 from drivers.errors import Alarm, Clock, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
-from drivers.grbl_envelope import Controls
 from drivers.interfaces import Identity, Transport
 from drivers.move_checks import HOME, UNHOMED, Trust
 from drivers.protocols.grbl import (
@@ -19,6 +18,7 @@ from drivers.protocols.grbl import (
     AlarmRaised,
     Banner,
     ConfigItem,
+    Controls,
     Event,
     Failed,
     Feedback,

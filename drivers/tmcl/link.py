@@ -15,8 +15,7 @@ from typing import Any
 
 from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
-from drivers.wire.connection import URGENT_S, anything
-from drivers.wire.in_step import OutOfStep
+from drivers.wire.connection import URGENT_S, OutOfStep, anything
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1

@@ -12,8 +12,8 @@ from ctypes import c_int
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, LineLost, Rejected, SystemClock
-from drivers.frame_files.dng import Body, DngFolder, Frame
 from drivers.frames import OneFrame
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes

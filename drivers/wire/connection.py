@@ -4,9 +4,12 @@ import os
 import select
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TextIO, TypeVar
 
 from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Condition, Line, Transport
@@ -174,3 +177,159 @@ def _put(port: Any, data: bytes) -> bytes:
 def _room(port: Any, deadline_s: float) -> bool:
     """Wait until the port accepts bytes again; False if it did not by the deadline."""
     return bool(select.select([], [port.fd], [], max(deadline_s - time.monotonic(), 0.0))[1])
+
+
+# --- Every byte on a line with its time: a ring buffer, and optionally a file ---
+
+
+@dataclass(frozen=True, slots=True)
+class TranscriptEntry:
+    """Bytes on the line with time and direction.
+
+    `>` to the device, `<` from it, `!` a stop ahead of the queue, `x` a stop that the port did not accept.
+    """
+
+    time_s: float
+    way: str
+    data: bytes
+
+    def line(self) -> str:
+        """One readable line: seconds, direction, bytes with escapes."""
+        return f"{self.time_s:14.6f} {self.way} {self.data!r}"
+
+
+class Transcript:
+    """The last `length` entries, and all of them in `file` if given.
+
+    If the file cannot be written, as on a full disk, it is abandoned: no line waits for it or fails because of it.
+    """
+
+    def __init__(self, length: int = 1000, file: Path | None = None) -> None:
+        self._ring: deque[tuple[float, str, bytes]] = deque(maxlen=length)
+        self._path = file
+        self._file: TextIO | None = None
+        self._waiting: deque[tuple[float, str, bytes]] = deque()
+        self._lock = threading.Lock()
+
+    def write_to(self, path: Path | None) -> None:
+        """From now on, write to this file, or to none."""
+        self.close()
+        self._path = path
+
+    def record(self, time_s: float, way: str, data: bytes) -> None:
+        """Record bytes; from any thread, without waiting: a thread that is already writing takes them along."""
+        entry = (time_s, way, data)
+        self._ring.append(entry)
+        if self._path is not None:
+            self._waiting.append(entry)
+            if self._lock.acquire(blocking=False):
+                try:
+                    self._write()
+                finally:
+                    self._lock.release()
+
+    def _write(self) -> None:
+        """Bring the file up to date."""
+        try:
+            while self._waiting and self._path is not None:
+                if self._file is None:
+                    self._file = self._path.open("a", encoding="utf-8", buffering=1)  # lines outlive the program
+                self._file.write(TranscriptEntry(*self._waiting.popleft()).line() + "\n")
+        except OSError:
+            self._path = None
+            self._waiting.clear()
+
+    def last(self, n: int = 1000) -> list[TranscriptEntry]:
+        """The newest `n` entries, oldest first."""
+        return [TranscriptEntry(*entry) for entry in list(self._ring)[-n:]]
+
+    def close(self) -> None:
+        """Update the file and close it until the next record; the ring stays readable."""
+        with self._lock, suppress(OSError):
+            self._write()
+            if self._file is not None:
+                file, self._file = self._file, None
+                file.close()
+
+
+# --- Requests on a line whose replies carry no number ---
+# A reply that comes late, or slips by one, would be taken for that to the next request. A request without a reply
+# therefore leaves the line out of step: before the next one, a question whose reply differs from all others is given
+# until it is answered. Devices answer in order, so that reply follows all older ones.
+
+QUESTIONS = 12
+"""A device that lost a byte may need some questions to find a beginning again."""
+
+
+class OutOfStep(Exception):
+    """A reply is still owed: no request is allowed before the line is in step."""
+
+
+@dataclass(frozen=True)
+class StepQuestion(Generic[E]):
+    """Bytes whose reply `recognise` accepts alone; `pad` precedes all but the first."""
+
+    data: bytes
+    recognise: Callable[[E], object | None]
+    pad: bytes = b""
+
+
+class InStepLine(Generic[E]):
+    """Requests of one line; thread-safe. `owed` is the question of the device that owes a reply."""
+
+    def __init__(self, transport: Transport[E], reply_s: float, questions: int = QUESTIONS) -> None:
+        self._transport, self._reply_s, self._questions = transport, reply_s, questions
+        self.owed: StepQuestion[E] | None = None
+
+    def request(
+        self,
+        data: bytes,
+        answer: Callable[[E], T | None],
+        question: StepQuestion[E],
+        allowed: Callable[[], None] = anything,
+        tries: int = 1,
+    ) -> T:
+        """The reply to `data`; arguments and errors are those of a Transport."""
+        while True:
+            try:
+                return self._ask(data, answer, question, allowed)
+            except OutOfStep:
+                self._step()
+            except NoAnswer:
+                if (tries := tries - 1) < 1:
+                    raise
+
+    def _ask(
+        self, data: bytes, answer: Callable[[E], T | None], question: StepQuestion[E], allowed: Callable[[], None]
+    ) -> T:
+        def may_go() -> None:
+            if self.owed is not None:
+                raise OutOfStep
+            allowed()
+            self.owed = question
+
+        def hear(event: E) -> T | None:
+            value = answer(event)
+            if value is not None:
+                self.owed = None
+            return value
+
+        return self._transport.request(data, hear, self._reply_s, 1, may_go)
+
+    def _step(self) -> None:
+        """Bring the line in step again. Raises NoAnswer."""
+        question = self.owed
+        if question is None:
+            return
+
+        def hear(event: E) -> object | None:
+            value = question.recognise(event)
+            if value is not None and self.owed is question:
+                self.owed = None
+            return value
+
+        for attempt in range(self._questions):
+            with suppress(NoAnswer):
+                self._transport.request(question.pad * bool(attempt) + question.data, hear, self._reply_s)
+                return
+        raise NoAnswer(f"{self._transport.address} does not answer {question.data!r}", "check power, cable, baud rate")

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 
 from drivers.errors import BadConfiguration, Clock, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Parser
-from drivers.wire.connection import WRITE_S, anything, not_connected
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import WRITE_S, Transcript, anything, not_connected
 
 T = TypeVar("T")
 VISA = "visa:"

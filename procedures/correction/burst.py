@@ -4,8 +4,6 @@ A sensor aliases detail that is finer than its pixels. Photographs shifted by fr
 together they resolve it, as far as the lens transmits it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -45,8 +43,6 @@ EVEN = 0.1
 class BurstRegistration:
     """Registration of a photograph to the first.
 
-    Attributes
-    ----------
     matrix : (2, 3) float64
         Maps a point of the first photograph to this one, in pixels of the sensor.
     light : float
@@ -73,8 +69,6 @@ class BurstRegistration:
 class Burst:
     """Photographs on one picture's grid.
 
-    Attributes
-    ----------
     scale : int
         Pixels of the picture per pixel of the sensor.
     planes : by key, a plane's name and a photograph's number; `origin` and `pitch` in pixels of the picture
@@ -140,15 +134,10 @@ def gather(
 ) -> Burst:
     """Register all photographs of the same scene on a grid of `scale` times the sensor's pixels along each side.
 
-    Parameters
-    ----------
+    Raises BadInput if a photograph has other planes than the first, or another size.
+
     shifts : by plane, lateral colour in pixels of the sensor
     noise : of the first photograph's planes
-
-    Raises
-    ------
-    BadInput
-        If a photograph has other planes than the first, or another size.
     """
     burst = Burst(scale)
     burst.add(frame, noise, shifts, None, 1)
@@ -185,10 +174,7 @@ def _shift(
 def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> BurstRegistration:
     """Register a photograph to the first, with the reason if it is set aside.
 
-    Raises
-    ------
-    BadInput
-        If it has other planes than the first, or another size.
+    Raises BadInput if it has other planes than the first, or another size.
     """
     _check_alike(frame, other)
     name = next(plane for plane in SHOWN if plane in frame.planes)

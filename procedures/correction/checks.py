@@ -1,7 +1,5 @@
 """Checks that a photograph and a field belong together, and that the photograph is unprocessed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from procedures.correction.noise import Noise
@@ -27,12 +25,7 @@ MOST_CLIPPED = 0.05
 def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) -> None:
     """Refuse a field of other planes or of another sensor.
 
-    Raises
-    ------
-    BadInput
-        If a plane has no field, or one of another size.
-    Refused
-        If the photograph has no contrast.
+    Raises BadInput if a plane has no field, or one of another size, Refused if the photograph has no contrast.
     """
     for name, plane in planes.items():
         if name not in fields:
@@ -55,10 +48,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
 def check_scale(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], scale: int) -> None:
     """Refuse a picture finer than the field's PSFs.
 
-    Raises
-    ------
-    BadInput
-        If the picture would have more samples per pixel of a plane than the PSFs.
+    Raises BadInput if the picture would have more samples per pixel of a plane than the PSFs.
     """
     for name, plane in planes.items():
         if scale * plane.pitch > fields[name].s:
@@ -72,14 +62,9 @@ def check_scale(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], sca
 def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:
     """Refuse a field of another camera, lens, aperture or focus; return what could not be compared.
 
-    Parameters
-    ----------
-    field : exposure data of the field's measurement; None if its file has none
+    Raises Refused if a known value differs.
 
-    Raises
-    ------
-    Refused
-        If a known value differs.
+    field : exposure data of the field's measurement; None if its file has none
     """
     if field is None:
         return ["the field does not name its camera"]

@@ -7,9 +7,7 @@ mosaic has another colour, at clipped highlights, and beyond the frame. Demosaic
 beyond the rim thus are one problem. With copies v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal
 over frequencies, and the part that couples frequencies is local to each pixel.
 
-References
-----------
-Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
+Source: Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
 """
 
 from __future__ import annotations
@@ -50,8 +48,6 @@ class Splitting:
 class DeconvolutionTile:
     """Data of a tile of n x n samples.
 
-    Attributes
-    ----------
     z, weight : (P, n, n) float32
         Samples of each plane, and one over their variance, in units that make it about 1.
     otf : (P, n, n // 2 + 1) complex64
@@ -88,8 +84,6 @@ def deconvolve(
 ) -> Single:
     """The picture (C, n, n) of minimal cost.
 
-    Parameters
-    ----------
     start : (C, n, n) float32
         Initial picture.
     tau : float

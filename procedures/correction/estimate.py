@@ -1,7 +1,5 @@
 """Correction of photographs by their fields: checks, balancing, restoration by tiles, verdict."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -62,8 +60,6 @@ class CorrectionParameters:
 class Correction:
     """One photograph or several, corrected.
 
-    Attributes
-    ----------
     picture : (C, H, W) float32
         On the first photograph's grid, or `scale` times as fine; white = 1: grey, or red, green, blue of the camera,
         not balanced.

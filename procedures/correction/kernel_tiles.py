@@ -59,10 +59,7 @@ def kernel_tiles(
 ) -> KernelTiles:
     """Filters of all colours: red, green and blue of a mosaic, or the grey plane.
 
-    Raises
-    ------
-    BadParameter
-        If fewer than 2 columns are asked for, the noise gain is not above 1, or a colour has no field.
+    Raises BadParameter if fewer than 2 columns are asked for, the noise gain is not above 1, or a colour has no field.
     """
     if columns < 2 or noise_gain <= 1 or size % 2 == 0:
         raise BadParameter(

@@ -1,7 +1,5 @@
 """Vignetting correction of a deblurred picture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -25,16 +23,11 @@ ROWS = 64
 def evened(correction: Correction, planes: Mapping[str, Plane], lights: Mapping[str, Light]) -> Correction:
     """The picture corrected for vignetting, with its noise gain raised accordingly.
 
-    Parameters
-    ----------
+    Raises BadInput if the illumination of one of the picture's colours is not known.
+
     planes : mapping of name to Plane
         The photograph's planes, for their positions on the sensor.
     lights : mapping of plane to Light
-
-    Raises
-    ------
-    BadInput
-        If the illumination of one of the picture's colours is not known.
     """
     names = SHOWN[len(correction.picture)]
     missing = [name for name in names if name not in lights]

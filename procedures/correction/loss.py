@@ -11,8 +11,6 @@ increases it, which a covariance cannot describe. dH is linear in the PSF's para
 provides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +37,6 @@ WINDOWS = 6
 class FieldError:
     """Error of a picture due to errors of the field, for the plane of lightness.
 
-    Attributes
-    ----------
     x : (m,), y : (n,) float64
         Positions, in pixels of the picture.
     noise, interpolation : (n, m) float64

@@ -27,8 +27,6 @@ MOST_GAIN = 8.0
 class Mosaic:
     """The planes of one photograph or of several on the picture's grid.
 
-    Attributes
-    ----------
     planes, noise : by key
     light : by key
         Brightness of the photograph relative to the first; 1 if not given.

@@ -4,8 +4,6 @@ In flat parts of a scene the variation is noise: variance = a + b level, of read
 differences eliminate slopes (Immerkaer 1996); of the blocks at one level the quietest are used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +35,6 @@ BRIGHT = 0.97
 class Noise:
     """Variance of a plane's samples as a function of level: `read` + `slope` level, white = 1.
 
-    Attributes
-    ----------
     read, slope : float
     whiteness : float
         Variance of fourth over second differences in the quietest blocks, relative to white noise: 1 for a sensor's

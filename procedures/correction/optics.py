@@ -32,8 +32,6 @@ SIDES = (512, 384, 256, 192, 128)
 class PlaneFields:
     """Fields of the planes of one photograph or several, with the planes' positions on the picture's grid.
 
-    Attributes
-    ----------
     fields : by plane, in the order of the photographs
     channel : (P,), index of the picture's colour for each plane
     photographs : their number; each has the same planes

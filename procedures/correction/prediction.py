@@ -5,8 +5,6 @@ the samples: R = w H* / (w |H|^2 + tau / g |D|^2). H R is the transfer function 
 the noise gain. Edges have large differences, flat parts average ones.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +28,6 @@ SIDE = 128
 class Prediction:
     """Maps over the frame, for the plane of lightness: green, or grey.
 
-    Attributes
-    ----------
     x : (m,), y : (n,) float64
         Positions, in pixels of the picture.
     before, after : (n, m) float64

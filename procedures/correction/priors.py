@@ -1,7 +1,5 @@
 """Priors of a sharp picture: which differences are few and large rather than many and small."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +17,6 @@ CHROMA = 3.0
 class Prior:
     """A penalty on the lengths of differences, of all colours jointly as in (6.11) of the thesis.
 
-    Attributes
-    ----------
     name : str
         "total-variation": differences of neighbours; "second-order": second differences, which do not penalise slopes.
     chroma : float

@@ -1,7 +1,5 @@
 """Pointwise steps of the splitting, each one pass over the samples; the tile is periodic."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

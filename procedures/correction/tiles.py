@@ -19,8 +19,6 @@ DECAY = 12
 class TileAxis:
     """Tiles along one axis of a frame.
 
-    Attributes
-    ----------
     size : int
         Samples of the frame.
     n : int

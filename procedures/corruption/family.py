@@ -25,8 +25,6 @@ FALSE_ALARM = 1e-4
 class Corruption:
     """A named corruption.
 
-    Attributes
-    ----------
     name : its check, and its term in a budget
     sentence : what the photograph shows of it; `{}` is the evidence
     remedy, raw_remedy : of a picture, and of a RAW file
@@ -141,8 +139,6 @@ class Strength:
 class SampleGroup:
     """Samples with nuisance parameters of their own.
 
-    Attributes
-    ----------
     shared : (m, n) float32 columns of the parameters that all parts share, divided by the noise
     own : (m, p) columns of its own nuisance parameters
     residual : (m,) float64
@@ -168,8 +164,6 @@ class SampleGroup:
 def strengths(parts: Sequence[SampleGroup], directions: Sequence[Array], gram: Array, noise: float) -> list[Strength]:
     """Strength along each direction, each by itself.
 
-    Parameters
-    ----------
     directions : values in each part, divided by the noise
     gram : (n, n) sum of the parts' projected Gram matrices, with the priors of the shared parameters
     noise : standard deviation of the residual

@@ -45,8 +45,6 @@ DRIFT = (LAG_X**2 + LAG_Y**2) / MAX_LAG**2
 class Variogram:
     """Half the mean square of differences at the lags `LAG_X`, `LAG_Y`.
 
-    Attributes
-    ----------
     half_square : (l,) float64
     pairs : (l,) number of pairs
     residual : whether it is of a fit's residual, whose finest detail depends on the model, too
@@ -83,8 +81,6 @@ class Variogram:
 class Sharpening:
     """Maximum likelihood estimate of an unsharp mask from noise.
 
-    Attributes
-    ----------
     amount, radius_px : 0 where no mask is more likely than white noise
     sigmas : significance: root of twice the gain of the log-likelihood over white noise
     uncertainty : standard uncertainty of the amount of a mask of one pixel; infinite without data

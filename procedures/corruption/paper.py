@@ -44,8 +44,6 @@ def measure_noise(
 ) -> NoiseMeasurement:
     """Measure the noise of a picture's flat bright parts and of a fit's residual.
 
-    Parameters
-    ----------
     picture : (rows, columns) float32
     levels : black and white
     variance_at : noise variance expected at levels between black (0) and white (1)

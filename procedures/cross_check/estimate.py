@@ -171,8 +171,6 @@ AROUND_PX = 64
 def without_surroundings(samples: Array32, strip: Strip, course: Array, density_px: float) -> Array:
     """Samples (n, m) of a strip corrected to unbounded plains.
 
-    Parameters
-    ----------
     samples : (rows, columns) float32 the plane, including the surroundings
     strip : valid samples cover the edge and its plains only
     course : (n, 2) points (x, y) of the plane along the edge

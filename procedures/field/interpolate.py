@@ -66,7 +66,6 @@ class Recipe:
 
     @property
     def name(self) -> str:
-        """Description for reports."""
         if self.kind == "thin plate":
             return "thin plate" if self.setting == 0 else "thin plate, stiff"
         return f"{self.kind}, degree {self.setting:.0f}"

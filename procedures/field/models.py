@@ -134,7 +134,6 @@ class AxialSymmetry:
 
     @property
     def name(self) -> str:
-        """Description for reports."""
         return f"symmetric lens, degree {self.degree}"
 
     def predict(self, points: Array, values: Array) -> Array:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust
+from procedures.geometry.budget import VarianceParts, variance_parts
 from procedures.geometry.cameras import SPLINE, CameraModel, parameter_names
 from procedures.geometry.formulas import FittedFormula, fit_formulas, most_apt
 from procedures.geometry.misfit import Misfit, find_misfit
@@ -18,10 +20,10 @@ from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
 from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_time
-from procedures.geometry.uncertainty import covered_region, enclosed, projection_uncertainty
+from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
-from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -41,8 +43,8 @@ NEGLIGIBLE_PX = 0.005
 """A systematic residual below this, or below the stated uncertainty, is reported but does not affect the verdict."""
 LARGE_RESIDUAL = 2.0
 """Residual, in units of the stated covariances, above which camera, chart and noise do not explain the photographs."""
-MAP = (31, 21)
-"""Columns and rows of the maps over the frame."""
+MAP, COARSE = (31, 21), (15, 11)
+"""Columns and rows of the maps over the frame, and of the grid of a budget."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class GeometryParameters:
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
     is_video : bool
         Whether the views are frames of a video, with their times: the row time of the shutter is estimated.
+    advise_px : (x, y) or None
+        Pixel whose direction the next view shall improve; None: the whole frame.
     """
 
     cell_mm: float
@@ -68,6 +72,7 @@ class GeometryParameters:
     model: str | None = None
     distances_mm: tuple[float, ...] = ()
     is_video: bool = False
+    advise_px: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +228,37 @@ class Geometry:
             READOUT_TIME: Quantity(1e3 * rows * row, "ms", 1e3 * rows * sigma, method, self.points),
         }
 
+    @cached_property
+    def _variances(self) -> VarianceParts:
+        return variance_parts(self.adjustment, with_shutter=self.shutter is not None)
+
+    def budgets(self) -> dict[str, dict[str, float]]:
+        """Terms of the uncertainty of each number."""
+        numbers, parts, formula = self.numbers(), self._variances, self.formula
+        p, known = len(self.camera.params), len(self.adjustment.covariance)
+        names = self.camera.names if formula is None else formula.camera.names
+        response = np.zeros((len(names), known))
+        response[:, :p] = np.eye(p) if formula is None else formula.response
+        budgets = {
+            name: parts.budget(numbers[name].uncertainty, row[None]) for name, row in zip(names, response, strict=True)
+        }
+        pixels = self.camera.frame_grid(*COARSE)
+        pixels = pixels[enclosed(self.region, pixels)]
+        for one in self.maps:
+            J = projection_derivative(self.adjustment, pixels, one.distance_mm)
+            J = J[np.isfinite(J).all(axis=(1, 2))]
+            name = projection_at(one.distance_mm)
+            budgets[name] = parts.budget(numbers[name].value, J.reshape(-1, known), len(J))
+        return budgets
+
+    def distance_budget(self, i: int) -> dict[str, float]:
+        """Terms of the uncertainty of a view's distance."""
+        one, first = self.views[i], self.adjustment.shared + POSE * i + 3
+        sight = np.zeros((1, len(self.adjustment.covariance)))
+        sight[0, first : first + 3] = one.pose.t / one.distance.value
+        scale = self.shape.scale_uncertainty * one.distance.value
+        return self._variances.budget(one.distance.uncertainty, sight, scale=scale)
+
     def _mean_uncertainty(self, one: UncertaintyMap) -> Quantity:
         method = "root mean square over the part of the frame that the charts covered"
         value = _mean_over(self.region, one)
@@ -259,6 +295,13 @@ def calibrate_geometry(
     """
     if parameters.model is not None:
         parameter_names(parameters.model)
+    if parameters.advise_px is not None and not all(
+        0 <= at <= side - 1 for at, side in zip(parameters.advise_px, size, strict=True)
+    ):
+        x, y = parameters.advise_px
+        raise BadParameter(
+            f"a pixel of a frame of {size[0]} x {size[1]} must lie in it; got {x:g}, {y:g}", "name another"
+        )
     nodes = chart_nodes(parameters.cell_mm) if nodes is None else nodes
     try:
         if len(views) < FEWEST_VIEWS:
@@ -329,7 +372,7 @@ def _geometry(
         maps=tuple(_map(fit, grid, distance) for distance in distances),
         region=region,
         covered=float(enclosed(region, grid).mean()),
-        next_view=next(iter(next_views(fit)), None),
+        next_view=next(iter(next_views(fit, parameters.advise_px)), None),
         adjustment=fit,
         shutter=shutter,
     )

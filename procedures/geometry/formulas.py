@@ -41,6 +41,8 @@ class FittedFormula:
         Of its parameters.
     difference : Difference
         Its loss: distance from the reference over the covered frame.
+    response : (p, P) float64
+        Change of its parameters by those of the reference.
     share : float
         Share of the covered frame that it describes: formulas of pinholes end 90 degrees from the axis.
     """
@@ -48,6 +50,7 @@ class FittedFormula:
     camera: CameraModel
     covariance: Array
     difference: Difference
+    response: Array
     share: float
 
 
@@ -78,4 +81,5 @@ def _fitted(reference: CameraModel, covariance: Array, region: Array, model: str
     prior = camera.information / np.outer(scale, scale)
     own = np.linalg.inv((J / scale).T @ weighted + prior) / np.outer(scale, scale)
     shift = own @ (scale * (weighted.T @ (pixels - camera.project(rays)).ravel()))
-    return FittedFormula(camera, own + np.outer(shift, shift), difference, share)
+    response = np.linalg.lstsq(J / scale, R)[0] / scale[:, None]
+    return FittedFormula(camera, own + np.outer(shift, shift), difference, response, share)

@@ -1,14 +1,15 @@
-"""Selection of the next view: the pose of the chart that reduces the projection uncertainty most.
+"""Selection of the next view: the pose of the chart that reduces a chosen uncertainty most.
 
 For each candidate pose a view with the noise of the existing ones is predicted. Its information on camera and chart,
 with its own pose eliminated, is added to the present information. The sum gives the projection uncertainty at infinity
-over the whole frame, up to the best rotation, since a rotated camera is the same camera.
+over the whole frame or at one pixel, up to the best rotation, since a rotated camera is the same camera; or the
+uncertainty of a depth by the cameras of a rig, which all see the chart (`rig_view`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -34,6 +35,8 @@ DISTANCE_RATIOS = (0.7, 1.0, 1.4)
 VISIBLE_SHARE = 0.8
 """Part of the chart that must lie in the frame."""
 FRAME = (13, 9)
+ENOUGH_NODES = 120
+"""Nodes of a chart from which the information of a view is computed."""
 COVER = 0.65
 """Share of the frame that planned views cover before other criteria apply: a result needs 0.6."""
 LEAST_GAIN, NEARLY_BEST = 0.01, 0.9
@@ -56,29 +59,39 @@ class NextView:
     yaw_deg, pitch_deg : float
         Positive where the right edge is nearer, and where the lower edge is farther.
     distance_mm : float
-    before_px, after_px : float
-        Root mean square projection error over the whole frame, without this view and with it.
+    before, after : float
+        The uncertainty without this view and with it.
+    of : str
+        Which uncertainty, with its unit.
     """
 
     at: tuple[float, float]
     yaw_deg: float
     pitch_deg: float
     distance_mm: float
-    before_px: float
-    after_px: float
+    before: float
+    after: float
+    of: str = "projection at infinity over the frame, pixel rms"
 
 
-def next_views(fit: Adjustment) -> list[NextView]:
-    """The feasible poses, the most informative first."""
+def next_views(fit: Adjustment, pixel: tuple[float, float] | None = None) -> list[NextView]:
+    """The feasible poses, the most informative first, about the direction of a pixel or the whole frame."""
     camera, problem = fit.state.camera, fit.problem
     covariance = fit.covariance[: fit.shared, : fit.shared] * fit.scale**2  # noise alone: more views reduce it
     information: Array = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     usual = float(np.median([np.linalg.norm(pose.t) for pose in fit.state.poses]))
-    variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in problem.views])
-    sigma = float(np.sqrt(np.median(variances))) * fit.scale
+    sigma = typical_noise(fit)
     distances = tuple(ratio * usual for ratio in DISTANCE_RATIOS)
     nodes = problem.nodes + fit.state.deviations_mm(problem.shape)
-    return _ranked(camera, information, nodes, problem.shape, sigma, distances)
+    views = _ranked(camera, information, nodes, problem.shape, sigma, distances, pixel=pixel)
+    of = "" if pixel is None else f"direction of pixel {pixel[0]:g}, {pixel[1]:g}, pixel rms"
+    return [replace(one, of=of) for one in views] if of else views
+
+
+def typical_noise(fit: Adjustment) -> float:
+    """Standard deviation of a point in the existing views."""
+    variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in fit.problem.views])
+    return float(np.sqrt(np.median(variances))) * fit.scale
 
 
 def planned_view(
@@ -160,19 +173,34 @@ def _covered(camera: CameraModel, projected: Sequence[Array]) -> float:
 def _ranked(
     camera: CameraModel, information: Array, nodes: Array, shape: ShapeModel, sigma_px: float,
     distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
+    pixel: tuple[float, float] | None = None,
 ) -> list[NextView]:  # fmt: skip
     """The feasible poses, ordered by the projection uncertainty after their photograph."""
-    A = _projection(camera)
+    A = _projection(camera, pixel)
     before = _rms(A, np.asarray(np.linalg.inv(information), dtype=np.float64))
+    nodes, shape, sigma_px = thinned(nodes, shape, sigma_px)
     answers = []
     for at, (yaw, pitch), distance in product(places, TILTS_DEG, distances_mm):
-        pose = chart_at(camera, at, yaw, pitch, distance)
-        visible = _obliquity_deg(camera, at, pose.R) <= STEEPEST_DEG
-        gain = _information(camera, pose, nodes, shape, sigma_px) if visible else None
+        pose = visible_chart(camera, at, yaw, pitch, distance)
+        gain = None if pose is None else _information(camera, pose, nodes, shape, sigma_px)
         if gain is not None:
             after = _rms(A, np.asarray(np.linalg.inv(information + gain), dtype=np.float64))
             answers.append(NextView(at, yaw, pitch, distance, before, after))
-    return sorted(answers, key=lambda one: one.after_px)
+    return sorted(answers, key=lambda one: one.after)
+
+
+def thinned(nodes: Array, shape: ShapeModel, sigma_px: float) -> tuple[Array, ShapeModel, float]:
+    """Some of the nodes, with a noise at which they carry the information of all."""
+    every = max(len(nodes) // ENOUGH_NODES, 1)
+    return nodes[::every], replace(shape, terms=shape.terms[::every]), sigma_px / every**0.5
+
+
+def visible_chart(
+    camera: CameraModel, at: tuple[float, float], yaw_deg: float, pitch_deg: float, distance_mm: float
+) -> Pose | None:
+    """The pose of `chart_at`; None where the chart is seen too obliquely."""
+    pose = chart_at(camera, at, yaw_deg, pitch_deg, distance_mm)
+    return pose if _obliquity_deg(camera, at, pose.R) <= STEEPEST_DEG else None
 
 
 def chart_at(
@@ -196,6 +224,21 @@ def _obliquity_deg(camera: CameraModel, at: tuple[float, float], R: Array) -> fl
 
 def _information(camera: CameraModel, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float) -> Array | None:
     """Information (p + q, p + q) of a view on camera and chart; None where too little of it is in the frame."""
+    derivatives = view_derivatives(camera, pose, nodes, shape, sigma_px)
+    if derivatives is None:
+        return None
+    G, P = derivatives
+    cross = P.T @ G
+    return np.asarray(G.T @ G - cross.T @ np.linalg.solve(P.T @ P, cross))
+
+
+def view_derivatives(
+    camera: CameraModel, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float
+) -> tuple[Array, Array] | None:
+    """Derivatives of a view's points, in units of their noise: (2 n, p + q) by camera and chart, (2 n, 6) by its pose.
+
+    None where too little of the chart is in the frame.
+    """
     points = pose.apply(nodes)
     projected = camera.project(points) if (points[:, 2] > 0).all() else np.full((len(points), 2), -1.0)
     with np.errstate(invalid="ignore"):
@@ -206,24 +249,34 @@ def _information(camera: CameraModel, pose: Pose, nodes: Array, shape: ShapeMode
     by_points = camera.by_points(points)
     by_terms = by_points @ pose.R @ shape.terms[inside]
     G = np.concatenate([camera.by_params(points), by_terms], axis=-1).reshape(2 * len(points), -1) / sigma_px
-    P = by_pose(by_points, points).reshape(-1, POSE) / sigma_px
-    cross = P.T @ G
-    return np.asarray(G.T @ G - cross.T @ np.linalg.solve(P.T @ P, cross))
+    return G, by_pose(by_points, points).reshape(-1, POSE) / sigma_px
 
 
-def _projection(camera: CameraModel) -> Array:
-    """Derivative (2 n, p) of the projection at infinity by the camera parameters, up to the best rotation."""
+def _projection(camera: CameraModel, pixel: tuple[float, float] | None = None) -> Array:
+    """Derivative (2 n, p) of the projection at infinity by the camera parameters, up to the best rotation.
+
+    Over the frame, or at one pixel.
+    """
     rays = camera.rays(camera.frame_grid(*FRAME))
     rays = rays[np.isfinite(rays).all(axis=1)]
     J = camera.by_params(rays).reshape(2 * len(rays), -1)
     turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
-    return np.asarray(J - turns @ np.linalg.lstsq(turns, J, rcond=None)[0])
+    rotation = np.linalg.lstsq(turns, J, rcond=None)[0]
+    if pixel is not None:
+        ray = camera.rays(np.array([pixel]))
+        J, turns = camera.by_params(ray)[0], by_pose(camera.by_points(ray), ray)[0, :, :3]
+    return np.asarray(J - turns @ rotation)
 
 
 def _rms(A: Array, covariance: Array) -> float:
     """Root mean square length of the projection error, in pixels."""
     p = A.shape[1]
     return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
+
+
+def advice(one: NextView) -> str:
+    """The pose with its effect."""
+    return f"next, the chart in {next_view_words(one)}; {one.of}: {one.before:.4g} now, {one.after:.4g} with it"
 
 
 def next_view_words(one: NextView) -> str:

@@ -164,7 +164,10 @@ def stops(facts: Facts) -> list[TourStop]:
     """The requested number of views; the pose of each follows from the previous ones."""
     wanted = facts_as(GeometryFacts, facts).views
     count = USUAL if wanted is None else int(wanted)
-    return [TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i)) for i in range(1, count + 1)]
+    return [
+        TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i), partial(view_goal, i))
+        for i in range(1, count + 1)
+    ]
 
 
 def way_to(number: int) -> Go:
@@ -195,12 +198,12 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     if changed:
         return Advice(False, f"This view does not count: {changed}. Set it back.")
     wanted = wanted_pose(number, known)
-    outline, goal = wanted_outline(wanted, known), view_goal(number, wanted, known)
+    outline = wanted_outline(wanted, known)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return replace(sighting, moves={}, outline=Outline((), outline), goal=goal)
+        return replace(sighting, moves={}, outline=Outline((), outline))
     advice = pose_advice(number, wanted, sighting, frame, known)
-    return replace(advice, outline=to_match(sighting, outline), goal=goal)
+    return replace(advice, outline=to_match(sighting, outline))
 
 
 def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
@@ -212,10 +215,12 @@ def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
     return points_of(camera.project(pose.apply(corners)))
 
 
-def view_goal(number: int, wanted: NextView, known: GeometryFacts) -> Goal:
+def view_goal(number: int, facts: Facts) -> Goal:
     """Predicted error of the projection over the frame before this view and with it."""
+    known = facts_as(GeometryFacts, facts)
+    wanted = wanted_pose(number, known)
     left = int(USUAL if known.views is None else known.views) - number + 1
-    return Goal(left, "projection", "px of the plane", wanted.before_px, wanted.after_px)
+    return Goal(left, "projection", "px of the plane", wanted.before, wanted.after)
 
 
 def pose_advice(

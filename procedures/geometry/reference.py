@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment, AdjustmentProblem, AdjustmentState, NotConverged, adjust
 from procedures.geometry.bundle import first_bundle
-from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, enriched, split_model
+from procedures.geometry.cameras import STEREOGRAPHIC, enriched, split_model
 from procedures.geometry.conversion import as_model
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.uncertainty import covered_region
@@ -107,11 +107,12 @@ def _trials(
     """Splines over a formula fitted to halves of the points, smooth to rough, until the predictions become worse."""
     halves, trials = _halves(problem), list[SmoothnessTrial]()
     camera = SplineCamera.over(formula.camera, model)
+    size = camera.columns, camera.rows
     states = [replace(formula, camera=camera) for _ in halves]
     for one in roughness_px:
         try:
             states = [
-                adjust(replace(state, camera=_as_rough(state.camera, one)), half).state
+                adjust(replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half).state
                 for state, half in zip(states, halves, strict=True)
             ]
             squares = [
@@ -125,11 +126,6 @@ def _trials(
         if left_over > min(trial.left_over for trial in trials):
             break
     return trials
-
-
-def _as_rough(camera: CameraModel, roughness_px: float) -> CameraModel:
-    assert isinstance(camera, SplineCamera)
-    return replace(camera, roughness_px=roughness_px)
 
 
 def _halves(problem: AdjustmentProblem) -> tuple[AdjustmentProblem, AdjustmentProblem]:

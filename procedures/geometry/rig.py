@@ -15,15 +15,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust, moved_pose
+from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust, by_pose, moved_pose
 from procedures.geometry.cameras import CameraModel, CameraSet
 from procedures.geometry.estimate import Geometry, concluded
+from procedures.geometry.next_view import (
+    DISTANCE_RATIOS,
+    PLACES,
+    TILTS_DEG,
+    NextView,
+    thinned,
+    typical_noise,
+    view_derivatives,
+    visible_chart,
+)
 from procedures.geometry.shape import scale_spread, shape_model
 from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
@@ -86,6 +98,8 @@ class RigPoses:
         Root of chi^2 over the degrees of freedom of the charts; if above 1 the covariance is scaled by its square.
     chance : float
         Probability of a larger chi^2.
+    next_view : NextView or None
+        Pose of the chart in the first camera that reduces the uncertainty of a depth most.
     """
 
     poses: tuple[Pose, ...]
@@ -93,6 +107,7 @@ class RigPoses:
     charts: tuple[str, ...]
     misfit: float
     chance: float
+    next_view: NextView | None = None
 
     def numbers(self) -> dict[str, Quantity]:
         """Baseline and angle of the second camera."""
@@ -121,19 +136,21 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
     return RigCamera(geometry.camera, views, poses, geometry.adjustment.problem.nodes, cell_uncertainty)
 
 
-def estimate_rig(cameras: Sequence[RigCamera]) -> Outcome[RigPoses]:
+def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 
     Parameters
     ----------
     cameras : sequence of RigCamera
         Two or more, of one chart, in photographs taken at the same times.
+    depth_mm : float, optional
+        Depth on the first camera's axis whose uncertainty the proposed next view shall reduce.
     """
     try:
         times = _times(cameras)
         placed = _placed(cameras, times)
         fit = concluded(_adjusted(cameras))
-        rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras))
+        rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras), depth_mm)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return verdict_of([_rigidity(rig)], rig)
@@ -202,7 +219,9 @@ def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
     return adjust(problem.flat_state(CameraSet.of([one.camera for one in cameras]), poses), problem)
 
 
-def _rigid(fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float) -> RigPoses:
+def _rigid(
+    fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float, depth_mm: float | None
+) -> RigPoses:
     """The rig from the poses of the chart in every view."""
     all_times = [time for one in times for time in one]
     used = [i for i, time in enumerate(all_times) if all_times.count(time) > 1]
@@ -233,7 +252,80 @@ def _rigid(fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], 
     shifts = np.concatenate([[0.0, 0.0, 0.0, *pose.t] for pose in placed[1:]])
     covariance = covariance + share**2 * np.outer(shifts, shifts)
     names = [fit.problem.views[used[where.index(i)]].source for i in range(len(charts))]
-    return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, float(stats.chi2.sf(chi_square, freedom)))
+    view = None if depth_mm is None else _next_view(fit, rows, A, placed, depth_mm, share)
+    chance = float(stats.chi2.sf(chi_square, freedom))
+    return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, chance, view)
+
+
+def _next_view(
+    fit: Adjustment, rows: npt.NDArray[np.int64], A: Array, placed: list[Pose], depth_mm: float, share: float
+) -> NextView | None:
+    """The pose of a chart, seen by several cameras at once, that reduces the uncertainty of a depth most.
+
+    The unknowns are the cameras, the chart's shape, and the further cameras' poses; `A` is the derivative of the poses
+    of the views, `rows` of the covariance, by these and the poses of the charts.
+    """
+    cameras, further = [fit.state.camera.part(c) for c in range(len(placed))], POSE * (len(placed) - 1)
+    used = np.concatenate([np.arange(fit.shared), rows])
+    design = block_diag(np.eye(fit.shared), A)
+    known = fit.shared + further
+    information = _without_last(design.T @ np.linalg.solve(fit.full_covariance[np.ix_(used, used)], design), known)
+    depth = _depth_derivative(cameras, placed, depth_mm, fit.shared, known)
+    deviated = fit.problem.nodes + fit.state.deviations_mm(fit.problem.shape)
+    nodes, shape, sigma = thinned(deviated, fit.problem.shape, typical_noise(fit))
+    usual = float(np.median([np.linalg.norm(pose.t) for pose in fit.state.poses]))
+    before, views = _depth_spread(information, depth, share * depth_mm), []
+    for at, (yaw, pitch), ratio in product(product(PLACES, PLACES), TILTS_DEG, DISTANCE_RATIOS):
+        pose = visible_chart(cameras[0][0], at, yaw, pitch, ratio * usual)
+        if pose is None:
+            continue
+        gain, imaged = np.zeros((known + POSE, known + POSE)), 0
+        for c, (camera, place) in enumerate(cameras):
+            derivatives = view_derivatives(camera, _compose(placed[c], pose), nodes, shape, sigma)
+            if derivatives is None:
+                continue
+            G, P = derivatives
+            J, imaged, p = np.zeros((len(P), known + POSE)), imaged + 1, place.stop - place.start
+            J[:, place], J[:, fit.shared - (G.shape[1] - p) : fit.shared] = G[:, :p], G[:, p:]
+            if c:
+                J[:, fit.shared + POSE * (c - 1) : fit.shared + POSE * c] = P
+            J[:, known:] = P @ _transport(placed[c])
+            gain += J.T @ J
+        if imaged >= 2:
+            after = _depth_spread(information + _without_last(gain, known), depth, share * depth_mm)
+            of = f"depth at {depth_mm / 1000:g} m, mm"
+            views.append(NextView(at, yaw, pitch, ratio * usual, before, after, of))
+    return min(views, key=lambda one: one.after, default=None)
+
+
+def _without_last(information: Array, known: int) -> Array:
+    """Information on the first unknowns, with the others eliminated."""
+    cross = information[known:, :known]
+    return np.asarray(information[:known, :known] - cross.T @ np.linalg.solve(information[known:, known:], cross))
+
+
+def _depth_spread(information: Array, depth: Array, scale_mm: float) -> float:
+    """Standard uncertainty of a depth, with that of the print's scale."""
+    return float(np.hypot(np.sqrt(depth @ np.linalg.solve(information, depth)), scale_mm))
+
+
+def _depth_derivative(
+    cameras: Sequence[tuple[CameraModel, slice]], placed: list[Pose], depth_mm: float, shared: int, known: int
+) -> Array:
+    """Derivative (known,) of the depth of a point on the first camera's axis, triangulated by all that see it."""
+    by_place, by_unknowns = [], []
+    for c, ((camera, place), pose) in enumerate(zip(cameras, placed, strict=True)):
+        point = pose.apply(np.array([[0.0, 0.0, depth_mm]]))
+        by_points = camera.by_points(point)
+        if not np.isfinite(by_points).all():
+            continue
+        row = np.zeros((2, known))
+        row[:, place] = camera.by_params(point)[0]
+        if c:
+            row[:, shared + POSE * (c - 1) : shared + POSE * c] = by_pose(by_points, point)[0]
+        by_place.append(by_points[0] @ pose.R)
+        by_unknowns.append(row)
+    return np.asarray(-(np.linalg.pinv(np.concatenate(by_place)) @ np.concatenate(by_unknowns))[2])
 
 
 def _firsts(of: list[int], poses: list[Pose], where: list[int], count: int) -> list[tuple[int, Pose]]:

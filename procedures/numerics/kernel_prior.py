@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.arrays import Array
-from procedures.numerics.triangular import inverse_lower
+from procedures.numerics.normal_equations import inverse_lower
 
 START_PX = (0.2, 0.9, 1.1)
 """a per square pixel of a kernel of sum 1, R and L in pixels: starting values and prior medians."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32
-from procedures.numerics.triangular import solve_factored
+from procedures.numerics.normal_equations import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration

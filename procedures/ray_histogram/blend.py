@@ -48,8 +48,6 @@ LEAST_ALBEDO = 0.05
 class Render:
     """A film, or a half of it, with what the renderer knows of the surfaces.
 
-    Attributes
-    ----------
     film : Film
         The light of the picture.
     albedo : (rows, columns, 3) float64 or None
@@ -87,8 +85,8 @@ def blend(
 ) -> tuple[FilteredFilm, dict[str, float]]:
     """The blended picture with its standard uncertainty, and the mean weight of each candidate.
 
-    Parameters
-    ----------
+    Raises BadInput if a film cannot be filtered, or a half has a single sample in a pixel.
+
     halves : (Render, Render)
         Two disjoint halves of the samples.
     whole : Render
@@ -99,11 +97,6 @@ def blend(
         One more candidate.
     threads : int
         Bands filtered at once.
-
-    Raises
-    ------
-    BadInput
-        If a film cannot be filtered, or a half has a single sample in a pixel.
     """
     for half in halves:
         if (half.film.count < 2).any():
@@ -198,10 +191,7 @@ def _around(values: Doubles, sigma_px: float) -> Doubles:
 def open_image_denoise(render: Render) -> npt.NDArray[np.float32]:
     """The film's picture by Intel Open Image Denoise, with albedo and normals where known.
 
-    Raises
-    ------
-    BadInput
-        If the package pyoidn is missing.
+    Raises BadInput if the package pyoidn is missing.
     """
     try:
         from pyoidn.denoise import denoise

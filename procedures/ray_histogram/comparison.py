@@ -22,10 +22,7 @@ def shown_error(picture: Linear, reference: Film) -> float:
 
     The two must come from different samples. White pixels of the reference are taken as free of noise.
 
-    Raises
-    ------
-    BadInput
-        If the reference has no variance.
+    Raises BadInput if the reference has no variance.
     """
     if reference.variance is None:
         raise BadInput("the reference has no variance", "render it into a film")

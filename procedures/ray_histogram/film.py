@@ -37,8 +37,6 @@ SUM_TOLERANCE = 0.005
 class Film:
     """Samples gathered per pixel; the arrays grow in place as samples are added.
 
-    Attributes
-    ----------
     histogram : (rows, columns, 3, 20) float32
         Votes; each colour's sum is the count. No bins, (rows, columns, 3, 0), where only mean and variance are known.
     mean : (rows, columns, 3) float64
@@ -83,10 +81,7 @@ class Film:
 
         Samples that are not finite are dropped and counted; negative ones vote in the first bin.
 
-        Raises
-        ------
-        BadInput
-            If a sample lies outside the film, or the film has no variance.
+        Raises BadInput if a sample lies outside the film, or the film has no variance.
         """
         rows = np.asarray(row, np.int64).ravel()
         columns = np.asarray(column, np.int64).ravel()
@@ -111,10 +106,7 @@ class Film:
     def merge(self, other: Film) -> Film:
         """The film of the samples of both films.
 
-        Raises
-        ------
-        BadInput
-            If the films differ in size.
+        Raises BadInput if the films differ in size.
         """
         if self.count.shape != other.count.shape:
             raise BadInput(
@@ -138,11 +130,8 @@ class Film:
     def checked(self) -> Film:
         """The film itself, if it can be filtered.
 
-        Raises
-        ------
-        BadInput
-            If sizes differ, a count is negative or zero, a value is not finite or too large, or histograms and counts
-            disagree.
+        Raises BadInput if sizes differ, a count is negative or zero, a value is not finite or too large, or histograms
+        and counts disagree.
         """
         _check_sizes(self)
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")

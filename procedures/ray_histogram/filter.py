@@ -111,8 +111,6 @@ PAPER = FilterParameters(
 class Samples:
     """One picture with statistics of its samples.
 
-    Attributes
-    ----------
     picture : (rows, columns, channels) float32
         Means of the samples.
     histogram : (rows, columns, bins) float32
@@ -133,8 +131,6 @@ class Samples:
 class Fused:
     """A filtered picture.
 
-    Attributes
-    ----------
     picture : (rows, columns, channels) float32
         The filtered picture.
     similar : (rows, columns) float32
@@ -151,8 +147,8 @@ def fuse_scale(
 ) -> Fused:
     """Filter the picture of one scale by Algorithm 1.
 
-    Parameters
-    ----------
+    Raises BadInput if the frames differ in size.
+
     frame : Samples
         What to filter.
     parameters : FilterParameters
@@ -161,11 +157,6 @@ def fuse_scale(
         Frames before and after, of the same size, in which similar patches are searched for too.
     threads : int
         Bands filtered at once; the result does not depend on it.
-
-    Raises
-    ------
-    BadInput
-        If the frames differ in size.
     """
     frames = (frame, *neighbours)
     sizes = {f.count.shape for f in frames}

@@ -41,8 +41,6 @@ second on the pixel's own variance counts alone. Of 49 values the ratio has a st
 class FilteredFilm:
     """Result of filtering a film.
 
-    Attributes
-    ----------
     picture : (rows, columns, 3) float32
         The filtered picture, linear.
     similar : (rows, columns) float32

@@ -46,17 +46,12 @@ MEDIAN_OF_SQUARES = 0.455
 def read_halves(paths: Iterable[Path]) -> Halves:
     """The two halves of a render, and all of it.
 
-    Parameters
-    ----------
+    Raises BadInput if a file cannot be read, or the files do not make two halves.
+
     paths : iterable of Path
         An npz of `samples` (rows, columns, n, 3), optionally with `albedo`, `normal` (rows, columns, n, 3) and `depth`
         (rows, columns, n) of the samples or (rows, columns, ...) of the pixels; or two OpenEXR pictures with other
         random numbers.
-
-    Raises
-    ------
-    BadInput
-        If a file cannot be read, or the files do not make two halves.
     """
     files = tuple(paths)
     if len(files) == 2 and all(path.suffix.lower() == ".exr" for path in files):
@@ -169,10 +164,7 @@ class _AllNames:
 def read_layers(path: Path) -> dict[str, Doubles]:
     """Picture, and as far as present albedo, normal and depth, of a layered OpenEXR.
 
-    Raises
-    ------
-    BadInput
-        If the file cannot be read, has no picture, or a value that is not finite.
+    Raises BadInput if the file cannot be read, has no picture, or a value that is not finite.
     """
     channels, names = read_exr(path, _AllNames())
     layers = {name: layer for name in LAYERS if (layer := _layer(name, channels)) is not None}

@@ -29,8 +29,9 @@ def filter_sequence(
 
     Films are read when needed: 2 `reach` + 1 are held in memory, twice as many with uncertainties.
 
-    Parameters
-    ----------
+    Raises BadParameter if the reach is negative, BadInput if a film cannot be filtered or its neighbours differ in
+    size.
+
     films : iterable of Film
         The frames in time.
     parameters : FilterParameters
@@ -41,13 +42,6 @@ def filter_sequence(
         Whether to estimate the standard uncertainty of each picture: one more filtering, with nine times the channels.
     threads : int
         Bands filtered at once.
-
-    Raises
-    ------
-    BadParameter
-        If the reach is negative.
-    BadInput
-        If a film cannot be filtered or its neighbours differ in size.
     """
     if reach < 0:
         raise BadParameter(f"the reach is 0 frames or more; got {reach}", "choose 0 or more")

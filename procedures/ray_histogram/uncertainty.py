@@ -52,8 +52,8 @@ def standard_uncertainty(
 ) -> Floats:
     """Standard uncertainty of a film's filtered picture, (rows, columns, 3), linear.
 
-    Parameters
-    ----------
+    Raises BadInput if a pixel has a single sample, or the film cannot be filtered.
+
     film : Film
         At least two samples in each pixel.
     smooth : (rows, columns, 3) float32
@@ -64,11 +64,6 @@ def standard_uncertainty(
         The frames it was filtered with, and their pictures, filtered in the same way.
     threads : int
         Bands filtered at once.
-
-    Raises
-    ------
-    BadInput
-        If a pixel has a single sample, or the film cannot be filtered.
     """
     parameters = parameters or FilterParameters()
     frames = ((film, smooth), *neighbours)

@@ -21,9 +21,8 @@ from procedures.numbers import (
 )
 from procedures.outcome import Check, Outcome, Verdict, verdict_of
 from procedures.sensor.curves import Curves, curves_of, light_spread
-from procedures.sensor.defects import Defects, dark_field, find_defects, response_field
+from procedures.sensor.defects import Defects, IntervalNumber, dark_field, find_defects, response_field
 from procedures.sensor.information import general_numbers
-from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import (
     LEAST_DARK_VARIANCE,
     RANGE,

@@ -20,7 +20,7 @@ from procedures.numbers import DSNU, GENERAL_DYNAMIC_RANGE, GENERAL_SNR_MAX, GEN
 from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import IntervalNumber, from_draws, measured
+from procedures.sensor.defects import IntervalNumber, from_draws, measured
 from procedures.sensor.photon_transfer import Transfer
 from procedures.sensor.spectrograms import NEIGHBOURS, NoisePower
 

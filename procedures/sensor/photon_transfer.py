@@ -41,7 +41,7 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import CONFIDENT, IntervalNumber, bounded, from_draws, measured, positive
+from procedures.sensor.defects import CONFIDENT, IntervalNumber, bounded, from_draws, measured, positive
 
 REGRESSION = 0.7  # upper limit of the fit of gain and responsivity, relative to the signal at saturation
 LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from procedures.numerics.arrays import Array
-from procedures.sensor.measured import IntervalNumber, measured
+from procedures.sensor.defects import IntervalNumber, measured
 from procedures.sensor.stacks import FrameStack, Numbers
 
 FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise

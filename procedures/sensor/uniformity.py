@@ -11,8 +11,7 @@ import numpy as np
 
 from procedures.numbers import DSNU, PRNU
 from procedures.numerics.arrays import Array, Mask
-from procedures.sensor.defects import find_defects
-from procedures.sensor.measured import IntervalNumber, root, with_share
+from procedures.sensor.defects import IntervalNumber, find_defects, root, with_share
 from procedures.sensor.rounding import NEGLIGIBLE, finite_pixels, unrounded
 from procedures.sensor.stacks import FrameStack, least_spread
 

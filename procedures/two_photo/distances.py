@@ -86,6 +86,14 @@ def reached_ratio(known: TwoPhotoFacts) -> float:
     return math.inf if room is None or known.near_mm is None else int(10 * (1 + room / known.near_mm)) / 10
 
 
+def most_ratio(known: TwoPhotoFacts) -> float:
+    """The largest ratio between the near place and the rail's end; infinite without a rail."""
+    rail = known.axes.get("z_mm")
+    if rail is None or rail.high is None or known.near_z_mm is None or known.near_mm is None:
+        return math.inf
+    return 1 + (rail.high - known.near_z_mm) / known.near_mm
+
+
 def beyond_rail(known: TwoPhotoFacts) -> Advice | None:
     """Advice where the rail does not reach the far place; None where it does, or without a rail."""
     room, near_mm = room_mm(known), known.near_mm

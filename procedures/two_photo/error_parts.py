@@ -32,8 +32,6 @@ GAIN_BAND = 0.1  # cycles/pixel below which an error of the kernel is one of the
 class PairErrorParts:
     """Uncertainty budgets of the numbers.
 
-    Attributes
-    ----------
     parts : mapping of str to Budget
     mismatch : variance of the numbers by the scatter of the tiles, over that by white noise
     """
@@ -83,8 +81,6 @@ def error_parts(
 ) -> PairErrorParts:  # fmt: skip
     """Uncertainty budgets of all numbers.
 
-    Parameters
-    ----------
     free : with the covariance of the photographs' noise alone
     quality : numbers of the PSF, and their gradients
     errors : mapping of str to (k^2 + q,); from `likely_errors`

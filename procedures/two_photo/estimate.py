@@ -1,8 +1,6 @@
 """PSF from two photographs of one textured wall at different distances, with its uncertainty, or a refusal.
 
-References
-----------
-Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chapter 3 and appendix A.2.
+Source: Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chapter 3 and appendix A.2.
 """
 
 from __future__ import annotations
@@ -60,8 +58,6 @@ class TwoPhotoParameters(Sampling):
 class TwoPhotoPsf:
     """The calibrated PSF of one plane, from two photographs.
 
-    Attributes
-    ----------
     psf : centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre
     quality : MTF and numbers of the PSF, with their uncertainty budgets
     inter_image : (k, k), the kernel from the near to the far photograph inside its support, sum 1
@@ -174,8 +170,6 @@ class _PairAttempt:
 class SolvedPair:
     """A pair's result with the parts of its uncertainty, and the checks of its verdict.
 
-    Attributes
-    ----------
     free : unconstrained PSF, with the covariance of the photographs' noise, that of the sum included
     errors : mapping of str to (k^2 + q,), errors of the parameters, one standard uncertainty each
     scatter : variance of the numbers by the scatter of the tiles, over that by white noise

@@ -16,8 +16,6 @@ SHARP_RATIO = 3.2
 class TwoPhotoFacts(CameraFacts):
     """Facts of the plan.
 
-    Attributes
-    ----------
     near_mm : near distance of the wall
     ratio : far over near distance
     s : samples per pixel; None: chosen from the photographs
@@ -27,6 +25,8 @@ class TwoPhotoFacts(CameraFacts):
     near_laser_mm, near_z_mm : the rangefinder's reading and the rail's position at the near place
     far_way_mm : way of the camera to the far place, by rail or rangefinder
     near_frames, far_frames : number of accepted photographs
+    predicted : "ratio uncertainty" of the MTF at Nyquist for each of `prediction.DISTANCES`, separated by commas
+    farther : number of further distances
     """
 
     near_mm: float | None = None
@@ -40,3 +40,11 @@ class TwoPhotoFacts(CameraFacts):
     far_way_mm: float | None = None
     near_frames: int | None = None
     far_frames: int | None = None
+    predicted: str = ""
+    farther: float = 0.0
+
+    @property
+    def predictions(self) -> dict[float, float]:
+        """Predicted uncertainty of the MTF at Nyquist by a far photograph, by its distance over the near one."""
+        pairs = (one.split() for one in self.predicted.split(",") if one)
+        return {float(ratio): float(uncertainty) for ratio, uncertainty in pairs}

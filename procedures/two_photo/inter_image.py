@@ -46,8 +46,6 @@ MOST_SAMPLES = 150_000  # a PSF is local: the middle of a larger common region i
 class FarSamples:
     """Samples of the far photograph.
 
-    Attributes
-    ----------
     rows, columns : (m,), pixels, relative to the window's corner
     points : (m, 2), the same as (x, y) of the far photograph
     y : (m,) float64
@@ -67,8 +65,6 @@ class FarSamples:
 class NearImage:
     """The near photograph, band-limited to the s grid of the far one.
 
-    Attributes
-    ----------
     coefficients : (rows, columns), cubic spline about the photograph's mean
     grid : (3, 3), near pixels (x, y) -> grid points
     s : int
@@ -103,8 +99,6 @@ class NearImage:
 class PairFit:
     """State of the estimate: map, kernel, light, and residual.
 
-    Attributes
-    ----------
     warp : far pixels -> near pixels
     kernel : (k^2,), inter-image kernel by plain least squares
     tail : (q,), tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph
@@ -177,17 +171,12 @@ def fit_kernel(
 ) -> PairFit:
     """The inter-image kernel with the map refined to a few thousandths of a pixel.
 
-    Parameters
-    ----------
+    Raises Refused if the common region is too small for the kernel.
+
     near, far : (rows, columns) float32
     H_near_far : (3, 3), far -> near pixels, to about half a far pixel
     s, k : samples per far pixel, and their number along the kernel's side
     start : map of an earlier fit with other s and k
-
-    Raises
-    ------
-    Refused
-        If the common region is too small for the kernel.
     """
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
     centre = samples.points.mean(axis=0)

@@ -31,8 +31,6 @@ Array32 = npt.NDArray[np.float32]
 class InterImageKernel:
     """The inter-image kernel, corrected for the near photograph's noise.
 
-    Attributes
-    ----------
     total : (n + q,), samples of the kernel, and amplitudes of its tail
     covariance : (n + q, n + q), by the noise of both photographs, including nuisance parameters
     noise : sigma, in the unit of the samples
@@ -67,18 +65,11 @@ class InterImageKernel:
 def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKernel:
     """The kernel corrected for the bias of least squares due to the near photograph's noise.
 
-    Parameters
-    ----------
+    Raises Refused if the near photograph has more noise than texture at some of the frequencies.
+
     fit : PairFit
     near_noise_limit : upper limit of the near pixels' noise: a larger residual is not pixel noise
 
-    Raises
-    ------
-    Refused
-        If the near photograph has more noise than texture at some of the frequencies.
-
-    Notes
-    -----
     With r = y - A k the corrected equations' right-hand side has the covariance var(r) (A0'A0 + m c sigma^2 I): the
     near noise enters a second time, multiplied by the residual.
     """

@@ -135,8 +135,6 @@ def residual_spectrum(fit: PairFit) -> tuple[float, float, float, float]:
 def power_ratio(one: Array, other: Array, independent: float) -> float:
     """Mean of one band's power over another's; 1 where the difference is consistent with scatter.
 
-    Parameters
-    ----------
     one, other : (m,), (n,); power at the frequencies of each band, averaged over patches
     independent : independent values of a frequency's power. The power of noise is exponentially distributed: its
         standard deviation is its mean.

@@ -19,6 +19,7 @@ from procedures.plan import (
     Advice,
     Ask,
     Decide,
+    Diagram,
     Estimate,
     Fact,
     Facts,
@@ -32,7 +33,10 @@ from procedures.plan import (
     Scan,
     SetLight,
     Shoot,
+    Show,
     Step,
+    Tour,
+    TourStop,
     facts_as,
     required,
 )
@@ -41,16 +45,20 @@ from procedures.two_photo.distances import (
     beyond_rail,
     check_ratio,
     check_reach,
+    most_ratio,
     near_by_laser,
     near_by_photographs,
     proposed_ratio,
+    reached_ratio,
     times_as_far,
     way_by_laser,
     way_mm,
 )
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+from procedures.two_photo.estimate import TwoPhotoParameters
 from procedures.two_photo.facts import LEAST_RATIO, MOST_RATIO, RATIO, TwoPhotoFacts
 from procedures.two_photo.near_noise import noise_at_most
+from procedures.two_photo.prediction import DISTANCES, noise_of_two, predicted_uncertainty, together
+from procedures.two_photo.several import estimate_psf_of_wall
 from procedures.two_photo.sharpness import fineness
 from procedures.two_photo.trust import check_settings
 
@@ -82,7 +90,11 @@ def plan() -> Plan:
                 "far", "Far", "Move back, focus again, change nothing else.",
                 (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, far_summary,
             ),
-            Step("estimate", "Estimate", "Estimate every plane's PSF from both.", (Estimate(estimate),)),
+            Step(
+                "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
+                (Show(predicted), FARTHER, Tour(farther_stops)), drawings.FAR, farther_summary,
+            ),
+            Step("estimate", "Estimate", "Estimate every plane's PSF from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
         ),
         subject="wall",
@@ -106,6 +118,12 @@ def far_summary(facts: Facts) -> str:
     """Relative change of the light in the far photograph."""
     change = facts_as(TwoPhotoFacts, facts).far_light_percent
     return "" if change is None else f"light {change:+.0f} %"
+
+
+def farther_summary(facts: Facts) -> str:
+    """Number of further distances."""
+    count = facts_as(TwoPhotoFacts, facts).farther
+    return f"{count:.0f} further" if count else ""
 
 
 # --- wall and distances ---
@@ -143,6 +161,22 @@ def say_far(facts: Facts) -> str:
     return f"Move the camera straight back, to {far_m:.2f} m from the wall. Leave zoom, aperture and exposure alone."
 
 
+def reach_of_rail(facts: Facts) -> Diagram | None:
+    """Distances of the far photographs that the rail allows; None without a rail."""
+    known = facts_as(TwoPhotoFacts, facts)
+    most = reached_ratio(known)
+    possible = [ratio for ratio in DISTANCES if ratio <= most]
+    if known.near_mm is None or not np.isfinite(most) or not possible:
+        return None
+    metres = tuple(ratio * known.near_mm / 1000 for ratio in possible)
+    say = f"The rail reaches {most:g} times the near distance, {most * known.near_mm / 1000:.2f} m from the wall."
+    rows = (
+        ("times as far", "metres"),
+        *((f"{ratio:g}", f"{m:.2f}") for ratio, m in zip(possible, metres, strict=True)),
+    )
+    return Diagram("distance of a far photograph in metres over its ratio", tuple(possible), metres, say, rows)
+
+
 WALL = (
     Home(),
     Go(to_near, lambda facts: "going to the near end of the rail" if to_near(facts) else ""),
@@ -156,6 +190,7 @@ WALL = (
     ),
     Ask("camera_set", "Set the camera: RAW, manual exposure, ISO 100, the aperture that is to be calibrated."),
     Ask("near_mm", "How far is the wall from the lens?", "number", "mm", low=50.0, high=1e5, check=check_reach),
+    Show(reach_of_rail),
     Ask(
         "ratio", "How many times as far shall the second photograph be?", "number", "", RATIO, low=LEAST_RATIO,
         high=MOST_RATIO, proposed=proposed_ratio, check=check_ratio,
@@ -281,6 +316,66 @@ def focus(place: str) -> tuple[Any, ...]:
     )
 
 
+# --- further distances ---
+
+FARTHER = Ask(
+    "farther", "From how many further distances will you photograph the wall?", "number", "", 0.0, low=0.0, high=3.0,
+    when=lambda facts: bool(further(facts)),
+)  # fmt: skip
+ALIKE = 0.1
+"""Relative difference below which two distances are one."""
+
+
+def further(facts: Facts) -> list[float]:
+    """Ratios of further distances, the most informative one first: within the rail, and unlike the far place."""
+    known = facts_as(TwoPhotoFacts, facts)
+    most = most_ratio(known)
+    possible = {one: u for one, u in known.predictions.items() if one <= most and abs(one / known.ratio - 1) > ALIKE}
+    return sorted(possible, key=lambda ratio: possible[ratio])
+
+
+def predicted(facts: Facts) -> Diagram | None:
+    """Predicted uncertainty over the number of further distances; None without a prediction, or without room."""
+    known, ratios = facts_as(TwoPhotoFacts, facts), further(facts)
+    if not ratios:
+        return None
+    nearest = min(known.predictions, key=lambda one: abs(one - known.ratio))
+    uncertainties = [known.predictions[one] for one in (nearest, *ratios)]
+    totals = [together(uncertainties[: n + 1]) for n in range(len(uncertainties))]
+    say = (
+        f"By the wall's texture and the noise, the far photographs determine the MTF at Nyquist to {totals[0]:.2g}; "
+        f"one further distance, {ratios[0]:g} times the near one, lowers that to {totals[1]:.2g}."
+    )
+    names = ("none", *(f"{ratio:g} times" for ratio in ratios))
+    rows = (("further distance", "uncertainty up to it"), *zip(names, (f"{u:.2g}" for u in totals), strict=True))
+    counts = tuple(map(float, range(len(totals))))
+    label = "uncertainty of the MTF at Nyquist over further distances"
+    return Diagram(label, counts, tuple(totals), say, tuple(rows))
+
+
+def farther_stops(facts: Facts) -> list[TourStop]:
+    """The most informative further distances, from near to far."""
+    ratios = sorted(further(facts)[: int(facts_as(TwoPhotoFacts, facts).farther)])
+
+    def stop(ratio: float) -> TourStop:
+        def at(facts: Facts) -> Facts:
+            return {**facts, "ratio": ratio}
+
+        return TourStop(
+            f"{ratio:g} times",
+            Go(lambda facts: to_ratio(at(facts)), lambda facts: f"{say_far(at(facts))} Focus again."),
+            lambda frame, facts: replace(check_far(frame, at(facts)), facts={}),
+        )
+
+    return [stop(ratio) for ratio in ratios]
+
+
+def to_ratio(facts: Facts) -> dict[str, float]:
+    """Position along the rail at `ratio` times the near distance."""
+    known = facts_as(TwoPhotoFacts, facts)
+    return {} if known.near_z_mm is None else {"z_mm": known.near_z_mm + (known.ratio - 1) * wall_mm(known)}
+
+
 NEAR_PLANE = "near plane"  # key of a near photograph of the same run, for comparison with the far ones
 
 
@@ -291,9 +386,14 @@ def shoot(place: str) -> Shoot:
 
 
 def estimate_near(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
-    """Level of each plane; one plane is kept for comparison with the far photographs."""
-    known[NEAR_PLANE] = Outcome(frame.guide)
-    return {name: Outcome(float(np.mean(one.samples))) for name, one in frame.planes.items()}
+    """Predicted uncertainties by far photographs, from the second one on; one plane is kept for comparison."""
+    before, plane = known.get(NEAR_PLANE), frame.guide
+    known[NEAR_PLANE] = Outcome(plane)
+    if before is None or before.value is None or before.value.samples.shape != plane.samples.shape:
+        return dict.fromkeys(frame.planes, Outcome(""))
+    noise = max(noise_of_two(before.value.samples, plane.samples), plane.quantisation / np.sqrt(12)) / np.sqrt(FRAMES)
+    each = ((ratio, predicted_uncertainty(plane.samples, ratio, noise)) for ratio in DISTANCES)
+    return dict.fromkeys(frame.planes, Outcome(", ".join(f"{ratio:g} {u:.3g}" for ratio, u in each)))
 
 
 def estimate_far(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
@@ -311,25 +411,36 @@ def enough(place: str, results: Sequence[Outcomes], facts: Facts) -> Advice:
         if (contradiction := near_by_photographs(times, facts_as(TwoPhotoFacts, facts))) is not None:
             return contradiction
     say = f"Photographs from {'nearby' if place == 'near' else 'afar'}: {len(results)} of {FRAMES}."
-    return Advice(len(results) >= FRAMES, say, facts={f"{place}_frames": float(len(results))})
+    new_facts: dict[str, Fact] = {f"{place}_frames": float(len(results))}
+    if place == "near" and (prediction := next(iter(results[-1].values())).value):
+        new_facts["predicted"] = prediction
+    return Advice(len(results) >= FRAMES, say, facts=new_facts)
 
 
 # --- estimate ---
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """Every plane's PSF from the mean of the near and the mean of the far photographs."""
+    """Every plane's PSF from the means of the near and of the far photographs, and from those of further distances."""
     known_facts = facts_as(TwoPhotoFacts, facts)
     count = FRAMES if known_facts.near_frames is None else known_facts.near_frames
-    near, far = frames[:count], frames[count:]
+    near, rest = frames[:count], frames[count:]
+    far_count = len(rest) - int(known_facts.farther) if known_facts.far_frames is None else known_facts.far_frames
+    far, farther = rest[:far_count], rest[far_count:]
     if not near or not far:
         raise BadInput("photographs from both distances are needed", "take them again, from the near ones on")
     names, parameters = near[0].planes, TwoPhotoParameters(s=known_facts.s)
     try:
-        check_settings(near[0].exposure, far[0].exposure)
+        for one in rest:
+            check_settings(near[0].exposure, one.exposure)
     except Refused as refusal:
         return dict.fromkeys(names, Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy))
-    return {name: estimate_psf_of_pair(mean_plane(name, near), mean_plane(name, far), parameters) for name in names}
+    return {
+        name: estimate_psf_of_wall(
+            [mean_plane(name, near), mean_plane(name, far), *(one.planes[name] for one in farther)], parameters
+        )
+        for name in names
+    }
 
 
 def mean_plane(name: str, frames: Sequence[RawFrame]) -> Plane:

@@ -37,8 +37,6 @@ EXACT = 1e3  # weight of the equation of the sum: exact compared with the others
 class Recovered:
     """A PSF with its derivative by the kernel.
 
-    Attributes
-    ----------
     parameters : (k^2 + q,), samples on the kernel's grid and support, and amplitudes of the tail
     derivative : (k^2 + q, k^2 + q), derivatives of the parameters by those of the kernel
     """
@@ -60,20 +58,13 @@ class Recovered:
 def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tuple[Complex, Complex]:
     """H(f) = K(f) K(J^-T f) K(J^-T J^-T f) ... at frequencies (n,) in cycles/pixel, and its derivative (n, k^2 + q).
 
-    Parameters
-    ----------
+    Raises ValueError if J does not enlarge: the product would not converge.
+
     total : (k^2 + q,), inter-image kernel on the s grid, and amplitudes of its tail
     s : samples per far pixel
     J : (2, 2), d(near pixels x, y) / d(far pixels x, y); it must enlarge
 
-    Raises
-    ------
-    ValueError
-        If J does not enlarge: the product would not converge.
-
-    References
-    ----------
-    Delbracio, Almansa, Muse, IPOL 2013, section 4.4; thesis, Proposition 4. The factors beyond the first are
+    Source: Delbracio, Almansa, Muse, IPOL 2013, section 4.4; thesis, Proposition 4. The factors beyond the first are
     normalised at f = 0, where a gain would be raised to their number.
     """
     M = _shrinking(J)

@@ -31,8 +31,6 @@ TOLERANCE_PX = 1.5  # distance of a match from the homography, in pixels of the 
 class PairSighting:
     """Registration of two photographs.
 
-    Attributes
-    ----------
     swapped : whether the near photograph is the second one
     H_near_far : (3, 3), pixels (x, y) of the far photograph -> pixels of the near one
     matches : matches consistent with the homography
@@ -60,14 +58,9 @@ def register(a: Array32, b: Array32) -> PairSighting:
     Small copies are matched first: a near photograph reduced to about the far one's scale gives more and better
     matches than the whole one, at a tenth of the cost. Where these are too few, either photograph is used whole.
 
-    Raises
-    ------
-    Refused
-        If there are too few features or matches: no texture, or no common scene.
+    Raises Refused if there are too few features or matches: no texture, or no common scene.
 
-    References
-    ----------
-    Delbracio, Almansa, Muse, IPOL 2013, section 4.1.
+    Source: Delbracio, Almansa, Muse, IPOL 2013, section 4.1.
     """
     photographs = (grey_levels(a), grey_levels(b))
     small = [_reduction(photograph, QUICK_PIXELS) for photograph in photographs]

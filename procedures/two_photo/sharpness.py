@@ -20,8 +20,6 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
     Texture is approximately scale-invariant: from four times the distance a wall has the same spectrum up to a factor.
     Real walls give 0.5 to 1, as they have less very fine detail; other ratios are due to the focus.
 
-    Parameters
-    ----------
     near, far : (rows, columns), the parts of the same wall
     noise : standard deviation of a pixel's noise, whose flat spectrum is subtracted
     """

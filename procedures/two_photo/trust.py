@@ -106,8 +106,6 @@ def checks_of(
 ) -> list[Check]:
     """All checks on a PSF.
 
-    Parameters
-    ----------
     contradicted : contradictions to f-number and pitch, where known
     raw : whether both photographs are RAW files
     """

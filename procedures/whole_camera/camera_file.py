@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
+from procedures.geometry.budget import TERMS
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
-from procedures.whole_camera.from_field import WholeCamera
-from procedures.whole_camera.joint import CovarianceBlock
+from procedures.whole_camera.from_field import CovarianceBlock, WholeCamera
 
 if TYPE_CHECKING:
     import h5py
@@ -35,6 +35,8 @@ of coefficient times term; x and y in the terms are the place in half diagonals 
 vignetting.PLANE.NAME: light = 1 + k1 r^2 + k2 r^4 + k3 r^6, r from (centre_x, centre_y), which are pixels of the plane
 from the frame's centre, in half diagonals.
 sensor.PLANE.NAME: gain K in digital numbers per electron, dark noise in electrons.
+geometry/budget: `value` of every reported number, a formula's parameters where the model is a spline, and the terms of
+its standard uncertainty, a row each; the root of their sum of squares is the uncertainty.
 `blocks`: for each pair of parts whether their covariance was computed, or is zero, and why. Covariances are those of
 noise and of other stated uncertainties; an unknown error common to all photographs, as that of a print, is in no
 block."""
@@ -105,6 +107,13 @@ def _write_geometry(group: h5py.Group, camera: WholeCamera) -> None:
     if outcome.value is not None:
         one = outcome.value.camera
         group.attrs.update({"model": one.model, "columns": one.columns, "rows": one.rows})
+        numbers, budgets = outcome.value.numbers(), outcome.value.budgets()
+        budget = group.create_group("budget")
+        _put_texts(budget, "names", budgets)
+        _put_texts(budget, "units", [numbers[name].unit for name in budgets])
+        _put_texts(budget, "terms", TERMS)
+        budget.create_dataset("value", data=[numbers[name].value for name in budgets])
+        budget.create_dataset("uncertainty", data=[[one[term] for term in TERMS] for one in budgets.values()])
 
 
 def _write_places(group: h5py.Group, camera: WholeCamera) -> None:

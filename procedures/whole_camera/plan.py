@@ -223,6 +223,6 @@ def predicted_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[fl
         view = planned_view(camera, poses, nodes, start.distance_mm, geometry_plan.SCATTER_PX, rim)
         if view is None:
             break
-        errors.append(view.before_px)
+        errors.append(view.before)
         poses.append(chart_at(camera, view.at, view.yaw_deg, view.pitch_deg, view.distance_mm))
     return errors

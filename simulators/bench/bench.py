@@ -24,9 +24,8 @@ from simulators.camera.sheets import SUBJECTS
 from simulators.devices.grbl import GrblController
 from simulators.devices.grbl_motion import Outputs
 from simulators.devices.imu import FastModule, WitModule, box_reading
-from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule
+from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule, ScpiTwin
 from simulators.devices.ports import PtyPort, TcpPort
-from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, Faults, SerialDevice, SimClock, plug, unplug
 from simulators.devices.shutter import RtsLine, StrigBox
 from simulators.devices.zaber import ZaberChain

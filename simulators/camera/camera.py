@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.pattern import CELLS, Chart
 from simulators.camera.optics import WAVELENGTHS_UM, ColourShift, Optics
 from simulators.camera.pupil import Wavefront, defocus_um

@@ -142,7 +142,7 @@ def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: flo
 
 @lru_cache(maxsize=64)
 def _profile(wavefront: Wavefront, wavelength_um: float) -> Complex:
-    """The OTF of a round wavefront over t, (rows, 1), as `polar_table.read` reads it."""
+    """The OTF of a round wavefront over t, (rows, 1), as `read` reads it."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
     otf = _round_overlap(2 * (1 - t * t), wavefront, wavelength_um, quadrature)
@@ -161,7 +161,7 @@ def _fineness(wavefront: Wavefront, wavelength_um: float) -> tuple[int, tuple[Ar
 
 @lru_cache(maxsize=16)
 def _turned(wavefront: Wavefront, wavelength_um: float) -> Complex:
-    """The OTF over t and angle, as `polar_table.read` reads it: in t it is smooth up to the cutoff."""
+    """The OTF over t and angle, as `read` reads it: in t it is smooth up to the cutoff."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
     angles = np.arange(n) * np.pi / n

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from simulators.camera.optics import Complex, Optics
 from simulators.camera.sensor import Mosaic, Sensor
 from simulators.world.projection import Projection, Segments, coverage

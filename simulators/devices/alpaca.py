@@ -14,8 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from simulators.devices.motor import Motor
-from simulators.devices.serial_device import Faults
+from simulators.devices.serial_device import Faults, Motor
 from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
 

@@ -8,7 +8,7 @@ Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 from collections.abc import Callable, Mapping
 from itertools import count
 
-from simulators.devices.motor import Motor, MotorController
+from simulators.devices.serial_device import Motor, MotorController
 from simulators.world.motion import Axis
 
 IDENTITY = "(c)2015 Physik Instrumente (PI) GmbH & Co. KG, C-884.4DC, 118057582, 1.2.1.3"

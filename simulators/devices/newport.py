@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import partial
 from itertools import count
 
-from simulators.devices.motor import MotorController
+from simulators.devices.serial_device import MotorController
 from simulators.world.motion import Axis
 
 CYCLE_S = 400e-6

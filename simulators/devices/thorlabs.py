@@ -9,8 +9,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from itertools import count
 
-from simulators.devices.motor import Motor, MotorController
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import Motor, MotorController, drained
 from simulators.world.motion import Axis
 
 HOST, LONG, USB = 0x01, 0x80, 0x50

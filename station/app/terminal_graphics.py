@@ -19,7 +19,7 @@ from station.app.terminal_images import PRESENT, Thumbnail, outline_lines
 Pixels = npt.NDArray[np.uint8]
 GREYS = 24
 COLOURS = ((230, 126, 34), (52, 172, 224))
-"""Of the present and the wanted outline, as in block characters."""
+"""Colours of the present and the wanted outline, as in block characters."""
 LINE_PX, ARROW_TIP = 3, 0.15
 MAX_PX = 640
 """Largest width of a picture in pixels, lest a slow line take seconds."""
@@ -51,8 +51,7 @@ def indexed(picture: Thumbnail, width_px: int, height_px: int) -> Pixels:
 def palette() -> Pixels:
     """The colours (n, 3) of the indices."""
     greys = np.repeat(np.linspace(0, 255, GREYS)[:, None], 3, axis=1)
-    colours: Pixels = np.rint(np.vstack([greys, COLOURS])).astype(np.uint8)
-    return colours
+    return np.asarray(np.rint(np.vstack([greys, COLOURS])), dtype=np.uint8)
 
 
 # --- sixel -------------------------------------------------------------------------------------------------------

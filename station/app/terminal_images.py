@@ -20,7 +20,7 @@ RAMP = " .:-=+*#%@"
 """Characters from dark to bright, for terminals without colours."""
 OUTLINE_LETTERS = " O+"
 """Characters of the outlines, by their value."""
-LEGEND = {False: "orange: the chart; blue: its place", True: "O: the chart; +: its place"}
+LEGEND = {False: "orange: now, blue: wanted", True: "O: now, +: wanted"}
 """Legend of the outlines, by whether they are drawn in characters."""
 LEAST_WHITE = 0.05
 """Lower limit of the white level, so that the noise of a dark frame is not amplified."""
@@ -33,8 +33,6 @@ SAMPLES_PER_BLOCK = 3
 class Thumbnail:
     """A picture for a terminal.
 
-    Attributes
-    ----------
     levels : (rows, columns) uint8
     marks : points (x, y) as fractions of width and height
     caption : a few words

@@ -18,8 +18,7 @@ from station.calibration.folder_photographs import Item, naming_path
 from station.common.progress import limited
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
-from station.procedure.base import Inputs, Procedure
-from station.procedure.settings import to_record
+from station.procedure.base import Inputs, Procedure, to_record
 from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult

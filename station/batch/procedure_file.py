@@ -35,9 +35,8 @@ from typing import Annotated, Any
 
 from station.common.models import TableSource, fields_of, name_of, one_of, read_model, read_value
 from station.common.toml_text import KeyPath, toml_value
-from station.procedure.base import Inputs, Procedure
-from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, to_record
+from station.procedure.base import Inputs, Procedure, Settings, to_record
+from station.procedure.schema import procedure_named, procedure_names
 from station.results.specification_file import PLANES, FrequencyValue, SpecificationTable, read_specification
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
@@ -73,7 +72,6 @@ class BatchProcedure:
 
     @property
     def name(self) -> str:
-        """The procedure's name."""
         return self.procedure.name
 
     def parameters(self) -> dict[str, Any]:

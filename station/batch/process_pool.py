@@ -190,7 +190,6 @@ class _Worker(Generic[I, J, R]):
         return f"the process that worked on it ended by itself (exit code {code})"
 
     def end(self, at_once: bool) -> None:
-        """End the process."""
         self._outgoing.put(None)
         if not at_once:
             self.process.join(GOING_S)

@@ -50,7 +50,6 @@ class StoredRows(Sequence[ItemRow]):
         self._at[number], self._end, self._sorted = self._end, self._end + len(data), None
 
     def close(self) -> None:
-        """No more rows are added."""
         self._out.close()
 
     def _lines(self, numbers: Sequence[int]) -> Iterator[bytes]:

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from drivers.errors import Clock
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import HOME_FIRST, Controls, GrblEnvelope
 from drivers.interfaces import Stage, Travel
+from drivers.protocols.grbl import HOME_FIRST, Controls, GrblEnvelope
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 

@@ -17,11 +17,13 @@ shutter = "shutter"
 ```
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NotConnected, SystemClock
 from drivers.frames import ExposureMetadata
@@ -39,15 +41,73 @@ from drivers.interfaces import (
     Stage,
 )
 from drivers.making import DriverOptions, MakerContext
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
-from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.models import TableSource, read_model
+
+if TYPE_CHECKING:
+    from procedures.plan import Fact, Facts
+    from simulators.bench.bench import SimulatedBench
+
+
+class OperatorActions(Protocol):
+    """Interface to an operator's actions and observations."""
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the bench's time passes as for a person, so that its moves can be watched."""
+
+    def knows(self, key: str) -> Fact | None:
+        """The operator's answer; None if the question's default applies."""
+
+    def do(self, key: str, facts: Facts) -> None:
+        """The action of the operator who confirms this question."""
+
+    def take_up(self, facts: Facts) -> None:
+        """Restore the state left by an earlier run with these facts."""
+
+    def follow(self, by_hand: Mapping[str, float]) -> None:
+        """Adjust what was requested in numbers: chart angle, focus ring, exposure dial."""
+
+
+class Surroundings:
+    """A real room, in which the operator acts."""
+
+    @property
+    def hands(self) -> OperatorActions | None:
+        """None: the operator acts."""
+        return None
+
+    def stand_before(self, subject: str) -> None:
+        """Place "chart", "wall", "depth", "panel" or "edge" before the camera."""
+
+    def number_next_frame(self, number: int) -> None:
+        """Announce the session's shot number of the next frame."""
+
+
+class SimulatedSurroundings(Surroundings):
+    """The room of a simulated bench: its subjects, its operator, and frames with noise seeded by their number."""
+
+    def __init__(self, truth: SimulatedBench) -> None:
+        self._truth = truth
+
+    @property
+    def hands(self) -> OperatorActions:
+        """The simulated operator."""
+        return self._truth.hands
+
+    def stand_before(self, subject: str) -> None:
+        """Place that subject before the camera."""
+        self._truth.show(subject)
+
+    def number_next_frame(self, number: int) -> None:
+        """Seed the noise of the next frame by this number."""
+        self._truth.body.next_number = number
 
 
 @dataclass(frozen=True)
@@ -115,7 +175,6 @@ class Bench:
 
     @property
     def camera(self) -> Camera:
-        """The camera."""
         return cast(Camera, self._find("camera"))
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.interfaces import Device
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 
 PATIENCE_S = 0.25
 """How long a stop waits for blocked ports; their threads continue trying."""

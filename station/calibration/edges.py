@@ -12,7 +12,7 @@ from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
-from station.drawing.edge_pictures import edge_picture
+from station.drawing.plots import edge_picture
 from station.results.exports import csv_columns
 from station.results.limits import place_of
 from station.results.measurement import Measurement

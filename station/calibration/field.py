@@ -49,7 +49,7 @@ def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limi
     return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
 
 
-# --- places of a specification ---------------------------------------------------------------------------------------
+# --- places of a specification ---
 
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,11 @@ from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.geometry.formulas import FittedFormula
 from procedures.geometry.spline_camera import SplineCamera
-from procedures.outcome import Quantity
+from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
+from procedures.whole_camera.camera_file import write_camera_numbers
+from procedures.whole_camera.from_field import CameraPart, WholeCamera, join
+from station.calibration.chart_scale import ChartScale
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
 from station.calibration.stored_results import table_prefix
 from station.results.exports import csv_bytes, csv_columns, numbers_table
@@ -29,17 +34,21 @@ NODES, POINTS = "nodes.npy", "points.npy"
 """Tables of the chart's plan, and of the points of all views; after the prefix of the plane."""
 
 
-def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> Measurement:
-    """Every plane's camera with its tables; `found` are the planes."""
+def geometry_measurement(
+    planes: Sequence[PlaneGeometry], head: RecordHead, scale: ChartScale | None = None
+) -> Measurement:
+    """Every plane's camera with its tables, and the record of the chart's scale; `found` are the planes."""
     cameras = {one.shoot.plane: one.outcome.value for one in planes if one.outcome.value is not None}
     files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
         files |= _tables(table_prefix(name, len(planes)), camera)
+        file = "camera.h5" if len(planes) == 1 else f"camera_{name}.h5"
+        files[file] = partial(_write_camera, camera, head, scale)
     if cameras:
         files[NUMBERS] = numbers_table(row for name, one in cameras.items() for row in _numbers(name, one))
     missed = dict.fromkeys(miss for one in planes for miss in one.shoot.missed)
     return Measurement(
-        SCHEMA, head, tuple(map(_plane, planes)), files=files, missed=tuple(missed),
+        SCHEMA, head, tuple(_plane(one, scale) for one in planes), files=files, missed=tuple(missed),
         exposure=planes[0].shoot.exposure, result=planes,
     )  # fmt: skip
 
@@ -55,19 +64,22 @@ def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeomet
     return PlaneGeometry(GeometryPhotographs(plane.name, (0, 0), tuple(records)), plane.outcome(camera))
 
 
-def _plane(one: PlaneGeometry) -> PlaneResult:
+def _plane(one: PlaneGeometry, scale: ChartScale | None) -> PlaneResult:
     camera = one.outcome.value
+    recorded = {} if scale is None else {"chart_scale": scale.to_record()}
     left_out = [miss.to_record() for miss in one.shoot.missed]
     return PlaneResult.of_outcome(
         one.shoot.plane, one.outcome, numbers={} if camera is None else camera.numbers(), estimate=camera, pitch=0,
-        details={**({} if camera is None else _entries(camera)), "left_out": left_out},
+        details={**({} if camera is None else _entries(camera)), **recorded, "left_out": left_out},
     )  # fmt: skip
 
 
 def _entries(geometry: Geometry) -> dict[str, Any]:
     """Entries of a camera in addition to its numbers."""
     camera = geometry.camera
+    budgets, numbers = geometry.budgets(), geometry.numbers()
     return {
+        **{name: asdict(numbers[name]) | {"budget": budgets[name]} for name in budgets},
         "camera": {
             "model": camera.model,
             "columns": camera.columns,
@@ -83,7 +95,7 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
         "residual_scale": geometry.residual_scale,
         "covered_share": geometry.covered,
         "region": geometry.region.tolist(),
-        "views": [_view_entry(one) for one in geometry.views],
+        "views": [_view_entry(one, geometry.distance_budget(i)) for i, one in enumerate(geometry.views)],
         "next_view": None if geometry.next_view is None else asdict(geometry.next_view),
         "chart": {
             **{name: asdict(number) for name, number in geometry.shape.terms.items()},
@@ -91,6 +103,15 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "scale_uncertainty": geometry.shape.scale_uncertainty,
         },
     }
+
+
+def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None, path: Path) -> None:
+    """camera.h5: the camera alone, with the budget of its numbers and the record of the chart's scale."""
+    camera, outcome = geometry.camera, Outcome(geometry)
+    part = CameraPart("geometry", camera.names, camera.units, camera.params, geometry.covariance, "the chart's views")
+    provenance = {"input": json.dumps([asdict(one) for one in head.input]), "parameters": json.dumps(head.parameters)}
+    provenance["chart_scale"] = json.dumps(None if scale is None else scale.to_record())
+    write_camera_numbers(path, WholeCamera(join([part], {}), (), (), outcome), provenance)
 
 
 def _formula_entry(one: FittedFormula) -> dict[str, Any]:
@@ -105,12 +126,12 @@ def _formula_entry(one: FittedFormula) -> dict[str, Any]:
     }
 
 
-def _view_entry(one: PosedView) -> dict[str, Any]:
+def _view_entry(one: PosedView, budget: dict[str, float]) -> dict[str, Any]:
     """Pose, distance and residual of a view: X_camera = R X_chart + t, in mm from the chart's centre."""
     return {
         "source": one.view.source,
         "points": len(one.view),
-        "distance": asdict(one.distance),
+        "distance": asdict(one.distance) | {"budget": budget},
         "tilt_deg": one.tilt_deg,
         "residual_rms_px": one.rms_px,
         "R": one.pose.R.tolist(),

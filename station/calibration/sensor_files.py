@@ -24,9 +24,9 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
+from procedures.sensor.defects import IntervalNumber
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.information import input_snr, linear_snr, total_snr
-from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.results.exports import csv_bytes, csv_columns

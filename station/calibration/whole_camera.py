@@ -7,8 +7,7 @@ from pathlib import Path
 from procedures.outcome import BadInput
 from procedures.reading.arrays import checked_array
 from procedures.sensor.photon_transfer import GainAndNoise
-from procedures.whole_camera.from_field import sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import CameraPart
+from procedures.whole_camera.from_field import CameraPart, sensor_parts, vignetting_parts
 from station.calibration.sensor_models import sensor_record
 from station.calibration.vignetting import read_joint_formula
 

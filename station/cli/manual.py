@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.terminal.command import StationCommand
+from station.cli.terminal.progress import progress
 from station.common.errors import log
 
 if TYPE_CHECKING:
@@ -48,11 +49,13 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
     name = " ".join(topic)
     pages = read_pages(_generated(context, name if topic and not words and folder is None else None))
     if folder is not None:
-        from station.demo.demo import manual_pictures
+        from station.demo.manual_pictures import PARTS, manual_pictures
         from station.manual.browser_pages import write_manual
 
-        log("pictures", "drawing the pictures from a simulated photograph")
-        click.echo(write_manual(pages, folder, manual_pictures()))
+        log("pictures", "drawing the pictures: the procedures measure what simulated cameras photograph")
+        with progress(len(PARTS)) as shown:
+            pictures = manual_pictures(shown)
+        click.echo(write_manual(pages, folder, pictures))
     elif words:
         click.echo_via_pager(_formatted(_hits(pages, words)))
     else:
@@ -86,8 +89,7 @@ def _write_schemas(folder: Path) -> None:
     import json
 
     from station.common.durable_files import write_whole
-    from station.procedure.registry import procedure_named, procedure_names
-    from station.procedure.schema import schema_of
+    from station.procedure.schema import procedure_named, procedure_names, schema_of
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in procedure_names():
@@ -104,10 +106,11 @@ def _generated(context: click.Context, topic: str | None) -> dict[str, str]:
 
 def _commands(context: click.Context) -> str:
     from station.manual.command_reference import commands_text
+    from station.manual.pages import find_page, read_pages
 
     program = context.find_root().command
     assert isinstance(program, click.Group)
-    return commands_text(program)
+    return commands_text(program, find_page(read_pages(), "gallery").text)
 
 
 def _numbers(context: click.Context) -> str:

@@ -27,9 +27,8 @@ from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
-from station.procedure.base import Inputs, Procedure
-from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import to_record
+from station.procedure.base import Inputs, Procedure, to_record
+from station.procedure.schema import procedure_named, procedure_names
 
 if TYPE_CHECKING:
     from station.results.measurement import Measurement

@@ -269,21 +269,13 @@ def written(path: Path, write: Callable[[Path], object]) -> Iterator[WrittenFile
             raise _unwritable(path, error) from error
         yield WrittenFile(beside, path, sha256)
     finally:
-        _remove_old(beside)
+        _remove(beside)
 
 
 def _unwritable(path: Path, error: OSError) -> BadParameter:
     return BadParameter(
         f"{path} cannot be written: {error.strerror}", "name a file in a folder that exists and can be written"
     )
-
-
-def _remove_old(path: Path) -> None:
-    # a path that is no folder, or cannot be entered, fails here as well, but was reported already
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return
 
 
 # --- Folders that a program fills and removes; those of a killed program are removed by the next run ---

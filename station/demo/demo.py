@@ -3,10 +3,9 @@
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
-from procedures.transfer_function import radial_profile
 from simulators.bench.demonstration import PITCH_UM, SETUPS, WIDTH_MM, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
@@ -53,7 +51,6 @@ class ComparedPlane:
 
     @property
     def name(self) -> str:
-        """Name of the plane."""
         return self.result.name
 
 
@@ -297,41 +294,3 @@ def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
         if plane.name == SHOWN_PLANE:
             pictures["chart"] = chart_figures(shot.frame.planes[plane.name], estimate, here)
     return pictures
-
-
-# --- Pictures of the manual, drawn from one photograph by the simulated camera ---
-
-NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
-"""Namespace of an SVG file; an element of a page has none."""
-SETUP = Staging("manual", "Manual", (0.5, 0.5), 1.0, rows=340, columns=340)
-"""The smallest frame that holds the whole chart."""
-
-
-def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
-    """The pictures by the name of their files."""
-    chart = Source.from_seed().with_edges()
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "photograph.dng"
-        taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
-        frame = read_frame(path)
-    frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
-    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, progress)
-    estimate, truth = plane.result.estimate, plane.comparison
-    assert estimate is not None  # the simulated photograph is a good one
-    assert truth is not None
-    psf, limit = estimate.psf, estimate.diffraction
-    figures = {
-        "photograph": psf_figures.photograph_figure(frame.planes[SHOWN_PLANE], estimate, "photograph"),
-        "residual": psf_figures.residual_figure(SHOWN_PLANE, estimate, "residual"),
-        "psf": psf_figures.psf_figure(psf, None, "psf"),
-        "psf-and-truth": psf_figures.psf_figure(psf, truth.aligned, "psf-and-truth"),
-        "psf-logarithmic": psf_figures.log_psf_figure(psf, "psf-logarithmic"),
-        "mtf": otf_figures.mtf_figure(estimate.quality, None, "mtf", limit),
-        "mtf-and-truth": otf_figures.mtf_figure(estimate.quality, truth.otf, "mtf-and-truth", limit),
-        "mtf-map": otf_figures.mtf_map_figure(psf, "mtf-map", limit),
-        "phase": otf_figures.phase_figure(psf, "phase"),
-        "energy": psf_figures.energy_figure(radial_profile(psf), "energy"),
-    }
-    sheet = encode(Path("sheet.png"), chart, Size(WIDTH_MM)).data
-    drawn = {f"{name}.svg": str(one.drawing).replace("<svg", f"<svg {NAMESPACE}", 1) for name, one in figures.items()}
-    return {"sheet.png": sheet, **{name: text.encode() for name, text in drawn.items()}}

@@ -44,13 +44,13 @@ class EventReporter:
             self.report(f"  {sentence}", "")
 
 
-def run_guided(out: Path, seed: int, report: Report) -> tuple[RunEnded, Result | None]:
-    """Run the pattern's plan in a new session in `out`, in virtual time; Ctrl-C stops the bench and ends the run."""
+def run_guided(out: Path, seed: int, report: Report, plan: str = PLAN) -> tuple[RunEnded, Result | None]:
+    """Run a plan in a new session in `out`, in virtual time; Ctrl-C stops the bench and ends the run."""
     lab = StationLab(sessions=out, config=None, simulate=True, seed=seed)
     lab.virtual_time = True
     reporter = EventReporter(report)
     try:
         with guarded(lab.stop_run, lab.ask_run_to_stop):
-            return lab.begin(PLAN, *lab.names, ScriptedOperator(listen=reporter.notify)).go(), reporter.result
+            return lab.begin(plan, *lab.names, ScriptedOperator(listen=reporter.notify)).go(), reporter.result
     finally:
         lab.close()

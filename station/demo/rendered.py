@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.frame_files.dng import Shot
+from drivers.dng import Shot
 from procedures.numbers import DROPPED_SAMPLES
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
@@ -24,8 +24,15 @@ from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.render_films import passes, render_film
-from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
+from station.demo.rendered_depth import (
+    DepthPlan,
+    RestoredDepth,
+    depth_entry,
+    depth_row,
+    passes,
+    render_film,
+    restored_depth,
+)
 from station.demo.rendered_depth import steps as depth_steps
 from station.drawing.pictures import display_png
 from station.reports.ray_page import RenderRow, StripRow, ray_page
@@ -67,7 +74,6 @@ class RenderPlan:
 
     @property
     def rows(self) -> int:
-        """Height of the pictures."""
         return 3 * self.columns // 4
 
 

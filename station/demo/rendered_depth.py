@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drivers.frame_files.dng import Shot
+from drivers.dng import Shot
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.film_files import read_film, write_film
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
@@ -24,10 +26,9 @@ from procedures.restoration.masks.thin_lens import CameraSetting
 from simulators.camera.optics import Optics
 from simulators.camera.render import blur_and_sample, photograph_render
 from simulators.camera.sensor import Sensor
-from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
+from simulators.rays.path_tracer import RayScene, ThinLensCamera, blur_diameter_px, cast, depth_map
 from simulators.rays.ray_scenes import leaves_in_depth
 from station.common.progress import Progress, silent
-from station.demo.render_films import passes, render_film
 from station.drawing.pictures import display_png
 from station.reports.ray_page import StripRow
 from station.results.result_files import ResultFolder, npy
@@ -56,7 +57,6 @@ class DepthPlan:
 
     @property
     def sensor(self) -> Sensor:
-        """Sensor of the bench."""
         return Sensor(rows=self.rows, columns=self.columns)
 
     def camera(self, f_number: float) -> ThinLensCamera:
@@ -248,3 +248,41 @@ def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:
     return float(np.sqrt(np.mean(np.square(error, dtype=np.float64))))
+
+
+# --- Films of rendered scenes, saved as they grow: an interrupted render continues from its file ---
+
+PASS = 32
+"""Samples per pixel after which a film is saved."""
+
+
+def render_film(
+    scene: RayScene,
+    camera: ThinLensCamera,
+    samples: int,
+    seed: int,
+    path: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Film:
+    """The film of a scene with `samples` samples per pixel, continuing the film in `path`.
+
+    That file must have the same scene, camera and seed: name it after them.
+    """
+    film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
+    taken = film.count.astype(np.int64) + film.dropped
+    for wanted in (*range(int(taken.min()) + PASS, samples, PASS), samples):
+        if (taken >= wanted).all():
+            continue
+        cast(scene, camera, wanted, film.add, seed=seed, taken=taken, threads=threads)
+        taken = film.count.astype(np.int64) + film.dropped
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_film(film, path)
+        progress(f"{path.stem}: {wanted} of {samples} samples per pixel")
+    return film
+
+
+def passes(samples: int) -> int:
+    """Number of progress steps of `render_film` without an earlier film."""
+    return -(-samples // PASS)

@@ -38,9 +38,9 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
     curves = [TerminalCurve(x, y), TerminalCurve(x, y, letter="o", points=True)]
     if best is not None:
         curves.append(TerminalCurve(np.array(span), np.full(2, best), letter="-", dashed=True))
-    here, ends = float(places[-1]), np.array([low - room, top + room])
+    here = float(places[-1])
     curves.append(
-        TerminalCurve(np.full(UPRIGHT, here), np.linspace(ends[0], ends[1], UPRIGHT), letter="|", points=True)
+        TerminalCurve(np.full(UPRIGHT, here), np.linspace(low - room, top + room, UPRIGHT), letter="|", points=True)
     )
     return partial(plot, curves, TerminalFrame(span, (low - room, top + room), f"{label}; the line: you are here"))
 

@@ -9,6 +9,7 @@ import re
 import struct
 import zlib
 from collections.abc import Sequence
+from html import unescape
 from typing import Any
 
 import cv2
@@ -21,7 +22,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogFormatterSciNotation, MaxNLocator
 
 from station.drawing.colours import FAINT, INK
-from station.drawing.hover import with_titles
 
 CONFIDENT = 1.96
 """Standard uncertainties on either side of a 95 % interval."""
@@ -117,7 +117,7 @@ def few_ticks(low: float, high: float) -> list[float]:
     return [float(tick) for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high] or [low]
 
 
-# --- pNGs with a palette: a picture in false colours has at most 256 and then takes a third of the space -------------
+# --- PNGs with a palette: a picture in false colours has at most 256 and then takes a third of the space ---
 
 COLOURS = 256
 
@@ -151,3 +151,28 @@ def _encoded(index: npt.NDArray[np.uint8], palette: npt.NDArray[np.uint8]) -> by
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+# --- Text on hover for figures of a page: strips of an axes with titles, without scripts ---
+# `style.svg` gives each strip a <title> element, which browsers show and screen readers read.
+
+MAX_STRIPS = 40
+"""Strips of an axes: a pointer does not resolve more."""
+POINT_MARK = "hover-"
+
+
+def title_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
+    """Give an axes titles at places along x, each as far as halfway to the next; at most `MAX_STRIPS` of them."""
+    chosen = np.unique(np.linspace(0, len(x) - 1, min(MAX_STRIPS, len(x))).round().astype(int))
+    middles = (x[chosen][1:] + x[chosen][:-1]) / 2
+    ends = np.concatenate([[x[chosen[0]]], middles, [x[chosen[-1]]]])
+    for number, at in enumerate(chosen):
+        strip = axes.axvspan(ends[number], ends[number + 1], fc="none", ec="none", lw=0, zorder=9)
+        strip.set_gid(f"{POINT_MARK}{words[at]}")
+
+
+def with_titles(svg: str) -> str:
+    """An SVG in which every strip has its text as <title>."""
+    return re.sub(
+        rf'<g id="{POINT_MARK}([^"]*)">', lambda m: f'<g class="hover"><title>{escape(unescape(m[1]))}</title>', svg
+    )

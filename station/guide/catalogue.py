@@ -93,7 +93,7 @@ def _write_measured(
     frames: Sequence[RawFrame], head: RecordHead,
 ) -> str:  # fmt: skip
     """Write the files of a procedure's command for a session; the record alone for a refused result."""
-    from station.procedure.registry import procedure_named
+    from station.procedure.schema import procedure_named
     from station.results.measurement import write_measurement
 
     known, measured = procedure_named(procedure), measurement(planes, frames, head)
@@ -128,7 +128,7 @@ DEFAULT = "pattern"
 
 def entries() -> dict[str, GuidedProcedure]:
     """All guided procedures by name, also those of installed packages that measure photographs."""
-    from station.procedure.registry import added, procedure_named
+    from station.procedure.schema import added, procedure_named
 
     known = dict(PLANS)
     for name in added():

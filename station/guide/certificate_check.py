@@ -14,7 +14,7 @@ from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
 from station.common.signature import ProofCheck, check_signature
 from station.guide.recompute import recompute
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.reports.certificate import record_digest
 from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement

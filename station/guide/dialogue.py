@@ -13,7 +13,7 @@ from drivers.errors import DeviceError, EmergencyStopped
 from procedures.outcome import ProcedureError
 from procedures.plan import INSISTED, Advice, Ask, Fact, Facts, dropped
 from procedures.reading.exposure import TYPED
-from station.bench.surroundings import OperatorActions
+from station.bench.opening import OperatorActions
 from station.guide.coach import Ended
 from station.guide.frontend import BY_HAND, Event, Frontend, ProblemEvent, ProgressEvent, Stopped, WatchedFrontend
 from station.sessions.layout import is_given

@@ -255,7 +255,7 @@ class PhotographRequests:
             if self._visited(stop):
                 continue
             self._talk.doing(stop.name, number, len(stops))
-            self._report(Goal(len(stops) - number + 1))
+            self._report(stop.goal(self._talk.facts) or Goal(len(stops) - number + 1))
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)

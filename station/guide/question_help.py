@@ -38,6 +38,7 @@ WHY: Mapping[str, str] = {
     "tape_mm": "It checks the distance that follows from the size of the chart; a centimetre is accurate enough.",
     "typed_f_number": "It gives the diffraction limit, with which the result is compared.",
     "refocused": "The sharpest focus depends on the distance, which has changed.",
+    "refocused_near": "The sharpest focus depends on the distance, which has changed.",
     "focus_by": "A bracket of five photographs finds the sharpest focus better than the eye.",
     "wanted_mtf50": "Shots are taken until their mean is as certain as this: half of it needs four times as many.",
     "places": "More places show more detail over the frame; each needs a photograph.",
@@ -50,6 +51,7 @@ WHY: Mapping[str, str] = {
     "ratio": "A larger ratio makes the near photograph sharper relative to the far one, but covers less of the wall.",
     "focused_near": "Each distance needs its own focus.",
     "focused_far": "Each distance needs its own focus.",
+    "farther": "Each further distance lowers the uncertainty; the guide states by how much before you photograph.",
     # --- panel
     "light": "A panel gives the sensor's noise and the vignetting in the same session.",
     "panel": "Close to the lens the panel is evenly bright over the whole frame.",

@@ -37,7 +37,7 @@ from procedures.plan import (
     Step,
     Tour,
 )
-from station.bench.surroundings import Surroundings
+from station.bench.opening import Surroundings
 from station.common.durable_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
 from station.guide.consent import MoveApproval

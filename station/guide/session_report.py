@@ -23,7 +23,7 @@ from procedures.raw import Exposure
 from station.common.sanitise import printable, stated
 from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page

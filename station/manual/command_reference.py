@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterator
 
 import click
 
+SHOWN = re.compile(r"^(!\[[^\]]*\]\(picture:[^)]*\))\n+`(station [^`]*)`", re.MULTILINE)
+"""A picture of the gallery, and the command below it."""
 
-def commands_text(program: click.Group) -> str:
-    """Every command with its arguments and options, as Markdown."""
+
+def commands_text(program: click.Group, gallery: str = "") -> str:
+    """Every command with its arguments and options, and its first picture of the gallery, as Markdown."""
     root = click.Context(program, info_name="station")
-    return "\n".join("\n".join(_section(command, context)) for command, context in _commands(program, root))
+    pictures = [(one[2].split(), one[1]) for one in reversed(list(SHOWN.finditer(gallery)))]
+    sections = []
+    for command, context in _commands(program, root):
+        path = context.command_path.split()
+        shown = {" ".join(path): picture for words, picture in pictures if words[: len(path)] == path}
+        sections += [*_section(command, context), *(line for picture in shown.values() for line in (picture, ""))]
+    return "\n".join(sections)
 
 
 def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
@@ -31,7 +41,7 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     yield ""
     yield f"`{context.command_path} {usage}`"
     yield ""
-    yield inspect.cleandoc(command.help or "")
+    yield inspect.cleandoc(command.help or "").replace("$", "\\$")
     if command.epilog:
         yield from ("", f"Example: `{command.epilog.removeprefix('Example: ')}`")
     options = [one for one in command.get_params(context) if isinstance(one, click.Option)]

@@ -10,7 +10,7 @@ from mdit_py_plugins.dollarmath import dollarmath_plugin
 
 from station.reports.page import html
 
-FORMULA = re.compile(r"(```.*?```|`[^`]*`)|\$\$(.+?)\$\$|\$([^$\n]+)\$", re.DOTALL)
+FORMULA = re.compile(r"(```.*?```|`[^`]*`)|\$\$(.+?)\$\$|(?<!\\)\$([^$\n]+)\$", re.DOTALL)
 """Code, a formula on a line of its own, or one within a sentence."""
 LETTERS = {
     "alpha": "α", "gamma": "γ", "sigma": "σ", "Phi": "Φ", "mu": "μ", "nu": "ν", "pi": "π", "lambda": "λ", "sum": "Σ",
@@ -32,7 +32,7 @@ RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def plain_formulas(text: str) -> str:
     """A text with its formulas in plain letters."""
-    return FORMULA.sub(lambda found: found[1] or _plain((found[2] or found[3]).strip()), text)
+    return FORMULA.sub(lambda one: one[1] or _plain((one[2] or one[3]).strip()), text)
 
 
 def _plain(formula: str) -> str:
@@ -41,8 +41,8 @@ def _plain(formula: str) -> str:
         before = formula
         for pattern, replacement in GROUPS:
             formula = re.sub(pattern, replacement, formula)
-    formula = re.sub(r"\\([A-Za-z]+|[,!|])", lambda found: LETTERS[found[1]], formula)
-    formula = re.sub(r"\^(\d)", lambda found: found[1].translate(RAISED), formula)
+    formula = re.sub(r"\\([A-Za-z]+|[,!|])", lambda one: LETTERS[one[1]], formula)
+    formula = re.sub(r"\^(\d)", lambda one: one[1].translate(RAISED), formula)
     return " ".join(re.sub(r"[_^]\((\w)\)", r"_\1", formula).split())
 
 

@@ -51,8 +51,6 @@ class Page:
 def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
     """All pages, part by part.
 
-    Parameters
-    ----------
     generated : mapping of a page's name to Markdown, optional
         Replacement of `GENERATED` in that page.
     """

@@ -5,9 +5,8 @@ are in `station.procedure.builtin`; a package outside adds its own under the ent
 What lives here may import pages (`station.reports`) and what is below them.
 """
 
-from station.procedure.base import Inputs, PhotographProcedure, PlaneSettings, Procedure
-from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, setting
+from station.procedure.base import Inputs, PhotographProcedure, PlaneSettings, Procedure, Settings, setting
+from station.procedure.schema import procedure_named, procedure_names
 
 __all__ = [
     "Inputs",

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
+
+import msgspec
 
 from procedures.developed import is_developed, read_developed
 from procedures.outcome import BadParameter, ColourInput, Miss, Outcome
@@ -19,7 +21,6 @@ from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
-from station.procedure.settings import Settings, named_files, setting, to_record
 from station.results.measurement import BY_PLANE, Measurement
 from station.results.overlay import read_overlay
 from station.results.plane_result import PlaneResult
@@ -28,6 +29,44 @@ from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from station.reports.report import Report
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all settings models."""
+
+    def check(self) -> None:
+        """Raise ProcedureError if values are inconsistent, or a file that they name is unreadable."""
+
+    def placed(self, folder: Path) -> Self:
+        """The settings with relative file names resolved against a folder, where such files exist."""
+
+        def in_folder(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(in_folder, value))
+            return folder / value if isinstance(value, Path) and (folder / value).exists() else value
+
+        values = msgspec.structs.asdict(self)
+        return msgspec.structs.replace(self, **{name: in_folder(value) for name, value in values.items()})
+
+
+def setting(
+    description: str, *, least: float | None = None, most: float | None = None, metavar: str = ""
+) -> msgspec.Meta:
+    """Annotation of a field: description, bounds, and metavar."""
+    return msgspec.Meta(ge=least, le=most, description=description, extra={"metavar": metavar})
+
+
+def named_files(settings: Settings) -> list[Path]:
+    """The files named in a model."""
+    values = msgspec.structs.asdict(settings).values()
+    every = (one for value in values for one in (value if isinstance(value, tuple) else (value,)))
+    return [one for one in every if isinstance(one, Path)]
+
+
+def to_record(settings: Settings) -> dict[str, Any]:
+    """Convert a model to JSON-compatible data, without None."""
+    plain: dict[str, Any] = msgspec.to_builtins(settings, enc_hook=str)
+    return {name: value for name, value in plain.items() if value is not None}
 
 
 class Inputs(StrEnum):

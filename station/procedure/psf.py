@@ -13,8 +13,7 @@ from procedures.raw import RawFrame
 from procedures.reading.exposure import Exposure, check_typed
 from station.calibration.planes import Limit, diffraction_limit
 from station.common.sanitise import printable
-from station.procedure.base import ChartBits, ChartSeed, PlaneSettings, Procedure, chart_source
-from station.procedure.settings import setting
+from station.procedure.base import ChartBits, ChartSeed, PlaneSettings, Procedure, chart_source, setting
 from station.results.measurement import PSF, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read

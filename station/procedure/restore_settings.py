@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 
 from procedures.outcome import BadParameter
-from station.procedure.base import PictureSettings
-from station.procedure.settings import setting
+from station.procedure.base import PictureSettings, setting
 
 if TYPE_CHECKING:
     from procedures.restoration.joint.estimate import RestorationParameters

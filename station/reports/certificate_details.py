@@ -28,8 +28,6 @@ DETAILS = "certificate.toml"
 class CertificateDetails:
     """Details required by ISO/IEC 17025:2017, section 7.8.2, that a record does not hold.
 
-    Attributes
-    ----------
     logo : path of a PNG or JPEG image
     traceability : of the chart's scale: ruler, number of its certificate
     authoriser : name and function of the person who authorises the certificate
@@ -55,10 +53,7 @@ class CertificateDetails:
     def read(cls, path: Path | None = None) -> Self:
         """The details in a file; of certificate.toml in the current folder if there is one and no file is given.
 
-        Raises
-        ------
-        BadParameter
-            If the file, the logo or the signing key cannot be read, or a key or a value is not valid.
+        Raises BadParameter if the file, the logo or the signing key cannot be read, or a key or a value is not valid.
         """
         if path is None and not Path(DETAILS).is_file():
             return cls()

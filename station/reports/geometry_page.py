@@ -46,9 +46,8 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
         blocks.append(f"The frames show a {geometry.shutter.words}.")
     if (proposed := geometry.next_view) is not None:
         blocks.append(
-            f"One more photograph would help most of the chart in {next_view_words(proposed)}: over the whole frame, "
-            f"turns of the camera apart, the error at infinity would fall from {proposed.before_px:.4f} to "
-            f"{proposed.after_px:.4f} pixel."
+            f"The most useful next photograph shows the chart in {next_view_words(proposed)}: the uncertainty "
+            f"({proposed.of}) would fall from {proposed.before:.4f} to {proposed.after:.4f}."
         )
     return [
         *blocks,

@@ -14,9 +14,8 @@ from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
 from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
-from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, drawn, finished, legend, picture, plot_axes
-from station.drawing.style import axes_grid
+from station.drawing.style import axes_grid, title_along
 
 Array = npt.NDArray[np.float64]
 
@@ -55,8 +54,6 @@ def mtf_figure(
 ) -> Figure:  # fmt: skip
     """MTF along both axes with 95 % bands; with the true transfer function, the difference below.
 
-    Parameters
-    ----------
     limit : Diffraction, optional
         The diffraction limit, which is drawn too.
     others : mapping of name to columns, optional
@@ -114,8 +111,6 @@ def finish_mtf(
 ) -> None:  # fmt: skip
     """Diffraction limit, curves of other results, the values as titles, Nyquist frequency, and legend.
 
-    Parameters
-    ----------
     curves : MTF and its standard uncertainty by label
     f : (n,) frequencies in cycles per pixel
     """

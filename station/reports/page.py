@@ -69,8 +69,6 @@ SORTABLE = "sortable"
 class Table:
     """A table.
 
-    Attributes
-    ----------
     rows, head : cells
     columns : one letter per column: w word, n number, u unit, r long text; without a letter, number
     style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print;
@@ -140,8 +138,6 @@ Block = Scripted | Text | Markup | PrintedPicture | Note | Heading | Items | Key
 class Section:
     """A part of a page.
 
-    Attributes
-    ----------
     heading : may be empty
     verdict : of a section that states one: it is drawn with the colour of the verdict
     kicker : line above the heading of such a section

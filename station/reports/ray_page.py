@@ -22,8 +22,6 @@ CLOSE_UP_PX = 48
 class RenderRow:
     """One render on the page.
 
-    Attributes
-    ----------
     title : str
         Heading.
     pictures : tuple of (caption, (rows, columns, 3))

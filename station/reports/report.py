@@ -49,8 +49,6 @@ class ReportLine:
 class ReportShot:
     """A photograph.
 
-    Attributes
-    ----------
     file, sha256 : str
     exposure : settings recorded by the camera
     taken : date and time from the camera or the journal
@@ -77,8 +75,6 @@ class DriftLine:
 class Report:
     """Contents of a page or a certificate.
 
-    Attributes
-    ----------
     subject : camera and lens, or the photograph
     procedure, title : its name, and a line that describes it
     conditions, devices : light, temperature, distance, operator, ...; one line per device

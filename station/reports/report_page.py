@@ -71,8 +71,6 @@ def report_page(
 ) -> str:
     """The page of a report.
 
-    Parameters
-    ----------
     summary : blocks below the verdicts
     plane_blocks : what a plane's section shows before its numbers; the first figures for the summary are moved there
     closing : sections between those of the planes and the provenance

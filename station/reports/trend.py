@@ -29,8 +29,6 @@ SIGNIFICANT = 0.01
 class Trend:
     """One quantity of one plane of a camera with one lens, by one plan, over time.
 
-    Attributes
-    ----------
     points : the sessions, oldest first
     line : over years since the first session; None where all are of one moment, or there are too few
     """

@@ -15,8 +15,6 @@ Array = npt.NDArray[np.float64]
 class WeightedLine:
     """y = mean + slope (x - centre), with standard uncertainties.
 
-    Attributes
-    ----------
     centre : float
         The weighted mean of x, where slope and mean are uncorrelated.
     birge : float
@@ -47,19 +45,12 @@ def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     line grow by it, and the significance is from Student's distribution with n - 2 degrees of freedom. Otherwise they
     are used unchanged, with the normal distribution.
 
-    Parameters
-    ----------
+    Raises ValueError if the points determine no line.
+
     x, y, uncertainty : (n,) float64
         n >= 2; at least two different x; uncertainties above 0.
 
-    Raises
-    ------
-    ValueError
-        If the points determine no line.
-
-    References
-    ----------
-    R. T. Birge, Phys. Rev. 40 (1932) 207; P. R. Bevington, Data Reduction and Error Analysis, chapter 6.
+    Source: R. T. Birge, Phys. Rev. 40 (1932) 207; P. R. Bevington, Data Reduction and Error Analysis, chapter 6.
     """
     x, y, u = (np.asarray(values, dtype=np.float64) for values in (x, y, uncertainty))
     if len(np.unique(x)) < 2:

@@ -32,6 +32,11 @@ REMEDIES = {
     "variation": "use a smaller chart, or one nearer to the frame's centre",
     "focus": "focus again at either distance, or leave the focus",
     "choice": "photograph the chart larger, so that s and k matter less",
+    "points": "photograph more views, or the chart larger and sharper",
+    "flatness": "fix the chart on a plane, rigid sheet, and turn it in its plane between the views",
+    "model": "photograph the chart all over the frame, tilted to all sides",
+    "shutter": "hold the camera still, or move the chart faster in the video",
+    "scale": "measure the chart with a better ruler, and give its record by --scale",
 }
 """Remedy of each term of a budget."""
 PLANE = re.compile(r"^(R|G1|G2|B|Y): ")

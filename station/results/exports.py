@@ -1,4 +1,4 @@
-"""A plane's PSF for other programs: FITS, float TIFF, its numbers as a table; its profile is `radial_profile`'s."""
+"""A plane's PSF for other programs: FITS, float TIFF, its numbers as a table; its radial profile."""
 
 import csv
 import io

@@ -149,7 +149,7 @@ def after(status: RunStatus, event: Event) -> RunStatus:
             return RunStatus(session=session.name, plan=plan.name, gave=gave)
         case StepBegan(step):
             begun = replace(status, step=step.title, instruction=step.instruction)
-            return replace(begun, trouble=None, doing="", done=0, total=0)
+            return replace(begun, trouble=None, doing="", done=0, total=0, advice=None, hold_s=None, goal=None)
         case StepEnded(step, gave):
             return replace(status, gave={**status.gave, step.name: gave})
         case ProgressEvent(say, done, total):

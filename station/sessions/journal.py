@@ -132,7 +132,6 @@ class Journal:
 
     @property
     def lines(self) -> Sequence[JournalLine]:
-        """All lines so far."""
         return self._lines
 
     def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> JournalLine:
@@ -163,7 +162,6 @@ class Journal:
             self._disk.sync(self._descriptor)
 
     def close(self) -> None:
-        """Close the files."""
         os.close(self._descriptor)
         self._head.close()
 

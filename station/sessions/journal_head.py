@@ -119,7 +119,6 @@ class HeadFile:
         self._disk.write_all(self._descriptor, entry)
 
     def close(self) -> None:
-        """Close the file."""
         os.close(self._descriptor)
 
 

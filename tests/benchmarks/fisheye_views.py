@@ -160,8 +160,15 @@ def _unit(v: Array) -> Array:
     return v / max(np.linalg.norm(v), 1e-12)
 
 
-def photograph(lens: Lens, pose: Pose, chart: Chart, noise: float, seed: int) -> Array:
-    """The picture (rows, columns), in fractions of full scale."""
+def photograph(
+    lens: Lens,
+    pose: Pose,
+    chart: Chart,
+    noise: float,
+    seed: int,
+    moving: Callable[[Array], tuple[Array, Array]] | None = None,
+) -> Array:
+    """The picture (rows, columns), in fractions of full scale; `moving` gives R (n, 3, 3) and t (n, 3) of rows (n,)."""
     edge = (CELLS + 4 * BLOCK) / 2 * CELL_MM
     along = np.linspace(-edge, edge, 80)
     sheet = np.stack([*np.meshgrid(along, along), np.zeros((80, 80))], axis=-1).reshape(-1, 3)
@@ -174,11 +181,13 @@ def photograph(lens: Lens, pose: Pose, chart: Chart, noise: float, seed: int) ->
     u = (2 * rays[:, :2] / (1 + rays[:, 2:])).reshape(*x.shape, 2)
     fine = [(np.arange((b - a) * FINE) + 0.5) / FINE + a - 0.5 for a, b in zip(low, high, strict=True)]
     at = np.stack([RectBivariateSpline(coarse[1], coarse[0], u[..., k])(fine[1], fine[0]) for k in (0, 1)], axis=-1)
-    d = directions(at) @ pose.R  # in the chart's frame, where the sheet is the plane z = 0
-    origin = -pose.R.T @ pose.t
+    # in the chart's frame, where the sheet is the plane z = 0; every row has its time
+    R, t = moving(fine[1]) if moving else (pose.R[None], pose.t[None])
+    d = directions(at) @ R
+    origin = -np.einsum("nab,na->nb", R, t)[:, None]
     with np.errstate(divide="ignore"):
-        along_ray = -origin[2] / d[..., 2]
-    where = (origin[:2] + along_ray[..., None] * d[..., :2]) / CELL_MM + CELLS / 2
+        along_ray = -origin[..., 2] / d[..., 2]
+    where = (origin[..., :2] + along_ray[..., None] * d[..., :2]) / CELL_MM + CELLS / 2
     cells = bitmap(chart, CELL_PIXELS).astype(np.float32) / 255
     places = ((where - CELLS / 2) * CELL_PIXELS + (len(cells) - 1) / 2).astype(np.float32)
     ink = cv2.remap(

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import rawpy  # noqa: F401  (loaded once, before the forks)
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.field.field_file import read_camera as read_camera_of_field
 from procedures.field.field_file import read_colours, read_field, write_field
 from procedures.field.interpolate import interpolate

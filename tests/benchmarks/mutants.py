@@ -68,7 +68,7 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "station/bench/motions.py",
             "drivers/transport.py",
             "drivers/grbl.py",
-            "drivers/grbl_envelope.py",
+            "drivers/protocols/grbl.py",
             "drivers/move_checks.py",
             "drivers/move_checks.py",
             "drivers/watchdog.py",

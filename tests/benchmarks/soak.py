@@ -40,8 +40,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from conformance.grbl_firmware import FirmwareInSimavr  # noqa: E402
 
+from drivers.dng import Shot, write_dng  # noqa: E402
 from drivers.errors import DeviceError  # noqa: E402
-from drivers.frame_files.dng import Shot, write_dng  # noqa: E402
 from procedures.outcome import Outcome, Verdict  # noqa: E402
 from procedures.plan import Advice, Go, Home, Plan, Shoot, Step  # noqa: E402
 from simulators.bench.bench import Setup, SimulatedBench  # noqa: E402

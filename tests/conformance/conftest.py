@@ -39,8 +39,8 @@ from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.gcs import GcsTwin
 from simulators.devices.grbl import GrblController
+from simulators.devices.instruments import ScpiTwin
 from simulators.devices.newport import Esp301Twin, Smc100Twin
-from simulators.devices.scpi import ScpiTwin
 from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.devices.thorlabs import AptTwin
 from simulators.devices.tmcl import TmclModule

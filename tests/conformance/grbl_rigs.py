@@ -7,8 +7,7 @@ from typing import Any
 
 from drivers.errors import SystemClock
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
-from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.transport import SerialTransport, register_scheme
 from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.world.clock import VirtualClock

@@ -13,11 +13,10 @@ from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import AlpacaAddress
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
-from drivers.frame_files.dng import DngFolder
+from drivers.dng import DngFolder
 from drivers.frames import ExposureMetadata
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
-from drivers.micromanager.camera import MicroManagerCamera, MicroManagerShutter
-from drivers.micromanager.core import Core
+from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from drivers.v4l2.camera import V4l2Camera

@@ -7,7 +7,7 @@ import pytest
 from drivers.alpaca.camera import AlpacaCamera
 from drivers.alpaca.link import AlpacaAddress, AlpacaProbe
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
-from drivers.frame_files.dng import DngFolder
+from drivers.dng import DngFolder
 from station.bench.opening import inspect_raw
 from station.service.hosting import Hosting, listen
 

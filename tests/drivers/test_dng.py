@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import rawpy
 
-from drivers.frame_files.dng import Shot, pack, write_dng
+from drivers.dng import Shot, pack, write_dng
 
 ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG")
 SHOT = Shot(

@@ -11,8 +11,8 @@ from ..aravis_fake import IGNORED, fake_camera, require_aravis
 
 require_aravis(module=True)
 
+from drivers.dng import DngFolder, OpticsMetadata  # noqa: E402
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
-from drivers.frame_files.dng import DngFolder, OpticsMetadata  # noqa: E402
 from drivers.genicam.camera import GenicamCamera, GenicamSettings  # noqa: E402
 from drivers.interfaces import CameraSettings  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
@@ -17,10 +18,8 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
-from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings
-from drivers.micromanager.camera import MicroManagerCamera, MicroManagerShutter
-from drivers.micromanager.core import Core
+from drivers.micromanager.camera import Core, MicroManagerCamera, MicroManagerShutter
 from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw, make_bench, read_config

@@ -8,7 +8,7 @@ from drivers.errors import Alarm, BadConfiguration, EmergencyStopped, NoAnswer, 
 from drivers.newport import NewportParser
 from drivers.polled_stage import PolledAxis
 from drivers.thorlabs import AptMessage, AptParser
-from drivers.wire.in_step import InStepLine, StepQuestion
+from drivers.wire.connection import InStepLine, StepQuestion
 from simulators.devices.serial_device import Faults
 from station.bench.opening import make_bench
 from station.bench.twins import TWINS, twin_of

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
+from drivers.dng import DngFolder
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
-from drivers.frame_files.dng import DngFolder
 from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.rpicam import RpicamCamera, RpicamSettings
 from procedures.raw import read_frame

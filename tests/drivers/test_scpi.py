@@ -7,7 +7,7 @@ from drivers.interfaces import PROBE_UNITS, ProbeReading
 from drivers.scpi import ProbeChannel, ScpiLight, ScpiParser, ScpiProbe, SupplySettings
 from drivers.transport import SerialTransport, register_scheme
 from drivers.wire.visa import VisaTransport
-from simulators.devices.scpi import ScpiTwin
+from simulators.devices.instruments import ScpiTwin
 from simulators.devices.serial_device import Cable, Faults, plug, unplug
 from simulators.world.clock import VirtualClock
 from simulators.world.world import World

@@ -12,8 +12,7 @@ from drivers.errors import EmergencyStopped, LineLost, NoAnswer, SystemClock
 from drivers.protocols.framing import LineSplitter
 from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
-from drivers.wire.connection import STOP_TRIES, Outgoing
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import STOP_TRIES, Outgoing, Transcript
 
 
 class Lines:

@@ -14,8 +14,8 @@ import exifread
 import numpy as np
 import pytest
 
+from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected
-from drivers.frame_files.dng import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings, FrameFormat
 from drivers.v4l2 import kernel
 from drivers.v4l2.camera import FORMATS, V4l2Camera, V4l2Settings, four_characters

@@ -6,8 +6,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, NotHomed
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
-from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from drivers.watchdog import StrigWatchdog

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from station.__main__ import main
 from station.results.reader import read_result
 from tests.procedures.pattern_psf.conftest import photograph

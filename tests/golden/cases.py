@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.field.field_file import write_field
 from procedures.geometry.estimate import GeometryParameters
 from procedures.outcome import Outcome, Verdict
@@ -25,7 +25,7 @@ from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclu
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.tilt import tilt_measurement
 from station.procedure.builtin.geometry import PROCEDURE as GEOMETRY
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder

@@ -10,8 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from station.__main__ import main
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 from tests.printed import PAPERS, print_faults, screen_faults
 
 from .cases import CASES, OUT

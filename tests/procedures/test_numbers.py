@@ -32,7 +32,7 @@ OTHER_MEANINGS = {
     *("undetermined", "backfocus", "p1", "p2"),
 }
 """Names that are words of other things too: a literal says nothing."""
-COEFFICIENTS = {"fx", "fy", "cx", "cy", *(f"k{i}" for i in range(1, 9)), "sx1", "sy1"}
+COEFFICIENTS = {"fx", "fy", "cx", "cy", *(f"k{i}" for i in range(1, 9)), *(f"s{i}" for i in range(5)), "sx1", "sy1"}
 """Parameters of camera models, whose names are those of COLMAP and OpenCV."""
 
 

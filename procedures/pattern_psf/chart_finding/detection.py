@@ -56,8 +56,6 @@ Image = npt.NDArray[np.float32]
 class ChartSighting:
     """A chart detected in a photograph.
 
-    Attributes
-    ----------
     corners : (12, 2) (x, y) of the x-corners in pixels of the plane, in the order of `pattern.X_CORNERS`, NaN where
         hidden
     H_sensor_pattern : (3, 3) homography from cells to pixels, fitted to the visible corners

@@ -52,8 +52,6 @@ Picture = npt.NDArray[np.float32]
 class Saddles:
     """Saddle points of one level of the pyramid.
 
-    Attributes
-    ----------
     points : (n,) complex128 x + iy in pixels of the level
     axes : (n,) complex128 unit complex numbers with twice the angle of the dark axis (an axis has no sign)
     strengths : (n,) curvature difference, in grey levels per squared pixel

@@ -27,8 +27,6 @@ QUICK = PatternParameters(START_S, START_K, chosen=True)
 class Sharpness:
     """Sharpness of a photograph of the chart.
 
-    Attributes
-    ----------
     mtf50 : mean over all directions, in cycles per pixel of the plane
     along_rows, along_columns : MTF50 of detail that varies along the rows (vertical lines) and along the columns
     s_over_t : sampling ratio of the chart; 1 is ideal
@@ -53,8 +51,6 @@ def measure_sharpness(
 ) -> Outcome[Sharpness]:
     """Measure the sharpness of a plane that shows the chart; the verdict is that of its PSF.
 
-    Parameters
-    ----------
     chart : the cells that were printed
     parameters : s and k must be given: choosing them takes many estimates
     near : position of the chart in the previous photograph

@@ -24,8 +24,6 @@ EQUAL_SHARE = 0.02
 class Peak:
     """Best focus of a sweep.
 
-    Attributes
-    ----------
     place, place_uncertainty : position, in the unit of the places
     score, score_uncertainty : sharpness there
     inside : whether it lies within the range of the places
@@ -48,8 +46,6 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     (`tests/benchmarks/live_focus.py`). Where the residuals exceed the uncertainties, these are enlarged to match. The
     vertex is at u = -b / 2 c with the width a - b^2 / 4 c; the variances of the coefficients are propagated linearly.
 
-    Parameters
-    ----------
     places : (n,) settings of the focus, in any order; NaN where they are not known
     scores : (n,) larger is sharper, above 0; NaN where not measured
     uncertainties : (n,) standard uncertainties, above 0
@@ -118,8 +114,6 @@ class Turn:
 def advise_turn(scores: Sequence[float], uncertainties: Sequence[float], places: Sequence[float] = ()) -> Turn:
     """Advise on the focus ring after the last of a sequence of frames.
 
-    Parameters
-    ----------
     scores : (n,) sharpness, NaN where not measured
     uncertainties : (n,)
     places : (n,) settings of the focus, in steps towards infinity, where known; else one step per frame is assumed

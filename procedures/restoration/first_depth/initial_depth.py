@@ -91,8 +91,6 @@ def algorithm_2(
     curvature in place of two polynomial fits, and a conversion by the masks' transfer functions in place of their
     moments. Where no masks have the estimated blur, as at depth edges, w is taken from the nearest valid place.
 
-    Parameters
-    ----------
     z : (2, C, H, W) photographs.
     sigma : standard deviation of their noise.
     low_pass : sigma of the common low-pass filter, pixels.

@@ -17,7 +17,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filte
 
 from procedures.numerics.arrays import Mask
 from procedures.restoration.first_depth.segments import JUMP_PX, Labels, surfaces
-from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
+from procedures.restoration.joint.data_term import CONVERGENCE_TOLERANCE, DataTerm, conjugate_gradients
 from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array
 
@@ -183,7 +183,9 @@ def _share_step(
 
     divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
     divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
-    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), effort.iterations, divide)
+    return conjugate_gradients(
+        apply, add_smoothing(gradients(e), u, b, -1), effort.iterations, divide, CONVERGENCE_TOLERANCE
+    )
 
 
 def place_steps(

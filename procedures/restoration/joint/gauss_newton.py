@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
+from procedures.restoration.joint.data_term import CONVERGENCE_TOLERANCE, DataTerm, conjugate_gradients
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 from procedures.restoration.masks.blur_operator import Array
 
@@ -64,6 +64,6 @@ def joint_step(
     picture, depth = data.curvature(w)
     divide[:-1] = picture + 4 * weights.picture
     divide[-1] = AGILITY * depth * (u**2).sum(axis=0) + weights.depth * (4 * weights.tilt + 20 * weights.bend)
-    x = conjugate_gradients(apply, gradient, iterations, divide)
+    x = conjugate_gradients(apply, gradient, iterations, divide, CONVERGENCE_TOLERANCE)
     limit = min(blur.stack.max_w for blur in data.blurs)
     return u + x[:-1], np.clip(w + np.clip(x[-1], -LONGEST, LONGEST), 0, limit)

@@ -69,8 +69,6 @@ class MaskStack:
 class BlurOperator:
     """One photograph's masks, focused on a depth map, applied to any number of channels.
 
-    Parameters
-    ----------
     shape : (H, W) of the photograph; w is (H + 2R, W + 2R), u is (..., H + 2R, W + 2R).
     dtype : float32 or float64, of all arrays.
     """

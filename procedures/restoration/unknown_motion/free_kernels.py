@@ -93,9 +93,7 @@ def least_squares(
     correlation : T, the autocorrelation of the picture, (2K - 1, 2K - 1). T neglects the end of the frame; `gradient`
     may include it, and the iteration still converges to its zero.
 
-    References
-    ----------
-    Beck and Teboulle, SIAM J. Imaging Sciences 2009 (the accelerated steps).
+    Source: Beck and Teboulle, SIAM J. Imaging Sciences 2009 (the accelerated steps).
     """
     K = kernels.shape[1]
     n = next_fast_len(3 * K, True)

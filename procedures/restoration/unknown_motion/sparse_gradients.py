@@ -4,9 +4,7 @@ Every difference of neighbours is Gaussian with its own variance, estimated from
 adds a weight to the kernels' squares, so that kernels no wider than the noise allows are preferred to those that share
 a blur with the picture.
 
-References
-----------
-Wipf and Zhang, J. Machine Learning Research 2014; Zhang, Wipf and Zhang, CVPR 2013 (several photographs).
+Source: Wipf and Zhang, J. Machine Learning Research 2014; Zhang, Wipf and Zhang, CVPR 2013 (several photographs).
 """
 
 from __future__ import annotations

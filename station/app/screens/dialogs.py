@@ -64,10 +64,8 @@ class Help(Dialog):
 
     def on_mount(self) -> None:
         """Fill in the texts."""
-        first, *more = self._question or ("",)
-        self.query_one("#help-question", Part).update(
-            lines_of(literal(HEAD, "bold"), *((literal(first, "bold"), *more, "") if first else ()))
-        )
+        question = [literal(line, "" if i else "bold") for i, line in enumerate((*self._question, ""))]
+        self.query_one("#help-question", Part).update(lines_of(literal(HEAD, "bold"), *question))
         self.query_one("#introduction", Part).update(lines_of(*INTRODUCTION.split("\n"), ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
         heading, *lines = paragraphs_of(for_terminal(find_page(read_pages(), GLOSSARY).text))

@@ -213,7 +213,7 @@ class GuideScreen(StationScreen):
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
         if not self.answers.open:
-            self.answers.show_sentence(preview.advice.say or AT_WORK)
+            self.answers.show_sentence(AT_WORK if preview.hold_s is not None else preview.advice.say or AT_WORK)
 
     @show.register
     def _(self, event: GoalEvent) -> None:
@@ -362,11 +362,12 @@ class GuideScreen(StationScreen):
     def _show_values(self, planes: Sequence[PlaneResult]) -> None:
         """The numbers that one accepts: all of one plane, the sharpness of the others."""
         first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
-        lines = [line for plane in first for line in (literal(plane.name, "bold"), *number_lines(plane, self.glyphs))]
+        lines = [line for plane in first for line in (plane.name, *number_lines(plane, self.glyphs))]
         others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
         values = self.query_one("#values", Part)
         values.update(lines_of(*lines, *others))
         values.display = bool(planes)
+        self._make_room()
 
     def _show_curve(self, drawn: Plotted | None) -> None:
         curve = self.query_one(CurveView)

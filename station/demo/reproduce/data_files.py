@@ -59,10 +59,7 @@ class PublishedFile:
 def fetch(folder: Path, files: Sequence[PublishedFile], *, threads: int = 1, progress: Progress = silent) -> None:
     """Complete a data folder: download missing photographs, and render missing films.
 
-    Raises
-    ------
-    BadInput
-        If a photograph cannot be obtained, or has other contents than the published ones.
+    Raises BadInput if a photograph cannot be obtained, or has other contents than the published ones.
     """
     work: list[tuple[str, Callable[[Path], None]]] = [
         *((one.path, one.download) for one in files if not one.is_in(folder)),

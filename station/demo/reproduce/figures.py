@@ -30,8 +30,6 @@ def curves(
 ) -> Markup:
     """Curves in one plot.
 
-    Parameters
-    ----------
     log : str
         "x", "y" or "xy": the axes that are logarithmic.
     published : Curve, optional

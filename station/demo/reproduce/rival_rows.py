@@ -48,8 +48,6 @@ def gaussian_kernel(k: int = K) -> Array:
 def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
     """The non-negative kernel (k, k) that minimises ||A h - v||^2 + weight ||grad h||^2.
 
-    Parameters
-    ----------
     A : (m, k^2)
         The known pattern as a convolution, sampled at the pixels.
     v : (m,)
@@ -57,9 +55,7 @@ def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
     weight : float
         In units of the mean diagonal element of A'A; without it the equations of step edges are singular.
 
-    References
-    ----------
-    Joshi, Szeliski, Kriegman, PSF Estimation using Sharp Edge Prediction, CVPR 2008, equation 6.
+    Source: Joshi, Szeliski, Kriegman, PSF Estimation using Sharp Edge Prediction, CVPR 2008, equation 6.
     """
     G = A.T @ A
     smoothed = G + weight * float(np.mean(np.diag(G))) * gradient_energy(k)

@@ -39,8 +39,6 @@ class Setting:
 class ClaimCheck:
     """One quantity and the paper's claim about it.
 
-    Attributes
-    ----------
     published : str
         A number as printed, or the paper's words.
     low, high : float
@@ -138,8 +136,6 @@ Compute = Callable[[Setting], RowValues]
 class Row:
     """One table, figure or statement of a paper that can be computed here.
 
-    Attributes
-    ----------
     name, chapter : str
         Either selects the row on the command line.
     place, title : str

@@ -45,7 +45,6 @@ class RowResult:
 
     @property
     def lines(self) -> list[tuple[ClaimCheck, float]]:
-        """Every check with its value."""
         return list(zip(self.row.checks, self.computed.values, strict=False))
 
     @property

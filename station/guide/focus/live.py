@@ -54,8 +54,6 @@ class LiveFrame:
 class FocusReading:
     """Sharpness of one photograph, and of all so far.
 
-    Attributes
-    ----------
     took_s : from the file's arrival to its sharpness
     scores, uncertainties : MTF50 of all photographs so far, NaN where there is none
     peak : maximum of the sweep, where the settings are known

@@ -21,14 +21,13 @@ from procedures.sensor.photon_transfer import gain_and_noise
 from procedures.sensor.plan import LIT, mark_of
 from procedures.vignetting.estimate import joint_formula
 from procedures.whole_camera import plan as guide
-from procedures.whole_camera.from_field import sensor_parts, vignetting_parts, whole_camera
-from procedures.whole_camera.joint import CameraPart
+from procedures.whole_camera.from_field import CameraPart, sensor_parts, vignetting_parts, whole_camera
 from procedures.whole_camera.plan import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead

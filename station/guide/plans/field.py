@@ -19,7 +19,7 @@ from procedures.vignetting.surface import LightSurface
 from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result

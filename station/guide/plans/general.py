@@ -30,7 +30,7 @@ from procedures.raw import RawFrame
 from station.common.models import ModelField, TableSource, fields_of, read_model, read_value
 from station.guide.dialogue import FILE_SEPARATOR
 from station.procedure.base import Inputs, Procedure
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead

@@ -35,7 +35,7 @@ from procedures.plan import (
 from procedures.raw import RawFrame
 from station.guide.plans import general
 from station.guide.plans.general import measurement, results
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 
 __all__ = ["measurement", "plan", "results"]
 

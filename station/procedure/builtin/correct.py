@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure, RawLayout
-from station.procedure.settings import setting, to_record
+from station.procedure.base import Inputs, Procedure, RawLayout, setting, to_record
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
@@ -52,7 +51,6 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
 
     @property
     def parameters(self) -> CorrectionParameters:
-        """Those of the estimate."""
         from procedures.correction.deconvolve import Splitting
         from procedures.correction.estimate import CorrectionParameters
         from procedures.correction.priors import Prior
@@ -84,13 +82,11 @@ class Correct(Procedure[CorrectSettings]):
         return 100
 
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
-        """The field."""
         return [_field(paths, settings)]
 
     def measure(
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The corrected picture."""
         from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
             correct_photographs,

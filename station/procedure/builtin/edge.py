@@ -11,9 +11,8 @@ from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
 from procedures.outcome import BadParameter
 from station.common.progress import Progress, silent
 from station.common.sanitise import stated
-from station.procedure.base import Inputs, Procedure
+from station.procedure.base import Inputs, Procedure, setting
 from station.procedure.psf import OpticsReading
-from station.procedure.settings import setting
 from station.results.comparison import measurement_words
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read

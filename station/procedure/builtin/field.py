@@ -13,9 +13,8 @@ from procedures.pattern import BLOCK, BLOCKS
 from procedures.reading.exposure import Exposure
 from station.calibration.field_photographs import check_noted, focus_positions
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, beside
+from station.procedure.base import Inputs, beside, setting
 from station.procedure.psf import INSIST, ChartPsfSettings, PsfProcedure
-from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay, read_height_overlays
 from station.results.record_head import InputFile, RecordHead
@@ -108,7 +107,6 @@ class Field(PsfProcedure[FieldSettings]):
     def measure(
         self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The field of every plane."""
         from procedures.field.conclusion import conclude
         from procedures.field.measuring import measure
         from procedures.pattern_psf.estimate import PatternParameters

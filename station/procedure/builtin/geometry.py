@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
+from procedures.outcome import BadParameter
 from procedures.pattern import BLOCK, BLOCKS
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartSettings, Inputs, Procedure
-from station.procedure.settings import setting
+from station.procedure.base import ChartSettings, Inputs, Procedure, setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.geometry.estimate import GeometryParameters
+    from station.calibration.chart_scale import ChartScale
 
 
 class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
@@ -28,14 +29,21 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         ]
         | None
     ) = None  # fmt: skip
+    scale: Annotated[
+        Path | None,
+        setting("A TOML file: the width with ruler, certificate and temperatures, in place of both above."),
+    ] = None
     model: Annotated[
         str | None,
         setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by views left out]"),
     ] = None
     frame_rate_hz: (
-        Annotated[float, setting("The frames are a video: measure the shutter's row time.", least=1e-3)]
-        | None
-    ) = None  # fmt: skip
+        Annotated[float, setting("The photographs are all frames of a video: measure the row time.", least=1e-3)] | None
+    ) = None
+    advise: Annotated[
+        str | None,
+        setting("Propose the next view, for the direction of a pixel or the whole frame.", metavar="X,Y|frame"),
+    ] = None
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 
     @property
@@ -46,10 +54,32 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
 
         if self.model is not None:
             parameter_names(self.model)
-        known = self.width_uncertainty_mm
-        share: dict[str, Any] = {} if known is None else {"scale_uncertainty": known / self.width_mm}
-        cell_mm = self.width_mm / (BLOCK * BLOCKS)
-        return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
+        width_mm, known = self.width_mm, self.width_uncertainty_mm
+        if (scale := self.chart_scale) is not None:
+            width_mm, known = scale.used_width_mm, scale.uncertainty_mm
+        share = GeometryParameters.scale_uncertainty if known is None else known / width_mm
+        cell_mm = width_mm / (BLOCK * BLOCKS)
+        return GeometryParameters(cell_mm, share, self.model, self.at_mm, advise_px=self.pixel)
+
+    @property
+    def pixel(self) -> tuple[float, float] | None:
+        """The pixel of --advise. Raises BadParameter where it is none."""
+        if self.advise in (None, "frame"):
+            return None
+        try:
+            x, y = map(float, str(self.advise).split(","))
+        except ValueError:
+            raise BadParameter(
+                f"--advise must be frame or a pixel X,Y; got {self.advise!r}", "write --advise 120,80, for example"
+            ) from None
+        return x, y
+
+    @property
+    def chart_scale(self) -> ChartScale | None:
+        """The record of the chart's scale. Raises BadParameter where its file is not valid."""
+        from station.calibration.chart_scale import ChartScale
+
+        return None if self.scale is None else ChartScale.read(self.scale)
 
     def check(self) -> None:
         """Raise ProcedureError if the chart is unreadable, or there is no such model."""
@@ -74,24 +104,30 @@ class CameraGeometry(Procedure[GeometrySettings]):
     def measure(
         self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The camera in every plane."""
         from station.calibration.geometry import conclude, measure_views
         from station.calibration.geometry_files import geometry_measurement
 
         parameters, source, layout = settings.parameters, settings.source, settings.layout
         shoots = measure_views(paths, settings.plane_name, source.chart, layout, progress)
         given = {
-            "width_mm": settings.width_mm, "scale_uncertainty": parameters.scale_uncertainty,
+            "width_mm": BLOCK * BLOCKS * parameters.cell_mm, "scale_uncertainty": parameters.scale_uncertainty,
             "model": settings.model or "auto", "chart": source.origin, **({"raw": str(layout)} if layout else {}),
+            **({"advise": settings.advise} if settings.advise else {}),
+            **({"frame_rate_hz": settings.frame_rate_hz} if settings.frame_rate_hz else {}),
         }  # fmt: skip
         read = [one for one in shoots[0].records if one.sha256]
         head = RecordHead(self.name, files_read(read), given)
-        return geometry_measurement(conclude(shoots, parameters, settings.frame_rate_hz), head).compared(terms)
+        planes = conclude(shoots, parameters, settings.frame_rate_hz)
+        return geometry_measurement(planes, head, settings.chart_scale).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, from how many views, and which shutter."""
         cameras = [(one.name, one.estimate) for one in measurement.planes if one.estimate is not None]
         models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
+        if cameras and "advise" in measurement.head.parameters:
+            from procedures.geometry.next_view import advice
+
+            models += [f"{name}: {advice(one.next_view)}" for name, one in cameras if one.next_view is not None]
         return models + [f"{name}: {one.shutter.words}" for name, one in cameras if one.shutter is not None]
 
 

@@ -8,9 +8,8 @@ from procedures.pattern_psf.estimate import PatternParameters
 from station.calibration.planes import calibrate
 from station.calibration.sensor_models import NO_SENSOR, read_sensor
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs
+from station.procedure.base import Inputs, setting
 from station.procedure.psf import ChartPsfSettings, PsfProcedure
-from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 
@@ -47,7 +46,6 @@ class Pattern(PsfProcedure[PatternSettings]):
     def measure(
         self, paths: Sequence[Path], settings: PatternSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane."""
         source = settings.source
         frame = settings.read(paths[0])
         progress(f"read {paths[0]}")

@@ -36,8 +36,7 @@ from procedures.reading.arrays import checked_array, read_npz
 from procedures.reading.exr import write_exr
 from station.common.progress import Progress, silent
 from station.drawing.pictures import described_tiff, display_png, float_tiff
-from station.procedure.base import Inputs, Procedure
-from station.procedure.settings import Settings, setting
+from station.procedure.base import Inputs, Procedure, Settings, setting
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
@@ -194,7 +193,6 @@ class FilteredRender:
         return entries
 
     def files(self) -> dict[str, bytes | Callable[[Path], None]]:
-        """The pictures and the map."""
         result, spread = self.filtered, self.filtered.uncertainty
         layers = {"": result.picture, **({} if spread is None else {"uncertainty": spread})}
         return {
@@ -254,7 +252,6 @@ class Rays(Procedure[RaysSettings]):
     def measure(
         self, paths: Sequence[Path], settings: RaysSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The first film's picture."""
         return next(self.measurements(paths, settings, terms, progress))
 
     def measurements(

@@ -21,8 +21,7 @@ from station.common.durable_files import sha256_of
 from station.common.progress import Progress, silent
 from station.common.sanitise import printable
 from station.drawing.pictures import described_tiff, display_png, encoded, float_tiff
-from station.procedure.base import Inputs, Procedure, plane_result
-from station.procedure.settings import Settings, setting, to_record
+from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record
 from station.results.measurement import Measurement
 from station.results.reader import read_record
 from station.results.record_head import InputFile, RecordHead

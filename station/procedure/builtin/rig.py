@@ -15,8 +15,7 @@ from station.calibration.exports.geometry import read_camera
 from station.calibration.geometry_files import NODES, POINTS
 from station.calibration.stored_results import StoredRecord, plane_entry, stored_record, table_prefix
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure, plane_result, upper_plane
-from station.procedure.settings import Settings, setting, to_record
+from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record, upper_plane
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, npy
@@ -27,6 +26,9 @@ class RigSettings(Settings, frozen=True, kw_only=True):
     """Which plane."""
 
     plane: Annotated[str | None, setting("Of all.  [default: G1, or the first there is]")] = None
+    depth_m: Annotated[float, setting("Propose the next view, for the depth at this distance.", least=0.01)] | None = (
+        None
+    )
 
 
 class Rig(Procedure[RigSettings]):
@@ -61,7 +63,9 @@ class Rig(Procedure[RigSettings]):
             if (first := hashes.index(sha256)) < second:
                 reason = f"{paths[first]} and {paths[second]} are one geometry"
                 raise BadInput(reason, "name the results of the rig's different cameras")
-        outcome = estimate_rig([one.camera for one in cameras])
+        outcome = estimate_rig(
+            [one.camera for one in cameras], None if settings.depth_m is None else 1000 * settings.depth_m
+        )
         head = RecordHead(self.name, tuple(one.file for one in cameras), to_record(settings))
         rig = outcome.value
         return Measurement(
@@ -81,13 +85,14 @@ def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
     return {
         "R": cameras[0]["R"], "t_mm": cameras[0]["t_mm"], "charts": list(rig.charts), "convention": CONVENTION,
         "cameras": cameras, "diagnostics": {"misfit": rig.misfit, "chance": rig.chance},
+        **({} if rig.next_view is None else {"next_view": asdict(rig.next_view)}),
     }  # fmt: skip
 
 
 PROCEDURE = Rig()
 
 
-# --- a camera of a rig with its views of the chart, read from its result of station geometry -------------------------
+# --- a camera of a rig with its views of the chart, read from its result of station geometry ---
 
 _GIVE = "name the folder that station geometry wrote"
 

@@ -10,8 +10,7 @@ from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import find_shots
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure, upper_plane
-from station.procedure.settings import Settings, setting
+from station.procedure.base import Inputs, Procedure, Settings, setting, upper_plane
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead
 from station.results.terms import USUAL, Terms
@@ -56,7 +55,6 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     method = "EMVA Standard 1288, release 4.0"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """The pictures of the folder."""
         return sum(len(one.paths) for one in find_shots(paths[0], lambda miss: None))
 
     def measure(

@@ -9,9 +9,8 @@ import msgspec
 from procedures.numbers import WAVEFRONT_RMS
 from station.calibration.series import PAGE, TABLE, best_apertures, points_of, series_table, several
 from station.common.progress import Progress, silent
-from station.procedure.base import BatchSummary, Inputs
+from station.procedure.base import BatchSummary, Inputs, setting
 from station.procedure.builtin.pattern import Pattern, PatternSettings
-from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 

@@ -15,9 +15,8 @@ from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, PictureSettings, Procedure
-from station.procedure.registry import procedure_named
-from station.procedure.settings import setting, to_record
+from station.procedure.base import Inputs, PictureSettings, Procedure, setting, to_record
+from station.procedure.schema import procedure_named
 from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 
@@ -75,7 +74,6 @@ class Sharpen(Procedure[SharpenSettings]):
         return 100
 
     def files(self, paths: Sequence[Path], settings: SharpenSettings) -> list[Path]:
-        """The field."""
         return [field_path(settings.field)] if settings.field else []
 
     def measure(

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from procedures.raw import default_plane
 from station.calibration.field_photographs import focus_positions, photographs
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartSettings, Inputs, Procedure, beside
-from station.procedure.settings import setting, to_record
+from station.procedure.base import ChartSettings, Inputs, Procedure, beside, setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
@@ -88,13 +87,11 @@ class TiltOfSensor(Procedure[TiltSettings]):
     method = "plane through the heights of best focus at the charts' places, by generalised least squares"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """The photographs of the folder."""
         return len(photographs(paths[0]))
 
     def measure(
         self, paths: Sequence[Path], settings: TiltSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The plane of a bracket."""
         from procedures.field.estimate import BRACKET
         from procedures.field.measuring import measure
         from station.calibration.tilt import check_known, measure_tilt, tilt_measurement

@@ -37,7 +37,6 @@ class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
     def measure(
         self, paths: Sequence[Path], settings: TwoPhotoSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane."""
         frames = []
         for path in paths:
             frames.append(settings.read(path))

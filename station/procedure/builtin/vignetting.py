@@ -5,8 +5,7 @@ from pathlib import Path
 
 from station.calibration.vignetting import measure_flats, vignetting_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure
-from station.procedure.settings import Settings
+from station.procedure.base import Inputs, Procedure, Settings
 from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 
@@ -29,7 +28,6 @@ class Vignetting(Procedure[Settings]):
     def measure(
         self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The flats' vignetting."""
         return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
 
 

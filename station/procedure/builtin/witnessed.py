@@ -11,10 +11,9 @@ from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_
 from procedures.raw import RawFrame
 from station.calibration.planes import plane_result
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs
+from station.procedure.base import Inputs, setting
 from station.procedure.builtin.pattern import GRADE, PatternSettings
 from station.procedure.psf import PsfProcedure
-from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.result_files import number_record

@@ -16,9 +16,8 @@ from procedures.numbers import label
 from procedures.outcome import Quantity
 from station.common.sanitise import stated
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
-from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, Figure, drawn, legend, points
-from station.drawing.style import axes_grid
+from station.drawing.style import axes_grid, title_along
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
 from station.results.comparison import measurement_words
 
@@ -74,8 +73,6 @@ class NumberGroup:
 class BatchReport:
     """Contents of the page.
 
-    Attributes
-    ----------
     measurements, specifications : mapping of verdict to count
     lines : the first items, at most `MAX_LINES`; count : of all
     bounds : bounds of the limits by number
@@ -172,7 +169,7 @@ def _unit(report: BatchReport, name: str) -> str:
     return next((unit for one in report.groups if one.number == name and (unit := one.unit) != "1"), "")
 
 
-# --- distributions -----------------------------------------------------------------------------------------------
+# --- distributions ---
 
 
 def _outliers(group: NumberGroup, values: npt.ArrayLike, uncertainties: npt.ArrayLike) -> npt.NDArray[np.bool_]:

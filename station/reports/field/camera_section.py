@@ -10,8 +10,7 @@ import numpy.typing as npt
 from procedures.field.maps import COLUMNS, FieldMap, grid
 from procedures.numbers import COLOUR_SHADING
 from procedures.vignetting.surface import LightSurface
-from procedures.whole_camera.from_field import WholeCamera
-from procedures.whole_camera.joint import JointNumbers
+from procedures.whole_camera.from_field import JointNumbers, WholeCamera
 from station.drawing.colours import INK
 from station.drawing.plots import BAR_RIGHT, Figure, finished, picture, plot_axes
 from station.reports.field.field_figures import field_map_figure

@@ -38,8 +38,6 @@ MAX_CANDIDATES = 8
 class FieldParts:
     """A field, and what else is known of the camera.
 
-    Attributes
-    ----------
     camera : all numbers of the charts with one covariance
     lights : vignetting by plane, where it was measured
     beside : results of the other procedures of the same session

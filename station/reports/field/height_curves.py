@@ -10,8 +10,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from procedures.field.maps import HeightCurve
-from station.drawing.hover import title_along
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
+from station.drawing.style import title_along
 from station.reports.otf_figures import MAX_NAME, FrequencyAxis
 from station.results.exports import csv_bytes
 

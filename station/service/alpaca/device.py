@@ -75,8 +75,6 @@ def is_stop(member: str, given: Parameters) -> bool:
 class AlpacaDevice:
     """A device of the bench as an Alpaca device.
 
-    Parameters
-    ----------
     kind, number : "camera", "focuser", "switch", "observingconditions"; counted from 0 in its kind
     devices : devices of the bench that must be connected, by name
     """

@@ -1,5 +1,5 @@
 """The axes that the tests of GRBL move."""
 
-from drivers.grbl_envelope import GrblAxis
+from drivers.protocols.grbl import GrblAxis
 
 AXES = [GrblAxis("z_mm", "X", 3000.0), GrblAxis("x_mm", "Y", 1500.0)]

@@ -9,8 +9,7 @@ from drivers.errors import (
     Rejected,
 )
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
-from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.transport import SerialTransport
 
 from .axes import AXES

@@ -8,9 +8,9 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
-from drivers.grbl_envelope import Controls, GrblAxis
 from drivers.interfaces import Travel
 from drivers.light import GrblLight
+from drivers.protocols.grbl import Controls, GrblAxis
 from simulators.devices.grbl import GrblController
 from simulators.devices.grbl_motion import Outputs
 from simulators.devices.serial_device import Cable, plug

@@ -11,7 +11,7 @@ from drivers.errors import (
     NotHomed,
     WasReset,
 )
-from drivers.grbl_envelope import GrblAxis
+from drivers.protocols.grbl import GrblAxis
 
 
 def test_a_feed_hold_at_the_controller_ends_the_move_in_an_error(homed, bench):

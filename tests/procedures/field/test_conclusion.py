@@ -16,7 +16,7 @@ from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from station.calibration.field import centre_result
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.reports.field.field_files import FieldParts, field_measurement
 from station.results.record_head import RecordHead
 

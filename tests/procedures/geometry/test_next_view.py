@@ -50,11 +50,11 @@ def test_the_proposed_view_reduces_the_uncertainty_as_predicted(few):
         more = [*fit.problem.views, ChartView("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
         start = replace(fit.state, poses=(*fit.state.poses, pose))
         again = fit_formula("OPENCV", start, replace(fit.problem, views=more))
-        reached.append(next_views(again)[0].before_px)
-    assert best.after_px < 0.8 * best.before_px
+        reached.append(next_views(again)[0].before)
+    assert best.after < 0.8 * best.before
     assert reached[0] < reached[1]
     # predicted with the noise of the residuals of five views, 640 coordinates, and for known errors of the print
-    assert reached[0] == pytest.approx(best.after_px, rel=0.25)
+    assert reached[0] == pytest.approx(best.after, rel=0.25)
 
 
 def test_the_nearer_sides_are_named():
@@ -73,7 +73,7 @@ def _camera():
 
 def test_successive_planned_views_tilt_to_several_sides_and_reduce_the_uncertainty():
     views, poses = planned(LONG, 5, (0.25, 0.3))
-    reached = [one.after_px for one in views]
+    reached = [one.after for one in views]
     assert {one.at[0] for one in views} <= {0.25, 0.5, 0.75}
     assert sorted(reached, reverse=True) == reached
     assert reached[-1] < reached[0] / 5**0.5  # as by the same view five times
@@ -123,3 +123,18 @@ def test_charts_in_the_corners_enclose_the_expected_area():
     enclosed = (0.6 * 639 + width) * (0.5 * 479 + width) / (640 * 480)
     # the chart hangs on a sphere about the camera: farther off by the square of 3 degrees, half of it
     assert corner_share(LONG, nodes, 1700.0, (0.2, 0.25)) == pytest.approx(enclosed, rel=0.003)
+
+
+def test_a_view_for_a_pixel_improves_its_direction_most(few):
+    x, y = 0.85 * PLAIN.size[0], 0.8 * PLAIN.size[1]
+    best = next_views(few[1], (x, y))[0]
+    assert best.after < 0.9 * best.before
+    whole = next_views(few[1])[0]
+    assert best.of.startswith("direction of pixel")
+    # the direction of that pixel is improved at least as much as by the view for the whole frame
+    same = next(
+        one for one in next_views(few[1], (x, y))
+        if (one.at, one.yaw_deg, one.pitch_deg, one.distance_mm)
+        == (whole.at, whole.yaw_deg, whole.pitch_deg, whole.distance_mm)
+    )  # fmt: skip
+    assert best.after <= same.after

@@ -45,7 +45,7 @@ def seen(monkeypatch):
         "shown": lambda frame: plane, "changed_settings": lambda exposure, known: seen["changed"],
         "seen_chart": lambda plane, known: seen["sighting"], "wanted_pose": lambda number, known: WANTED,
         "chart_pose": lambda H, shape, optics: seen["pose"], "off_place": lambda *of: seen["off"],
-        "wanted_outline": lambda *of: (), "view_goal": lambda *of: None,
+        "wanted_outline": lambda *of: (),
         "light_readings": lambda *of: (seen["white"], seen["clipped"]), "marks_of": lambda sighting: ((1.0, 2.0),),
         "correction": lambda *of: {"pan_deg": 2.0}, "to_place": lambda at, facts: {"pan_deg": 5.0} if facts else {},
     }.items():  # fmt: skip

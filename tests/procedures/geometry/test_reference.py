@@ -49,16 +49,13 @@ def of_waves() -> Geometry:
 
 
 def calibrated(camera: TrueCamera, model: str | None = None) -> Geometry:
-    taken = take(Shoot(camera=camera, every=4, count=9), np.random.default_rng(6))
+    taken = take(Shoot(camera=camera, every=4, count=8), np.random.default_rng(6))
     return calibrate_geometry(taken.views, camera.size, GeometryParameters(CELL_MM, 0.0, model), taken.nodes).result()
 
 
-def test_the_smoothness_follows_the_lens(of_waves, geometry_of_prism):
+def test_a_smooth_lens_has_a_smooth_reference(geometry_of_prism):
     assert geometry_of_prism.camera.roughness_px <= ROUGHNESS_PX[1]
-    # third differences of 0.3 pixel in waves of 4000 pixels, over pieces of 400: 0.3 (2 pi / 10)^3
-    assert 0.03 <= of_waves.camera.roughness_px <= 1
-    for one in (of_waves, geometry_of_prism):
-        assert one.trials[0].left_over == min(trial.left_over for trial in one.trials)
+    assert geometry_of_prism.trials[0].left_over == min(trial.left_over for trial in geometry_of_prism.trials)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +63,10 @@ def geometry_of_prism() -> Geometry:
     return calibrated(TrueCamera(radial=(-0.12, 0.06, 0.0)))
 
 
+@pytest.mark.nightly
 def test_no_formula_describes_waves_and_the_reference_does(of_waves):
+    # third differences of 0.3 pixel in waves of 4000 pixels, over pieces of 670: 0.3 (2 pi / 6)^3
+    assert of_waves.camera.roughness_px >= 0.1
     inner = np.sqrt(np.mean(np.sum(apart(of_waves.camera, TrueCamera(wave_px=0.3), 0.3) ** 2, axis=1)))
     assert inner < min(one.difference.rms_px for one in of_waves.formulas) / 3
 

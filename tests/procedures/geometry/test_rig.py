@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.cameras import simple_camera
+from procedures.geometry.next_view import chart_at
 from procedures.geometry.rig import RigCamera, RigPoses, estimate_rig
 from procedures.geometry.shape import scale_spread
 from procedures.geometry.views import Pose
@@ -64,6 +65,23 @@ def test_a_rig_is_within_its_uncertainty(cameras):
     assert outcome.verdict is Verdict.PASS, outcome.reason
     assert np.abs(z(outcome.value)).max() < 2.5
     assert outcome.value.charts == cameras[0].sources
+
+
+def test_the_proposed_chart_reduces_the_uncertainty_of_a_depth_as_predicted():
+    shoot = replace(SHOOT, print_mm=0.0, bend_mm=0.0)
+    few = [chosen(one, [0, 1, 2, 5]) for one in rig(np.random.default_rng(1), shoot=shoot)]
+    first = estimate_rig(few, 5000.0).value.next_view
+    assert first.of == "depth at 5 m, mm"
+    assert first.after < 0.9 * first.before
+    pose = chart_at(few[0].camera, first.at, first.yaw_deg, first.pitch_deg, first.distance_mm)
+    more = []
+    for one, lens, stand in zip(few, LENSES, (HERE, TRUE), strict=False):
+        stood = Pose(stand.R @ pose.R, stand.R @ pose.t + stand.t)
+        (view,) = seen(replace(shoot, camera=lens), [stood], one.nodes, np.random.default_rng(3))
+        view = replace(view, source="proposed")
+        more.append(replace(one, views=(*one.views, view), poses=(*one.poses, stood)))
+    # predicted with noise, chart and doubt of four views
+    assert estimate_rig(more, 5000.0).value.next_view.before == pytest.approx(first.after, rel=0.35)
 
 
 def test_three_cameras_have_one_covariance():

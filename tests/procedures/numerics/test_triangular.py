@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
+from procedures.numerics.normal_equations import BLOCK, inverse_lower, solve_factored, solve_lower
 from procedures.numerics.transforms import next_fast_len
-from procedures.numerics.triangular import BLOCK, inverse_lower, solve_factored, solve_lower
 
 
 @pytest.mark.parametrize("n", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5])

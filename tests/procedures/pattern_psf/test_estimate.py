@@ -19,6 +19,7 @@ from procedures.raw import Plane, read_frame
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from station.demo.reproduce import cameras
 
 from .alignment import aligned_error
 from .conftest import CHART, PITCH_UM, Bench, photograph
@@ -244,7 +245,7 @@ def test_support_larger_than_the_samples_is_refused() -> None:
 @pytest.mark.parametrize(
     ("s", "k", "solver", "match"),
     [
-        (1, 17, "ls", "s must be 2 or more; got s = 1"),
+        (0, 17, "ls", "s must be 1 or more; got s = 0"),
         (4, 16, "ls", "k must be odd"),
         (4, 3, "ls", "k must be at least s"),
         (4, 17, "qr", "solver must be one of"),
@@ -253,6 +254,15 @@ def test_support_larger_than_the_samples_is_refused() -> None:
 def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
     with pytest.raises(BadParameter, match=match):
         PatternParameters(s, k, solver)
+
+
+@pytest.mark.slow
+def test_one_sample_per_pixel_suits_a_lens_whose_band_ends_below_nyquist() -> None:
+    camera = cameras.green_camera(32.0)  # diffraction ends its band at 0.65 cycles/pixel, where 2 % are transmitted
+    plane = cameras.plane_of(cameras.photograph_chart(camera, CHART, 1, roll_deg=1.5))
+    one, two = (value(estimate_psf(plane, CHART, PatternParameters(s, k))) for s, k in ((1, 7), (2, 13)))
+    coarse, fine = (one.quality.numbers["mtf50_horizontal"] for one in (one, two))
+    assert abs(coarse.value - fine.value) < 2 * np.hypot(coarse.uncertainty, fine.uncertainty)
 
 
 def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Generator) -> None:

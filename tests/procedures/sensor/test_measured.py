@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procedures.sensor.measured import from_draws, root, with_share
+from procedures.sensor.defects import from_draws, root, with_share
 from procedures.sensor.spectrograms import find_periods
 from procedures.sensor.stacks import bottom_pile, measure_level, measure_stack
 from procedures.sensor.uniformity import spatial_variances

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.sensor.measured import IntervalNumber
+from procedures.sensor.defects import IntervalNumber
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import find_shots
 

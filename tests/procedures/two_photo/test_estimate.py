@@ -133,7 +133,7 @@ def test_recursion_and_equation_agree(positive: TwoPhotoPsf) -> None:
 
 @pytest.mark.parametrize(
     ("parameters", "match"),
-    [({"s": 1}, "s must be 2 or more"), ({"k": 12}, "k must be odd"), ({"solver": "svd"}, "ls, clip, nnls")],
+    [({"s": 0}, "s must be 1 or more"), ({"k": 12}, "k must be odd"), ({"solver": "svd"}, "ls, clip, nnls")],
 )
 def test_impossible_parameters_are_refused(parameters: dict[str, object], match: str) -> None:
     with pytest.raises(BadParameter, match=match):

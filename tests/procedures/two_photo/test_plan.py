@@ -11,11 +11,25 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.plan import Shoot
+from procedures.plan import Shoot, facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.two_photo.distances import times_as_far
-from procedures.two_photo.plan import check_far, check_near, enough, estimate, mean_plane, plan, sharpness, to_far
+from procedures.two_photo.facts import TwoPhotoFacts
+from procedures.two_photo.plan import (
+    check_far,
+    check_near,
+    enough,
+    estimate,
+    farther_stops,
+    further,
+    mean_plane,
+    plan,
+    predicted,
+    reach_of_rail,
+    sharpness,
+    to_far,
+)  # fmt: skip
 from procedures.two_photo.sharpness import fineness
 
 from .wall import TEXELS, gaussian, leaves, photograph, samples_of
@@ -202,6 +216,47 @@ def test_enough_is_two_photographs_from_either_place(wall):
     one = near.estimate(frame(wall[0][0]), FACTS, [], {})
     assert not near.enough([one], FACTS).good
     assert near.enough([one, one], FACTS).facts == {"near_frames": 2.0}
+
+
+def test_the_second_near_photograph_predicts_the_uncertainty_of_each_distance(wall):
+    shoot = next(request for step in plan().steps for request in step.requests if isinstance(request, Shoot))
+    known = {}
+    results = [shoot.estimate(frame(one), FACTS, [], known) for one in wall[0]]
+    advice = shoot.enough(results, FACTS)
+    predictions = facts_as(TwoPhotoFacts, advice.facts).predictions
+    assert list(predictions) == [3.2, 4.0, 5.0, 6.3]
+    # fewer far samples, 1/z^2, and coarser texture
+    assert list(predictions.values()) == sorted(predictions.values())
+    facts = {**FACTS, **advice.facts}
+    assert further(facts) == [3.2, 5.0, 6.3]  # 4.4 times is the far place: 4 times is the same within a tenth
+    shown = predicted(facts)
+    assert shown.y[0] == predictions[4.0]
+    assert shown.y[1] == pytest.approx((predictions[4.0] ** -2 + predictions[3.2] ** -2) ** -0.5)
+    assert "one further distance, 3.2 times the near one, lowers that to" in shown.say
+
+
+def test_further_distances_are_within_the_rail():
+    facts = {**FACTS, **RAIL, "high_z_mm": 4500.0, "predicted": "3.2 0.004, 5 0.005, 6.3 0.006", "near_z_mm": 0.0}
+    assert further(facts) == [3.2, 5.0]
+    shown = reach_of_rail(facts)
+    assert shown.x == (3.2, 4.0, 5.0)
+    assert "The rail reaches 5.5 times the near distance, 5.50 m from the wall." in shown.say
+    facts = {**facts, "farther": 2.0}
+    stops = farther_stops(facts)
+    assert [stop.name for stop in stops] == ["3.2 times", "5 times"]
+    assert stops[1].go.to(facts) == {"z_mm": 4000.0}
+    assert "5.00 m from the wall" in stops[1].go.say(facts)
+    assert farther_stops({**facts, "farther": 0.0}) == []
+
+
+@pytest.mark.slow
+def test_further_photographs_join_the_estimate(wall):
+    frames = [frame(one) for place in wall for one in place]
+    two = estimate(frames, {"near_frames": 2.0, "far_frames": 2.0}, {})["Y"].value
+    three = estimate([*frames, frame(wall[1][0])], {"near_frames": 2.0, "far_frames": 2.0, "farther": 1.0}, {})[
+        "Y"
+    ].value
+    assert (two.diagnostics.get("photographs", 2), three.diagnostics["photographs"]) == (2, 3)
 
 
 def test_a_photograph_smaller_than_a_patch_is_as_fine_as_a_large_one(rng):

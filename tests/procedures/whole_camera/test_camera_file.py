@@ -9,8 +9,7 @@ from procedures.outcome import BadInput, Outcome, Verdict
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.vignetting.estimate import JointFormula
 from procedures.whole_camera.camera_file import write_camera_numbers
-from procedures.whole_camera.from_field import WholeCamera, sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import ZERO, join
+from procedures.whole_camera.from_field import ZERO, WholeCamera, join, sensor_parts, vignetting_parts
 
 
 @pytest.fixture

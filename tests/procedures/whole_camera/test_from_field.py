@@ -14,8 +14,17 @@ from procedures.pattern_psf.registration import Registration
 from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part, with_sensor_reason
-from procedures.whole_camera.joint import COMPUTED, ZERO, CameraPart, join
+from procedures.whole_camera.from_field import (
+    COMPUTED,
+    ZERO,
+    CameraPart,
+    charts_of,
+    colour_part,
+    join,
+    monomial_names,
+    psf_part,
+    with_sensor_reason,
+)
 
 K, S, SHAPE = 5, 2, (300, 450)
 SIZE = K * K

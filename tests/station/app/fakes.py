@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.errors import DeviceError, SystemClock
 from drivers.interfaces import Condition, Identity, Travel
-from drivers.wire.transcript import Transcript
+from drivers.wire.connection import Transcript
 from procedures.drawings import steps as drawings
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -22,15 +22,15 @@ PATIENCE_S = 180.0
 
 
 class Terminal:
-    """`station --simulate` in a terminal of 80 x 24."""
+    """A program in a terminal of 80 x 24: `station --simulate` if no other is given."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, words: Sequence[str] = (), **environment: str) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        environ = {**os.environ, "TERM": "xterm-256color", "PYTHONPATH": str(ROOT)}
+        environ = {**os.environ, "TERM": "xterm-256color", "PYTHONPATH": str(ROOT), **environment}
         self.program = subprocess.Popen(
-            [sys.executable, "-m", "station", "--simulate", "--sessions", str(folder)],
-            stdin=slave, stdout=slave, stderr=slave, env=environ, start_new_session=True,
+            words or [sys.executable, "-m", "station", "--simulate", "--sessions", str(folder)],
+            cwd=folder if words else None, stdin=slave, stdout=slave, stderr=slave, env=environ, start_new_session=True,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )  # fmt: skip
         os.close(slave)

@@ -17,8 +17,7 @@ from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
 from station.common.durable_files import WrittenFile
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 
 
 def edge_picture(path, mtf50):

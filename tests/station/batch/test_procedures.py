@@ -20,8 +20,7 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.calibration import tilt as tilt_module
 from station.calibration.folder_photographs import Item, find_frames
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
 
 pytestmark = pytest.mark.slow

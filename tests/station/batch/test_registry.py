@@ -18,9 +18,8 @@ from procedures.outcome import Outcome
 from station.__main__ import main
 from station.calibration import geometry as geometry_module
 from station.calibration import tilt as tilt_module
-from station.procedure.registry import BUILTIN, procedure_named
-from station.procedure.schema import schema_of
-from station.procedure.settings import Settings
+from station.procedure.base import Settings
+from station.procedure.schema import BUILTIN, procedure_named, schema_of
 from tests.golden import cases
 from tests.station.cli.test_refocus import write_restored
 

@@ -13,7 +13,7 @@ import rawpy
 from click.testing import CliRunner
 from scipy.ndimage import map_coordinates
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.field.maps import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import CameraModel

@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.outcome import BadInput
 from station.calibration.sensor_folder import find_shots
 

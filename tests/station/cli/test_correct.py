@@ -11,7 +11,7 @@ import pytest
 import rawpy
 from click.testing import CliRunner
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.outcome import Refused

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.field.field_file import read_camera, write_field
 from procedures.outcome import BadInput
 from procedures.raw import Exposure

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.pattern import Chart
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 
 
 @pytest.fixture
@@ -187,7 +186,7 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
     [
         (["--physics"], "--pixel-pitch-um"),
         (["--plane", "G9"], "; got 'G9'"),
-        (["-s", "1"], "s must be 2 or more; got s = 1"),
+        (["-s", "0"], "s must be 1 or more; got s = 0"),
         (["-k", "16"], "k must be odd and 3 or more, so that the support has a centre; got k = 16"),
         (["-k", "1"], "got k = 1"),
         (["-s", "four"], "give a whole number, or auto; got 'four'"),

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from PIL import Image, ImageCms
 from scipy.ndimage import gaussian_filter
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.developed import read_developed
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.reading.development import Development, named_curve

@@ -12,7 +12,7 @@ import html5lib
 import numpy as np
 import pytest
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from simulators.camera.sensor import Sensor
 
 ROWS, COLUMNS = 96, 128

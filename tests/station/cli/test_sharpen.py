@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox

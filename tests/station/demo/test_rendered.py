@@ -7,8 +7,8 @@ from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from procedures.ray_histogram.film_files import read_film
 from simulators.rays.ray_scenes import SCENES
-from station.demo.render_films import PASS, render_film
 from station.demo.rendered import RenderPlan, rendered_demo, steps
+from station.demo.rendered_depth import PASS, render_film
 
 SMALL = RenderPlan(columns=32, samples=40, converged=70, scenes=("chart-in-depth",), restored=False)
 

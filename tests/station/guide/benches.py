@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.frame_files.dng import Shot, write_dng
+from drivers.dng import Shot, write_dng
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Ask, Go, Home, Look, Measure, Plan, Scan, SetLight, Shoot, Step
 from simulators.bench.bench import Setup, SimulatedBench

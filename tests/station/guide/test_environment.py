@@ -20,8 +20,7 @@ from simulators.camera.sensor import Sensor
 from simulators.world.world import World, WorldParameters
 from station.guide.active_devices import ActiveDevices
 from station.guide.session_report import _environment, drift_lines
-from station.procedure.registry import procedure_named
-from station.procedure.schema import schema_of
+from station.procedure.schema import procedure_named, schema_of
 from station.reports.report import environment_lines
 from station.results.record_head import ENVIRONMENT, environment_of
 from station.sessions.state import SessionShot, SessionState

@@ -14,7 +14,7 @@ from station.guide.catalogue import PLANS, entries
 from station.guide.plans import general
 from station.procedure import PhotographProcedure, PlaneSettings, setting
 from station.procedure.base import Inputs
-from station.procedure.registry import BUILTIN, procedure_named
+from station.procedure.schema import BUILTIN, procedure_named
 from station.sessions.layout import SCHEMA
 from tests.station.sessions.short_plan import photographs
 

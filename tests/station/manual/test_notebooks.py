@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import procedures
+from station.manual.browser_pages import write_manual
 from station.manual.notebooks import cells_of, notebook_of
 from station.manual.pages import Page, read_pages
 from tests.golden.cases import chart_photograph, save
@@ -43,8 +44,8 @@ def test_a_page_becomes_a_notebook_with_all_of_its_text():
     assert notebook_of(Page("how-to", "page", "# Title\n\nText.\n")) is None
 
 
-def test_pages_with_python_are_written_as_notebooks_too(run, tmp_path):
-    assert run("manual", "--html", tmp_path).exit_code == 0
+def test_pages_with_python_are_written_as_notebooks_too(tmp_path):
+    write_manual(list(PAGES.values()), tmp_path, {})
     assert json.loads((tmp_path / "library.ipynb").read_text())["cells"][0]["source"].startswith("# Use the library")
     assert not (tmp_path / "chart.ipynb").exists()
 

@@ -7,7 +7,7 @@ import pytest
 
 from procedures.outcome import BadParameter
 from station.common.models import TableSource, fields_of, read_model
-from station.procedure.settings import Settings, named_files, setting, to_record
+from station.procedure.base import Settings, named_files, setting, to_record
 
 
 class Model(Settings, frozen=True, kw_only=True):

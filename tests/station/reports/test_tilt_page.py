@@ -8,7 +8,7 @@ import numpy as np
 from procedures.outcome import Outcome, Verdict
 from procedures.tilt.plane import fit_plane
 from station.calibration.tilt import tilt_measurement
-from station.procedure.registry import procedure_named
+from station.procedure.schema import procedure_named
 from station.results.record_head import RecordHead
 
 SIZE_MM = (36.0, 24.0)

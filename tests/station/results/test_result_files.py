@@ -17,7 +17,7 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from procedures.sensor.measured import IntervalNumber
+from procedures.sensor.defects import IntervalNumber
 from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import write_psf_result

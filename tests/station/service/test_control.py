@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import threading
 
+import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter
+from procedures.plan import Advice, Outline, Step
+from procedures.raw import Plane
+from station.guide.frontend import FrameEvent, StepBegan
+from station.service.bench_state import coach_record
+from station.service.remote_operator import RunStatus, after
 from station.service.runs import read_order
 
 from .alpaca_clients import beside
@@ -143,3 +149,13 @@ def test_an_unknown_plan_is_refused_and_leaves_the_bench_free(client):
     assert status == 400
     assert "choose one of pattern" in reply["remedy"]
     assert client.get("/status")[1]["tenant"] == ""
+
+
+def test_the_pose_to_match_is_given_in_fractions_of_the_picture():
+    outline = Outline(((9.5, 9.5), (19.5, 9.5), (19.5, 19.5), (9.5, 19.5)), ((29.5, 9.5),) * 4)
+    advice = Advice(False, "Shift the chart.", outline=outline)
+    status = after(RunStatus(), FrameEvent(Plane("G1", np.zeros((100, 200), np.float32), 1e-3), advice, 2.0))
+    pose = coach_record(status)
+    assert pose["present"][:2] == [(0.05, 0.1), (0.1, 0.1)]
+    assert (pose["wanted"][0], pose["arrows"][0], pose["hold_s"], pose["good"]) == ((0.15, 0.1), "→", 2.0, False)
+    assert coach_record(after(status, StepBegan(Step("next", "Next", "", ())))) is None

@@ -1,0 +1,239 @@
+"""Pictures of the manual: every procedure measures what the simulated cameras photograph, and its page is cut up.
+
+The pictures are drawn when the manual is written for a browser, so that they show what the program does today.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+from scipy.special import ndtr
+
+from procedures.outcome import Outcome
+from procedures.pattern import Chart
+from procedures.pattern_print.formats import encode
+from procedures.pattern_print.sheet import Size
+from procedures.pattern_print.source import Source
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.raw import read_frame
+from procedures.tilt.estimate import Tilt
+from procedures.tilt.plane import Screws, fit_plane, turns_for
+from procedures.transfer_function import radial_profile
+from simulators.bench.demonstration import WIDTH_MM, Staging, photograph
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
+from station.calibration.tilt import tilt_measurement
+from station.common.models import TableSource, read_model
+from station.common.progress import Progress, silent
+from station.demo.demo import PRINT_BLUR, SHOWN_PLANE, compared_planes
+from station.demo.guided_demo import run_guided
+from station.procedure.schema import procedure_named
+from station.reports import otf_figures, psf_figures
+from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
+from station.reports.certificate_figure import curves_figure
+from station.results.measurement import write_measurement
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder
+
+NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
+"""Namespace of an SVG file; an element of a page has none."""
+SETUP = Staging("manual", "Manual", (0.5, 0.5), 1.0, rows=340, columns=340)
+"""The smallest frame that holds the whole chart."""
+IMAGE = re.compile(r'<img[^>]* src="data:image/png;base64,([^"]+)" alt="([^"]*)"')
+DRAWING = re.compile(r'<svg role="img" aria-label="([^"]*)".*?</svg>', re.DOTALL)
+Pictures = dict[str, bytes]
+
+
+def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
+    """The pictures by the name of their files; a step of progress for each of `PARTS`."""
+    pictures: Pictures = {}
+    with TemporaryDirectory() as folder:
+        for part in PARTS:
+            drawn = part(Path(folder))
+            progress(f"drew {', '.join(drawn)}")
+            pictures |= drawn
+    return pictures
+
+
+def _of_page(page: str, begins: Mapping[str, str]) -> Pictures:
+    """The figures of a page by the name of a picture and the beginning of their caption."""
+    drawn = {unescape(one[1]): (".svg", _file_of(one[0])) for one in DRAWING.finditer(page)}
+    drawn |= {unescape(one[2]): (".png", base64.b64decode(one[1])) for one in IMAGE.finditer(page)}
+    pictures = {}
+    for name, begin in begins.items():
+        suffix, data = next(one for caption, one in drawn.items() if caption.startswith(begin))
+        pictures[f"{name}{suffix}"] = data
+    return pictures
+
+
+def _file_of(drawing: str) -> bytes:
+    return drawing.replace("<svg", f"<svg {NAMESPACE}", 1).encode()
+
+
+def _measured(name: str, paths: Sequence[Path], out: Path, **settings: object) -> str:
+    """The page of a procedure's measurement, whose files are written too."""
+    procedure = procedure_named(name)
+    measurement = next(iter(procedure.measurements(paths, read_model(procedure.Settings, settings, TableSource()))))
+    with ResultFolder(out) as folder:
+        write_measurement(folder, measurement)
+    return procedure.page(measurement).decode()
+
+
+def _grey(path: Path, light: npt.NDArray[np.floating[Any]]) -> Path:
+    """A grey picture of 16 bits; 1 is white."""
+    cv2.imwrite(str(path), np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16))
+    return path
+
+
+# --- parts -----------------------------------------------------------------------------------------------------------
+
+
+def _pattern(folder: Path) -> Pictures:
+    chart, path = Source.from_seed().with_edges(), folder / "photograph.dng"
+    taken = photograph(SETUP, chart.chart, np.random.default_rng(1), path)
+    frame = read_frame(path)
+    frame = replace(frame, planes={SHOWN_PLANE: frame.planes[SHOWN_PLANE]})
+    (plane,) = compared_planes(frame, taken, chart, PatternParameters(print_blur=PRINT_BLUR), SETUP, silent)
+    estimate, truth = plane.result.estimate, plane.comparison
+    assert estimate is not None  # the simulated photograph is a good one
+    assert truth is not None
+    psf, limit = estimate.psf, estimate.diffraction
+    figures = {
+        "photograph": psf_figures.photograph_figure(frame.planes[SHOWN_PLANE], estimate, "photograph"),
+        "residual": psf_figures.residual_figure(SHOWN_PLANE, estimate, "residual"),
+        "psf": psf_figures.psf_figure(psf, None, "psf"),
+        "psf-and-truth": psf_figures.psf_figure(psf, truth.aligned, "psf-and-truth"),
+        "psf-logarithmic": psf_figures.log_psf_figure(psf, "psf-logarithmic"),
+        "mtf": otf_figures.mtf_figure(estimate.quality, None, "mtf", limit),
+        "mtf-and-truth": otf_figures.mtf_figure(estimate.quality, truth.otf, "mtf-and-truth", limit),
+        "mtf-map": otf_figures.mtf_map_figure(psf, "mtf-map", limit),
+        "phase": otf_figures.phase_figure(psf, "phase"),
+        "energy": psf_figures.energy_figure(radial_profile(psf), "energy"),
+    }
+    pictures = {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+    certificate = curves_figure([plane.result])
+    assert certificate is not None
+    return {
+        "sheet.png": encode(Path("sheet.png"), chart, Size(WIDTH_MM)).data,
+        "certificate.png": certificate,
+        **pictures,
+    }
+
+
+def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
+    """A part from the page of a guided session on the simulated bench."""
+
+    def part(folder: Path) -> Pictures:
+        ended, _ = run_guided(folder / plan, 1, lambda sentence, remedy: None, plan)
+        assert ended.report is not None
+        return _of_page(ended.report.read_text(encoding="utf-8"), begins)
+
+    return part
+
+
+def _field(folder: Path) -> Pictures:
+    """A frame with a chart at six places, and its correction by the field."""
+    sensor = Sensor(280, 310, None, bits=16, full_well_e=5.2e5, gain_e_per_dn=8.0)
+    camera = SimulatedCamera(sensor=sensor, pitch_um=7.5, white_e_per_s=2e7, oversampling=5)
+    places = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
+    scene = Scene(tuple(camera.place(Chart.from_seed(), pixels=66, at=at, roll_deg=2.0) for at in places))
+    shot = _grey(folder / "charts.pgm", camera.photograph(scene, np.random.default_rng(4)).plane("Y"))
+    field = _measured("field", [shot], folder / "field", s=3, k=13)
+    begins = {
+        "field-psfs": "The PSF of Y from", "field-places": "Where it was measured", "field-heights": "Sagittal (solid)",
+        "field-map": "MTF50 of sagittal detail", "field-error": "Predicted error",
+    }  # fmt: skip
+    corrected = _measured("correct", [shot], folder / "corrected", field=folder / "field" / "field.h5")
+    of_corrected = {"correction-before": "In the middle: Before", "correction-after": "In the middle: After"}
+    return _of_page(field, begins) | _of_page(corrected, of_corrected)
+
+
+def _vignetting(folder: Path) -> Pictures:
+    """Four flats of light that falls off with the fourth power of the cosine."""
+    y, x = np.mgrid[-1:1:96j, -1:1:128j]
+    rng = np.random.default_rng(7)
+    light = 0.5 * np.cos(np.arctan(0.45 * np.hypot(x, 0.75 * y))) ** 4
+    paths = [_grey(folder / f"flat{n}.pgm", light + 0.001 * rng.standard_normal(x.shape)) for n in range(4)]
+    return _of_page(_measured("vignetting", paths, folder / "vignetting"), {"vignetting": "Light of Y"})
+
+
+def _tilt(folder: Path) -> Pictures:
+    """Best focus at nine places behind a sensor of known slopes."""
+    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
+    x, y = places.T
+    heights = 2 + 1.5 * x - 0.5 * y + 0.02 * x**2 + np.random.default_rng(8).standard_normal(9)
+    plane = fit_plane(places, heights, np.eye(9), (36.0, 24.0))
+    screws = Screws(first_deg=30.0)
+    tilt = Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
+    page = procedure_named("tilt").page(tilt_measurement(RecordHead("tilt"), "G1", Outcome(tilt))).decode()
+    return _of_page(page, {"tilt": "Height of the sensor", "screws": "The screws"})
+
+
+def _restoration(folder: Path) -> Pictures:
+    """A textured wall, out of focus twice."""
+    rng = np.random.default_rng(6)
+    scene = 0.1 + 0.8 * gaussian_filter(rng.random((84, 90)), 0.8, mode="wrap")
+    paths = []
+    for number, sigma in ((1, 1.0), (2, 1.5)):
+        blurred = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
+        paths.append(_grey(folder / f"blurred_{number}.pgm", blurred))
+    settings = {"blur": "defocus", "shape": ("gaussian",), "ratio": 1.5, "max_w": 6}
+    page = _measured("restore", paths, folder / "restored", **settings)
+    begins = {"restoration-before": "photograph 1", "restoration-after": "restored", "restoration-depth": "The wider"}
+    return _of_page(page, begins)
+
+
+def _rays(folder: Path) -> Pictures:
+    """A render of 16 samples per pixel: a step of light, the samples distributed exponentially."""
+    light = np.where(np.hypot(*np.mgrid[-1:1:64j, -1:1:80j]) < 0.6, 0.9, 0.25)[..., None, None]
+    np.savez(folder / "film.npz", samples=light * np.random.default_rng(5).exponential(1.0, (64, 80, 16, 3)))
+    page = _measured("rays", [folder / "film.npz"], folder / "filtered")
+    return _of_page(page, {"render": "as rendered", "render-filtered": "filtered"})
+
+
+def _batch(folder: Path) -> Pictures:
+    """An edge at 5.5 degrees, photographed twelve times, once out of focus."""
+    y, x = np.mgrid[:80, :60]
+    away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
+    rng, lines, numbers = np.random.default_rng(9), [], []
+    procedure = procedure_named("edge")
+    for n in range(12):
+        light = 0.1 + 0.7 * ndtr(away / (1.1 if n == 8 else 0.7)) + 0.004 * rng.standard_normal(x.shape)
+        path = _grey(folder / f"edge{n:02d}.png", light)
+        (plane,) = next(iter(procedure.measurements([path], procedure.Settings()))).planes
+        numbers.append(plane.numbers["mtf50"])
+        lines.append(BatchLine(path.name, str(plane.verdict), "", "", "", planes={plane.name: {"mtf50": numbers[-1]}}))
+    values = [one.value for one in numbers], [one.uncertainty for one in numbers]
+    group = NumberGroup("", plane.name, "mtf50", numbers[0].unit, *values)
+    return _of_page(batch_page(BatchReport("", {}, {}, lines, len(lines), [group])), {"batch": "MTF50 across"})
+
+
+PARTS: tuple[Callable[[Path], Pictures], ...] = (
+    _pattern,
+    _guided(
+        "edge", {"edge-places": "Where the edges", "edge-mtf": "MTF across", "edge-profile": "Light over the distance"}
+    ),
+    _guided("two-photo", {"wall-pair": "The near photograph", "wall-kernel": "The kernel"}),
+    _guided(
+        "sensor", {"photon-transfer": "Photon transfer", "snr": "Signal-to-noise", "spectrogram": "Dark: spectrograms"}
+    ),
+    _field,
+    _vignetting,
+    _tilt,
+    _restoration,
+    _rays,
+    _batch,
+)
+"""Each writes its inputs and results into a folder, and gives some pictures."""
