@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
 import sys
 import tempfile
 import time
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from station.app.app import StationApp
 from station.app.screens.guide import GuideScreen
+from station.demo.manual_pictures import self_contained
 from station.guide.workspace import StationLab
 
 SIZE = (120, 40)
@@ -41,12 +41,6 @@ async def last_screen(app: StationApp) -> str:
                     await pilot.press("end", *["backspace"] * 8, *"0.05")
                 await pilot.press("enter")
     raise TimeoutError(f"the guide did not come to its end in {PATIENCE_S:g} s; draw on a quieter machine")
-
-
-def self_contained(svg: str) -> str:
-    """The picture without fonts from the network: any fixed-width font will do, the letters' places are in the file."""
-    svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)
-    return re.sub(r"font-family: [^;]+;", "font-family: ui-monospace, 'DejaVu Sans Mono', monospace;", svg)
 
 
 def main() -> None:

@@ -5,11 +5,13 @@ The pictures are drawn when the manual is written for a browser, so that they sh
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from html import unescape
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,15 +19,24 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from procedures.outcome import Outcome
-from procedures.pattern import Chart
+from procedures import DumpLayout, Roi, estimate_edge
+from procedures.geometry.cameras import simple_camera
+from procedures.geometry.estimate import GeometryParameters
+from procedures.geometry.views import ChartView, chart_nodes
+from procedures.numbers import MTF50_HORIZONTAL
+from procedures.outcome import Outcome, Verdict
+from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
+from procedures.pattern_psf.chart_finding.detection import find_chart
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.outline import frontal_outline, present_outline
 from procedures.raw import read_frame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import Screws, fit_plane, turns_for
@@ -34,18 +45,28 @@ from simulators.bench.demonstration import WIDTH_MM, Staging, photograph
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from station.app.app import StationApp
+from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.tilt import tilt_measurement
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
 from station.demo.demo import PRINT_BLUR, SHOWN_PLANE, compared_planes
 from station.demo.guided_demo import run_guided
+from station.demo.reproduce.catalogue import ROWS
+from station.demo.reproduce.row import Setting
+from station.demo.reproduce.runner import compute
+from station.guide.workspace import StationLab
 from station.procedure.schema import procedure_named
-from station.reports import otf_figures, psf_figures
+from station.reports import geometry_figures, otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
 from station.reports.certificate_figure import curves_figure
+from station.reports.trend import trends
+from station.reports.trend_figure import trend_picture
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
+from station.service.pictures import jpeg_of
+from station.sessions.index import IndexedNumber
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 """Namespace of an SVG file; an element of a page has none."""
@@ -53,6 +74,10 @@ SETUP = Staging("manual", "Manual", (0.5, 0.5), 1.0, rows=340, columns=340)
 """The smallest frame that holds the whole chart."""
 IMAGE = re.compile(r'<img[^>]* src="data:image/png;base64,([^"]+)" alt="([^"]*)"')
 DRAWING = re.compile(r'<svg role="img" aria-label="([^"]*)".*?</svg>', re.DOTALL)
+PATIENCE_S = 60.0
+"""Limit of the wait for a screen."""
+CELL_MM = 300 / 320
+"""Side of a printed cell."""
 Pictures = dict[str, bytes]
 
 
@@ -220,6 +245,116 @@ def _batch(folder: Path) -> Pictures:
     return _of_page(batch_page(BatchReport("", {}, {}, lines, len(lines), [group])), {"batch": "MTF50 across"})
 
 
+def _library(folder: Path) -> Pictures:
+    """The plot and the page of an edge in a dump of a sensor."""
+    y, x = np.mgrid[:80, :60]
+    away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
+    light = 0.1 + 0.7 * ndtr(away / 0.7) + 0.004 * np.random.default_rng(10).standard_normal(x.shape)
+    path, raw = folder / "dump.raw", "60x80,Y,u16be,0,65535"
+    path.write_bytes(np.rint(65535 * light).astype(">u2").tobytes())
+    page = _measured("edge", [path], folder / "dump", raw=raw)
+    plane = read_frame(path, layout=DumpLayout.parse(raw)).planes["Y"]
+    figure, file = Figure(figsize=(5, 3), layout="constrained"), BytesIO()
+    estimate_edge(plane, Roi(0, 0, 60, 80)).plot(figure.add_subplot())
+    figure.savefig(file, format="png", dpi=100, metadata={"Software": None})
+    return {**_of_page(page, {"dump-mtf": "MTF across"}), "library-plot.png": file.getvalue()}
+
+
+def _reproduced(folder: Path) -> Pictures:
+    """The figure of one quick row."""
+    (row,) = (one for one in ROWS if one.name == "bound-realised")
+    return {"reproduced.svg": _file_of(str(compute(row, Setting()).computed.figures[0]))}
+
+
+def _trend(folder: Path) -> Pictures:
+    """MTF50 of a lens that loses its adjustment, in eight sessions."""
+    rng, measured = np.random.default_rng(11), []
+    for month in range(1, 9):
+        value = 0.31 - 0.004 * month + 0.002 * rng.standard_normal()
+        of = (folder, "camera", "lens", "pattern", f"2026-{month:02d}-01T12:00:00+00:00", "G1", "pass")
+        measured.append(IndexedNumber(*of, MTF50_HORIZONTAL, value, "cycles/pixel", 0.002))
+    path = Path("session-trend.svg")
+    return {path.name: trend_picture("camera", trends(measured), path)}
+
+
+def _geometry(folder: Path) -> Pictures:
+    """Six views of a lens with known distortion."""
+    lens = simple_camera("OPENCV", (5200.0, 5204.0), (3012.0, 1989.0), (6000, 4000))
+    lens = replace(lens, params=np.array([*lens.params[:4], -0.12, 0.06, 4e-4, -3e-4]))
+    rng, nodes, records = np.random.default_rng(12), chart_nodes(CELL_MM), []
+    for n, place in enumerate([(0.5, 0.5), (0.25, 0.3), (0.75, 0.3), (0.25, 0.7), (0.75, 0.7), (0.5, 0.35)]):
+        tilt = Rotation.from_rotvec(0.5 * np.array([np.cos(2.4 * n), np.sin(2.4 * n), 0]))
+        at = (np.array(place) * (6000, 4000) - (3012, 1989)) / 5200
+        points = lens.project(tilt.apply(nodes) + 500 * np.append(at, 1))
+        points += 0.01 * rng.standard_normal(points.shape)
+        inside = np.flatnonzero(((points >= 0) & (points <= (5999, 3999))).all(axis=1))
+        view = ChartView(f"view{n}", inside, points[inside], np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))
+        records.append(ViewRecord(Path(f"view{n}.dng"), "0" * 64, view, Verdict.PASS))
+    shoot = GeometryPhotographs("G1", (6000, 4000), tuple(records))
+    (plane,) = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
+    geometry = plane.outcome.result()
+    figures = {
+        "geometry-coverage": geometry_figures.coverage_figure(geometry, "coverage"),
+        "geometry-distortion": geometry_figures.distortion_figure(geometry, "distortion"),
+    }
+    return {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+
+
+def _phone(folder: Path) -> Pictures:
+    """The newest photograph as the service sends it, with the chart's outline as it is and as it is wanted."""
+    path = folder / "phone.dng"
+    photograph(SETUP, Chart.from_seed(), np.random.default_rng(13), path)
+    plane = read_frame(path).planes[SHOWN_PLANE].samples
+    sighting = find_chart(plane)
+    wanted = frontal_outline(plane.shape, 1.05 * float(sighting.widths().mean()) / CELLS, (0.45, 0.52))
+    outlines = {"#e67e22": present_outline(sighting.H_sensor_pattern), "#34ace0": wanted}
+    rows, columns = plane.shape
+    jpeg = base64.b64encode(jpeg_of(plane)).decode()
+    drawn = "".join(
+        f'<polygon points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in corners)}" fill="none" stroke="{colour}" '
+        f'stroke-width="2"/>'
+        for colour, corners in outlines.items()
+    )
+    picture = f'<image href="data:image/jpeg;base64,{jpeg}" width="{columns}" height="{rows}"/>{drawn}'
+    return {"phone.svg": f'<svg {NAMESPACE} viewBox="0 0 {columns} {rows}">{picture}</svg>'.encode()}
+
+
+# --- screens of the application ---------------------------------------------------------------------------------------
+
+
+SCREENS = ("plans", (), "homed"), ("bench", ("f3",), "ready"), ("focus", ("f7", "enter"), "s/t")
+"""Name, keys that lead to the screen, and a word that it has when it is complete."""
+
+
+def self_contained(svg: str) -> str:
+    """A screen without fonts from the network: any fixed-width font will do, the letters' places are in the file."""
+    svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)
+    return re.sub(r"font-family: [^;]+;", "font-family: ui-monospace, 'DejaVu Sans Mono', monospace;", svg)
+
+
+def _screens(folder: Path) -> Pictures:
+    """The application on the simulated bench: the plans, the devices, and live focus."""
+    lab = StationLab(sessions=folder / "sessions", config=None, simulate=True)
+    lab.virtual_time = True
+
+    async def drawn() -> dict[str, str]:
+        app, shown = StationApp(lab, plan="camera"), {}
+        async with app.run_test(size=(100, 26)) as pilot, asyncio.timeout(PATIENCE_S):
+            for name, keys, wanted in SCREENS:
+                await pilot.press(*keys)
+                while wanted not in (svg := app.export_screenshot(title="station")):
+                    if "clear:" in svg.replace("&#160;", " "):
+                        await pilot.press("1", "enter")
+                    await pilot.pause(0.3)
+                shown[f"screen-{name}.svg"] = svg
+        return shown
+
+    try:
+        return {name: self_contained(svg).encode() for name, svg in asyncio.run(drawn()).items()}
+    finally:
+        lab.close()
+
+
 PARTS: tuple[Callable[[Path], Pictures], ...] = (
     _pattern,
     _guided(
@@ -235,5 +370,11 @@ PARTS: tuple[Callable[[Path], Pictures], ...] = (
     _restoration,
     _rays,
     _batch,
+    _library,
+    _reproduced,
+    _trend,
+    _geometry,
+    _phone,
+    _screens,
 )
 """Each writes its inputs and results into a folder, and gives some pictures."""

@@ -6,14 +6,15 @@ import json
 import re
 from typing import Any
 
-from station.manual.pages import Page
+from station.manual.pages import PICTURE, Page
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def cells_of(text: str) -> list[dict[str, Any]]:
     """A page's cells: text and code in turn, as nbformat 4.4 has them."""
-    parts = ((("code" if n % 2 else "markdown"), part.strip()) for n, part in enumerate(BLOCK.split(text)))
+    texts = BLOCK.split(PICTURE.sub("", text))
+    parts = ((("code" if n % 2 else "markdown"), part.strip()) for n, part in enumerate(texts))
     code: dict[str, Any] = {"execution_count": None, "outputs": []}
     return [
         {"cell_type": kind, "metadata": {}, "source": part, **(code if kind == "code" else {})}
