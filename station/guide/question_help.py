@@ -51,6 +51,7 @@ WHY: Mapping[str, str] = {
     "tripod": "Both photographs must show the same part of the wall.",
     "near_mm": "The near photograph serves as the sharp one, since its detail is larger in the frame.",
     "ratio": "A larger ratio makes the near photograph sharper relative to the far one, but covers less of the wall.",
+    "farther": "More distances make the result more certain, and show whether it holds at each of them.",
     "focused_near": "Each distance needs its own focus.",
     "focused_far": "Each distance needs its own focus.",
     # --- panel
