@@ -342,11 +342,6 @@ def concluded(fit: Adjustment) -> Adjustment:
     return replace(fit, doubt=find_doubt(fit))
 
 
-def is_too_simple(geometry: Geometry) -> bool:
-    """Whether the systematic residual of the model is significant and exceeds the stated uncertainty."""
-    return geometry.misfit.significant and geometry.misfit.rms_px > max(geometry.noise_px, NEGLIGIBLE_PX)
-
-
 def _geometry(
     fit: Adjustment, trials: tuple[SmoothnessTrial, ...], parameters: GeometryParameters, shutter: ShutterTiming | None
 ) -> Geometry:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.choice import FINEST, START_S, Trial, choose, remaining_change, with_modes, with_parts
+from procedures.choice import FINEST, START_S, Trial, choose, combined, remaining_change, with_modes, with_parts
 from procedures.clipping import SensorModel
+from procedures.corruption.family import PRINT_BLUR
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
 from procedures.numbers import (
@@ -311,8 +312,13 @@ def _estimate(
 
 def _probability(checks: Sequence[Check], quality: Quality) -> float:
     """Probability that the headline number lies within two stated uncertainties; NaN where either is not known."""
-    headline = quality.numbers.get(calibration().get("headline", ""))
-    return float("nan") if headline is None else probability(features(checks, headline.uncertainty / headline.value))
+    name = calibration().get("headline", "")
+    headline = quality.numbers.get(name)
+    if headline is None:
+        return float("nan")
+    # the photographs of the calibration had sharp prints: what the blur of a print adds says nothing of the checks
+    own = combined({term: size for term, size in quality.budgets[name].items() if term != PRINT_BLUR})
+    return probability(features(checks, own / headline.value))
 
 
 @dataclass(frozen=True)

@@ -176,8 +176,8 @@ def _tilt(folder: Path) -> Pictures:
     heights = 2 + 1.5 * x - 0.5 * y + 0.02 * x**2 + np.random.default_rng(8).standard_normal(9)
     plane = fit_plane(places, heights, np.eye(9), (36.0, 24.0))
     screws = Screws(first_deg=30.0)
-    found = Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
-    page = procedure_named("tilt").page(tilt_measurement(RecordHead("tilt"), "G1", Outcome(found))).decode()
+    tilt = Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
+    page = procedure_named("tilt").page(tilt_measurement(RecordHead("tilt"), "G1", Outcome(tilt))).decode()
     return _of_page(page, {"tilt": "Height of the sensor", "screws": "The screws"})
 
 
@@ -187,8 +187,8 @@ def _restoration(folder: Path) -> Pictures:
     scene = 0.1 + 0.8 * gaussian_filter(rng.random((84, 90)), 0.8, mode="wrap")
     paths = []
     for number, sigma in ((1, 1.0), (2, 1.5)):
-        seen = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
-        paths.append(_grey(folder / f"blurred_{number}.pgm", seen))
+        blurred = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
+        paths.append(_grey(folder / f"blurred_{number}.pgm", blurred))
     settings = {"blur": "defocus", "shape": ("gaussian",), "ratio": 1.5, "max_w": 6}
     page = _measured("restore", paths, folder / "restored", **settings)
     begins = {"restoration-before": "photograph 1", "restoration-after": "restored", "restoration-depth": "The wider"}

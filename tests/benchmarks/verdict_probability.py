@@ -46,14 +46,14 @@ def cases(count: int, first: int) -> list[Case]:
         return verdict_of(checks, value)
 
     estimate.verdict_of = keep
-    chart, found = Chart.from_seed(), []
+    chart, sharp, found = Chart.from_seed(), estimate.PatternParameters(print_blur=0.0), []
     for name, corruption in CORRUPTIONS.items():
         if corruption.distort is not None:
             continue
         for seed in range(1000 * first, 1000 * first + (4 * count if name == "clean" else count)):
             shot = photograph(seed, corruption, source="grey", scene="chart")
             seen.clear()
-            outcome = estimate.estimate_psf(shot.plane, chart)
+            outcome = estimate.estimate_psf(shot.plane, chart, sharp)
             number = None if outcome.value is None else outcome.value.quality.numbers.get(HEADLINE)
             if number is None:
                 continue

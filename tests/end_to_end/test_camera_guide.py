@@ -209,7 +209,7 @@ def test_the_numbers_are_the_simulated_camera_s(done):
     found = read_camera_numbers(done.result.folder / "camera.h5").numbers()
     camera = done.view.camera
     truths = {
-        "geometry.f": np.mean([one.truths[0].projection.principal_px for one in done.taken if one.truths][-VIEWS:]),
+        "geometry.fx": np.mean([one.truths[0].projection.principal_px for one in done.taken if one.truths][-VIEWS:]),
         "sensor.Y.system_gain": 1 / camera.sensor.gain_e_per_dn,
         "sensor.Y.temporal_dark_noise": camera.sensor.read_noise_e,
     }

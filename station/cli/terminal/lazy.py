@@ -45,7 +45,7 @@ class LazyGroup(StationCommand, click.Group):
             return _attribute(PROCEDURES, cmd_name) if cmd_name in self._procedures() else None
         module, function, _ = self.table[cmd_name]
         command = _attribute(module, function)
-        path = f"{self.name} {cmd_name}" if ctx.parent else cmd_name
+        path = cmd_name if self.extensible else f"{self.name} {cmd_name}"
         if path in EXAMPLES:
             command.epilog = f"Example: station {path} {EXAMPLES[path]}".rstrip()
         return command

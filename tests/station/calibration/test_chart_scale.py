@@ -76,7 +76,7 @@ def test_a_script_of_ten_lines_reads_camera_numbers_budget_and_scale(file, tmp_p
     read = runpy.run_path(str(tmp_path / "script.py"))
     printed = capsys.readouterr().out
     assert "STEREOGRAPHIC+SPLINE" in printed
-    assert "'certificate': 'D-K 1'" in printed
+    assert '"certificate": "D-K 1"' in printed
     geometry = planes[0].outcome.result()
     assert read["camera"]["geometry.fx"][0] == geometry.camera.params[0]
     for name, terms in geometry.budgets().items():

@@ -10,7 +10,9 @@ from station.demo.rendered import RenderPlan
 @pytest.fixture
 def calibrated(monkeypatch):
     """The demonstration's calibrations, done at once."""
-    monkeypatch.setattr("station.demo.demo.run_demo", lambda out, seed, progress: (SimpleNamespace(refused=()), "{}\n"))
+    monkeypatch.setattr(
+        "station.demo.demo.run_demo", lambda out, seed, progress: (SimpleNamespace(refused=(), shots=()), "{}\n")
+    )
 
 
 @pytest.fixture
