@@ -35,7 +35,7 @@ def session_trend(
 ) -> None:
     """Report the change over time of the numbers of CAMERA, as named in its sessions.
 
-    With --strict it exits with 1 if a number drifts, or has too few sessions to tell.
+    With --strict it exits with 1 if a number drifts, or has too few sessions for a finding.
     """
     from station.reports.trend import QUANTITIES, trends
     from station.sessions.index import Index
