@@ -54,7 +54,6 @@ WHY: Mapping[str, str] = {
     "farther": "More distances make the result more certain, and show whether it holds at each of them.",
     "focused_near": "Each distance needs its own focus.",
     "focused_far": "Each distance needs its own focus.",
-    "farther": "Each further distance lowers the uncertainty; the guide states by how much before you photograph.",
     # --- panel
     "light": "A panel gives the sensor's noise and the vignetting in the same session.",
     "panel": "Close to the lens the panel is evenly bright over the whole frame.",
