@@ -54,7 +54,7 @@ Points = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Outline:
-    """A pose to match: the corners of the subject as `present`, () where it is not found, and as `wanted`, in the same
+    """A pose to match: the corners of the subject as `present`, () where it is not known, and as `wanted`, in the same
     order."""
 
     present: Points
@@ -101,7 +101,8 @@ class Goal:
         if self.now != self.now:
             return f"{left}."
         now = f"{self.name} ± {self.now:.2g}" if self.now < inf else f"{self.name} unknown"
-        return f"{now} now, ± {self.after:.2g} {self.unit} after the next photograph; {left}."
+        after = f"± {self.after:.2g} {self.unit}".rstrip()
+        return f"{now} now, {after} after the next photograph; {left}."
 
 
 @dataclass(frozen=True)

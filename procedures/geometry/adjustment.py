@@ -10,9 +10,7 @@ the errors of different nodes only through the other unknowns. They are eliminat
 bundle adjustment), which leaves a small dense system. A rigid motion or a scaling of all nodes is equivalent to another
 pose or scale; seven Lagrange multipliers exclude it from e.
 
-References
-----------
-Triggs, McLauchlan, Hartley, Fitzgibbon, Bundle adjustment: a modern synthesis, 2000, section 6.1.
+Source: Triggs, McLauchlan, Hartley, Fitzgibbon, Bundle adjustment: a modern synthesis, 2000, section 6.1.
 """
 
 from __future__ import annotations
@@ -47,8 +45,6 @@ POSE = 6
 class AdjustmentState:
     """Camera, or cameras, poses of the chart in the camera of every view, and the shape of the chart.
 
-    Attributes
-    ----------
     terms_mm : (q,) float64
         Shape terms.
     errors_mm : (N, 3) float64
@@ -72,8 +68,6 @@ class System:
     The first M unknowns are the camera parameters (p), the shape terms (q), six per pose, further unknowns, and the
     multipliers; each node has three more.
 
-    Attributes
-    ----------
     U : (M, M), u : (M,)
         J'J and J'r of the first unknowns.
     V : (N, 3, 3), v : (N, 3)
@@ -113,8 +107,6 @@ class System:
 class AdjustmentProblem:
     """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
-    Attributes
-    ----------
     nodes : (N, 3) float64
         The plan of the chart, in mm.
     views : sequence of ChartView
@@ -182,8 +174,6 @@ class AdjustmentProblem:
     def system(self, state: AdjustmentState, extra: Sequence[Array] | None = None) -> System:
         """The normal equations with the priors.
 
-        Parameters
-        ----------
         extra : sequence of (n, 2, k), optional
             Derivatives of the points of every view, in pixels, by k further unknowns.
         """
@@ -238,8 +228,6 @@ def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
 class ModelDoubt:
     """Independent errors of one standard deviation each, by terms that a camera model does not have.
 
-    Attributes
-    ----------
     unknowns : (j, known) float64
         Errors of the unknowns of the adjustment, in the order of its covariance.
     terms : (j, k) float64
@@ -254,8 +242,6 @@ class ModelDoubt:
 class ExtraTerms:
     """The normal equations of further unknowns after elimination of all others.
 
-    Attributes
-    ----------
     matrix : (k, k), right : (k,)
         Information and right side.
     response : (known, k)
@@ -271,8 +257,6 @@ class ExtraTerms:
 class Adjustment:
     """The result, with its covariance for the stated covariances of the points.
 
-    Attributes
-    ----------
     problem : AdjustmentProblem
     state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
@@ -330,12 +314,7 @@ class NotConverged(Refused):
 def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
     """The adjustment from an initial state.
 
-    Raises
-    ------
-    NotConverged
-        If the minimum is not reached.
-    Refused
-        If the views do not determine the camera.
+    Raises NotConverged if the minimum is not reached, Refused if the views do not determine the camera.
     """
     tolerance = CONVERGENCE_TOLERANCE / sum(2 * len(view) for view in problem.views)
     fit = minimise(problem, start, tolerance=tolerance)

@@ -4,9 +4,7 @@ The variance of every number is divided by nested conditions. Noise of the point
 and the lens is a formula; the freedom of the spline, and the doubt about a formula, are the model's part; what the
 unknown chart adds is that of flatness and print. The parts sum to the stated variance.
 
-References
-----------
-ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
+Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 """
 
 from __future__ import annotations
@@ -29,8 +27,6 @@ TERMS = (POINTS, FLATNESS, MODEL, SHUTTER, SCALE)
 class VarianceParts:
     """Covariances of the unknowns of an adjustment by source; that of the model is the rest.
 
-    Attributes
-    ----------
     points, flatness : (known, known) float64
     shutter : (known,) float64
         Change of the unknowns by one standard uncertainty of the row time.
@@ -43,8 +39,6 @@ class VarianceParts:
     def budget(self, total: float, J: Array, count: int = 1, scale: float = 0.0) -> dict[str, float]:
         """Terms of a number's standard uncertainty.
 
-        Parameters
-        ----------
         total : float
             The stated standard uncertainty.
         J : (m, known) float64

@@ -3,9 +3,7 @@
 Lenses up to some 100 degrees start as pinholes with radial distortion, adjusted by pycolmap; wider ones start as
 equidistant or stereographic ones, adjusted by this package.
 
-References
-----------
-Schönberger, Frahm, Structure-from-Motion Revisited, CVPR 2016; the solver is Ceres.
+Source: Schönberger, Frahm, Structure-from-Motion Revisited, CVPR 2016; the solver is Ceres.
 """
 
 from __future__ import annotations
@@ -53,16 +51,11 @@ class Bundle:
 def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]) -> Bundle:
     """Initial camera and poses: the best of several focal lengths, each adjusted with radial distortion.
 
-    Parameters
-    ----------
+    Raises Refused if none of the focal lengths gives a solution.
+
     nodes : (N, 3) float64
         The flat chart, in mm.
     size : (columns, rows) of the frame
-
-    Raises
-    ------
-    Refused
-        If none of the focal lengths gives a solution.
     """
     chosen = np.random.default_rng(0).permutation(len(nodes))[:FIRST_NODES]
     few = [view.part(np.isin(view.index, chosen)) for view in views]

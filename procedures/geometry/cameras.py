@@ -54,8 +54,6 @@ The formulas are smooth and in double precision: the error stays below 1e-6 of t
 class CameraModel:
     """A camera model with its parameters.
 
-    Attributes
-    ----------
     model : str
         Name of the model.
     params : (p,) float64
@@ -217,15 +215,10 @@ def simple_camera(
 ) -> CameraModel:
     """A camera without distortion.
 
-    Parameters
-    ----------
+    Raises BadParameter if there is no such model.
+
     focal_px, centre : (x, y)
     size : (columns, rows)
-
-    Raises
-    ------
-    BadParameter
-        If there is no such model.
     """
     names = parameter_names(model)
     known = {"f": sum(focal_px) / 2, "fx": focal_px[0], "fy": focal_px[1], "cx": centre[0], "cy": centre[1]}
@@ -265,10 +258,7 @@ def parameter_names(model: str) -> tuple[str, ...]:
 def split_model(model: str) -> tuple[str, tuple[int, int]]:
     """The formula of a model, and the control points of its spline along x and y: (0, 0) without one.
 
-    Raises
-    ------
-    BadParameter
-        If there is no such model.
+    Raises BadParameter if there is no such model.
     """
     base, spline, grid = model.partition(SPLINE)
     counts = re.fullmatch("([0-9]{1,2})X([0-9]{1,2})", grid)

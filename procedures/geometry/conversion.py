@@ -51,8 +51,6 @@ class Difference:
 class OpenCvCamera:
     """A camera as OpenCV defines it, with pixel centres at integers.
 
-    Attributes
-    ----------
     focal_px, centre : (x, y)
     distortion : (4,), (5,), (8,) or (12,) float64
         The first of k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4.
@@ -76,8 +74,6 @@ class RadialCamera:
 
     The focal length of its pinhole may differ from that of the camera, which such files do not define.
 
-    Attributes
-    ----------
     formula : str
         One of RADIAL_FORMULAS.
     focal_px : float
@@ -114,15 +110,10 @@ class RadialCamera:
 def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
     """The camera by OpenCV's formula with `count` distortion coefficients.
 
-    Parameters
-    ----------
+    Raises BadParameter if OpenCV has no formula with so many coefficients.
+
     region : (m, 2) float64
         Outline of the part of the frame in which the cameras shall agree.
-
-    Raises
-    ------
-    BadParameter
-        If OpenCV has no formula with so many coefficients.
     """
     if count not in OPENCV_COUNTS:
         raise BadParameter(f"OpenCV's distortion has {OPENCV_COUNTS} coefficients, not {count}", "give one of these")
@@ -144,10 +135,7 @@ def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
 def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraModel, Difference]:
     """The camera by another of COLMAP's models, and the error.
 
-    Raises
-    ------
-    BadParameter
-        If there is no such model.
+    Raises BadParameter if there is no such model.
     """
     pixels, rays = covered_grid(camera, region, behind=split_model(model)[0] == STEREOGRAPHIC)
     start = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
@@ -167,8 +155,6 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
 class KalibrCamera:
     """A camera as Kalibr defines it, with pixel centres at integers.
 
-    Attributes
-    ----------
     model : str
         One of KALIBR_MODELS: its camera model, and its distortion model.
     intrinsics : (n,) float64
@@ -263,17 +249,12 @@ def as_radial(
 ) -> RadialCamera:
     """The camera by a radial formula, with fitted focal length and centre.
 
-    Parameters
-    ----------
+    Raises BadParameter if there is no such formula.
+
     region : (m, 2) float64
         Outline of the part of the frame in which the cameras shall agree.
     decentring : bool
         Whether the format has p1 and p2, too.
-
-    Raises
-    ------
-    BadParameter
-        If there is no such formula.
     """
     if formula not in RADIAL_FORMULAS:
         known = ", ".join(RADIAL_FORMULAS)

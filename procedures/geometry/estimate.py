@@ -79,8 +79,6 @@ class GeometryParameters:
 class PosedView:
     """A view with its pose.
 
-    Attributes
-    ----------
     pose_covariance : (6, 6) float64
         Of the change of pose in the camera's frame: rotation in radians, translation in mm, for the nominal scale.
     distance : Quantity
@@ -121,8 +119,6 @@ class UncertaintyMap:
 class ChartShape:
     """The actual shape of the chart.
 
-    Attributes
-    ----------
     terms : mapping of name to Quantity
         Stretch, shear, uneven print and bending, each at the chart's edge, in mm.
     deviations_mm : (N, 3) float64
@@ -143,8 +139,6 @@ class ChartShape:
 class Geometry:
     """The calibrated camera.
 
-    Attributes
-    ----------
     covariance : (p, p) float64
         Of the camera parameters, marginalised over poses and chart shape.
     trials : tuple of SmoothnessTrial

@@ -34,8 +34,6 @@ ALMOST_ALL = 0.99
 class FittedFormula:
     """A formula fitted to the reference.
 
-    Attributes
-    ----------
     camera : CameraModel
     covariance : (p, p) float64
         Of its parameters.

@@ -32,8 +32,6 @@ INDEPENDENT = 0.01
 class Misfit:
     """The systematic residual.
 
-    Attributes
-    ----------
     probability : float
         Of such a decrease by noise alone: p-value of the F test.
     rms_px : float

@@ -12,10 +12,8 @@ which gives the probability w that the lens has it, both being equally probable 
 by a times the response of the unknowns, and E[a^2] = w (z^2 l / (1 + l)^2 + 1 / (1 + l)).
 What the data exclude thus adds nothing; what they cannot show adds the prior.
 
-References
-----------
-Kass, Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
-Hoeting, Madigan, Raftery, Volinsky, Bayesian model averaging: a tutorial, Stat. Sci. 14, 1999.
+Source: Kass, Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995. Hoeting, Madigan, Raftery, Volinsky, Bayesian model
+averaging: a tutorial, Stat. Sci. 14, 1999.
 """
 
 from __future__ import annotations

@@ -52,8 +52,6 @@ PRIOR: Mapping[str, Callable[[CameraModel], float]] = {
 class NextView:
     """A pose to photograph.
 
-    Attributes
-    ----------
     at : (x, y)
         Position of the chart's centre, in fractions of the frame from the top left.
     yaw_deg, pitch_deg : float

@@ -17,8 +17,6 @@ def add_view(
 ) -> None:
     """Whiten J (n, 2, m) and E (n, 2, 3) in place, and add E'E, E'r and E'J to V, v and W of the nodes.
 
-    Parameters
-    ----------
     J, E : (n, 2, m), (n, 2, 3) float64
         Derivatives of the points by the first unknowns and by their nodes.
     r : (n, 2) float64

@@ -39,8 +39,6 @@ FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
 class SmoothnessTrial:
     """A smoothness that was compared.
 
-    Attributes
-    ----------
     roughness_px : float
         Standard deviation of the third differences of control points.
     left_over : float
@@ -79,8 +77,6 @@ def fit_model(
 ) -> tuple[Adjustment, tuple[SmoothnessTrial, ...]]:
     """A model fitted to views, and for a spline the compared degrees of smoothness, the chosen one first.
 
-    Parameters
-    ----------
     model : str or None
         None: the reference.
     """

@@ -59,8 +59,6 @@ CONVENTION = (
 class RigCamera:
     """A calibrated camera with its views of the chart.
 
-    Attributes
-    ----------
     camera : CameraModel
     views : tuple of ChartView
     poses : tuple of Pose
@@ -87,8 +85,6 @@ class RigCamera:
 class RigPoses:
     """Poses of the further cameras relative to the first.
 
-    Attributes
-    ----------
     poses : tuple of Pose
     covariance : (6 (n - 1), 6 (n - 1)) float64
         See CONVENTION; includes the print's scale.
@@ -139,8 +135,6 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
 def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 
-    Parameters
-    ----------
     cameras : sequence of RigCamera
         Two or more, of one chart, in photographs taken at the same times.
     depth_mm : float, optional
@@ -159,10 +153,7 @@ def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) ->
 def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
     """The time of every view of every camera: photographs of one name, or else in their order.
 
-    Raises
-    ------
-    Refused
-        If the correspondence is ambiguous, or the cameras' charts differ.
+    Raises Refused if the correspondence is ambiguous, or the cameras' charts differ.
     """
     if any(
         one.nodes.shape != cameras[0].nodes.shape or not np.allclose(one.nodes, cameras[0].nodes) for one in cameras
@@ -187,10 +178,7 @@ def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
 def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> list[Pose]:
     """Initial pose of every camera relative to the first, through cameras that saw the same charts.
 
-    Raises
-    ------
-    Refused
-        If a camera has too few charts in common with the others.
+    Raises Refused if a camera has too few charts in common with the others.
     """
     poses: list[Pose | None] = [Pose(np.eye(3), np.zeros(3)), *(None for _ in cameras[1:])]
     for _ in cameras:

@@ -33,8 +33,6 @@ NAMES = (
 class ShapeModel:
     """Prior of a chart's shape.
 
-    Attributes
-    ----------
     terms : (N, 3, q) float64
         Displacement of the nodes per mm of every term, 1 at the chart's edge.
     prior_mm : (q,) float64

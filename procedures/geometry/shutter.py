@@ -50,8 +50,6 @@ ENDS = 1
 class ShutterTiming:
     """Row time of a camera.
 
-    Attributes
-    ----------
     row_s, uncertainty_s : float
         Time between the exposures of neighbouring rows; positive where lower rows are later.
     rows : int
@@ -83,10 +81,7 @@ class ShutterTiming:
 def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, AdjustmentProblem]:
     """The row time by a simple camera, and the problem with points corrected to the middle row's time.
 
-    Raises
-    ------
-    Refused
-        If the views are too few to show how the chart moves.
+    Raises Refused if the views are too few to show how the chart moves.
     """
     if len(problem.views) < FEWEST_FRAMES:
         raise Refused(

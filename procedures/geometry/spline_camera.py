@@ -6,9 +6,7 @@ over a regular grid of control points that spans the frame. Formula and control 
 describe the same displacement, a prior on the control points decides. It is much wider than the uncertainty left by the
 views: it affects the division among the parameters, not the projection.
 
-References
-----------
-Kogan, mrcal documentation, "Splined stereographic lens model". There the spline is defined on the stereographic
+Source: Kogan, mrcal documentation, "Splined stereographic lens model". There the spline is defined on the stereographic
 projection; on the frame of a formula it suits narrow and wide lenses, and ends at the frame.
 """
 
@@ -52,8 +50,6 @@ def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
 class SplineCamera(CameraModel):
     """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row.
 
-    Attributes
-    ----------
     roughness_px : float
         Prior standard deviation of the third differences of neighbouring control points.
     """

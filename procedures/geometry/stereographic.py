@@ -7,9 +7,7 @@ and equisolid lenses. The asymmetric terms a(s) are those of decentring and thin
 
     a = (2 p1 sx sy + p2 (q + 2 sx^2) + s1 q + s2 q^2, p1 (q + 2 sy^2) + 2 p2 sx sy + s3 q + s4 q^2)
 
-References
-----------
-Kogan, mrcal documentation, "Splined stereographic lens model".
+Source: Kogan, mrcal documentation, "Splined stereographic lens model".
 """
 
 from __future__ import annotations

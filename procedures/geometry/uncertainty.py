@@ -5,9 +5,7 @@ rotations of the poses. Therefore an object at a given distance along a ray is c
 of the points changes camera and poses; the object moves with the mean of the poses; the change of its projection is the
 projection error.
 
-References
-----------
-Kogan, mrcal documentation, "Projection uncertainty", mean-pcam formulation.
+Source: Kogan, mrcal documentation, "Projection uncertainty", mean-pcam formulation.
 """
 
 from __future__ import annotations
@@ -28,8 +26,6 @@ OUTLINE_TOLERANCE = 0.003
 def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
     """Derivative (n, 2, M) of the projection at places (n, 2) of the frame by the unknowns of the adjustment.
 
-    Parameters
-    ----------
     distance_mm : float
         Of the object along the ray; inf: only rotations have an effect.
     """
@@ -51,8 +47,6 @@ def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) ->
 def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, without_doubt: bool = False) -> Array:
     """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame.
 
-    Parameters
-    ----------
     without_doubt : bool
         Whether to omit the doubt about the camera model, and count noise alone.
     """

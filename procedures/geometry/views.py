@@ -19,8 +19,6 @@ Array = npt.NDArray[np.float64]
 class ChartView:
     """One photograph of the chart.
 
-    Attributes
-    ----------
     source : str
         Name of the photograph.
     index : (n,) int64
@@ -74,8 +72,6 @@ def greatest_tilt(nodes: Array, views: Sequence[ChartView]) -> float:
 class Pose:
     """Pose of the chart in the camera's frame: X_camera = R X_chart + t.
 
-    Attributes
-    ----------
     R : (3, 3) float64
         Its columns are the chart's right, down and away in the camera's frame (x right, y down, z away).
     t : (3,) float64
@@ -93,8 +89,6 @@ class Pose:
 def chart_nodes(cell_mm: float) -> Array:
     """Centres of the chart's bins on a flat sheet, in mm from its centre, (N, 3).
 
-    Parameters
-    ----------
     cell_mm : float
         Side of a printed cell.
     """

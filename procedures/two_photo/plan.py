@@ -24,10 +24,12 @@ from procedures.plan import (
     Fact,
     Facts,
     Go,
+    Goal,
     Home,
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
     Reading,
     Scan,
@@ -212,6 +214,14 @@ def middle(samples: Array32, part: float) -> Array32:
     return samples[top : top + rows, left : left + columns]
 
 
+def near_part(shape: tuple[int, ...], ratio: float) -> Outline:
+    """The part of a far photograph that must show the wall of the near one."""
+    rows, columns = shape
+    x, y, half = (columns - 1) / 2, (rows - 1) / 2, 0.5 / ratio
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return Outline((), tuple((x + i * half * columns, y + j * half * rows) for i, j in signs))
+
+
 def texture(plane: Plane) -> float:
     """Contrast of detail of a few pixels, over the noise."""
     samples = plane.samples
@@ -249,8 +259,9 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
+    wanted = near_part(frame.guide.samples.shape, known.ratio)
     if (off := way_by_laser(known)) is not None:
-        return off
+        return replace(off, outline=wanted)
     clipped = clipped_fraction(frame)
     near = np.nan if known.near_level is None else known.near_level
     # the near photograph corresponds to the middle of this one
@@ -264,14 +275,14 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
         say = (
             f"The wall is {abs(change):.0%} {more} than from nearby: bring back the light, and keep your shadow off it."
         )
-        return Advice(False, say, readings, by_hand={"light": -change})
+        return Advice(False, say, readings, by_hand={"light": -change}, outline=wanted)
     if not readings[1].good:
         return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
     gone_mm = way_mm(known)
     new_facts: dict[str, Fact] = {"far_light_percent": 100 * change}
     if gone_mm is not None:
         new_facts["far_way_mm"] = gone_mm
-    return Advice(True, "The light is the same.", readings, facts=new_facts)
+    return Advice(True, "The light is the same.", readings, facts=new_facts, outline=wanted)
 
 
 CHECKS = {"near": check_near, "far": check_far}
@@ -322,6 +333,7 @@ FARTHER = Ask(
     "farther", "From how many further distances will you photograph the wall?", "number", "", 0.0, low=0.0, high=3.0,
     when=lambda facts: bool(further(facts)),
 )  # fmt: skip
+MTF_NYQUIST_WORDS = "MTF at Nyquist"
 ALIKE = 0.1
 """Relative difference below which two distances are one."""
 
@@ -339,9 +351,7 @@ def predicted(facts: Facts) -> Diagram | None:
     known, ratios = facts_as(TwoPhotoFacts, facts), further(facts)
     if not ratios:
         return None
-    nearest = min(known.predictions, key=lambda one: abs(one - known.ratio))
-    uncertainties = [known.predictions[one] for one in (nearest, *ratios)]
-    totals = [together(uncertainties[: n + 1]) for n in range(len(uncertainties))]
+    totals = uncertainties_up_to(known, ratios)
     say = (
         f"By the wall's texture and the noise, the far photographs determine the MTF at Nyquist to {totals[0]:.2g}; "
         f"one further distance, {ratios[0]:g} times the near one, lowers that to {totals[1]:.2g}."
@@ -353,11 +363,20 @@ def predicted(facts: Facts) -> Diagram | None:
     return Diagram(label, counts, tuple(totals), say, tuple(rows))
 
 
+def uncertainties_up_to(known: TwoPhotoFacts, ratios: Sequence[float]) -> list[float]:
+    """Predicted uncertainty by the far photographs, and after each further distance."""
+    nearest = min(known.predictions, key=lambda one: abs(one - known.ratio))
+    uncertainties = [known.predictions[one] for one in (nearest, *ratios)]
+    return [together(uncertainties[: n + 1]) for n in range(len(uncertainties))]
+
+
 def farther_stops(facts: Facts) -> list[TourStop]:
     """The most informative further distances, from near to far."""
     ratios = sorted(further(facts)[: int(facts_as(TwoPhotoFacts, facts).farther)])
 
-    def stop(ratio: float) -> TourStop:
+    totals = uncertainties_up_to(facts_as(TwoPhotoFacts, facts), ratios) if ratios else []
+
+    def stop(n: int, ratio: float) -> TourStop:
         def at(facts: Facts) -> Facts:
             return {**facts, "ratio": ratio}
 
@@ -365,9 +384,10 @@ def farther_stops(facts: Facts) -> list[TourStop]:
             f"{ratio:g} times",
             Go(lambda facts: to_ratio(at(facts)), lambda facts: f"{say_far(at(facts))} Focus again."),
             lambda frame, facts: replace(check_far(frame, at(facts)), facts={}),
+            lambda facts: Goal(len(ratios) - n, MTF_NYQUIST_WORDS, "", totals[n], totals[n + 1]),
         )
 
-    return [stop(ratio) for ratio in ratios]
+    return [stop(n, ratio) for n, ratio in enumerate(ratios)]
 
 
 def to_ratio(facts: Facts) -> dict[str, float]:

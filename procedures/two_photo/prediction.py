@@ -39,8 +39,6 @@ def together(uncertainties: Sequence[float]) -> float:
 def information(near: Array32, ratio: float, noise: float, s: int, k: int) -> Array:
     """Information matrix (k^2, k^2) of the kernel by a far photograph from `ratio` times the near distance.
 
-    Parameters
-    ----------
     near : (rows, columns)
         The near photograph, linear.
     noise : float
@@ -63,8 +61,6 @@ def predicted_uncertainty(
 ) -> float:
     """Standard uncertainty of the MTF along rows by the noise of a far photograph.
 
-    Parameters
-    ----------
     ratio : float
         Distance of the far photograph over that of the near one, greater than s.
     frequency : float

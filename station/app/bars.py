@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from textual.content import Content
 
 from station.app.widgets import Part, lines_of, literal
-from station.bench.motions import label, position_text
+from station.bench.axis_text import label, position_text
 
 if TYPE_CHECKING:
     from textual.geometry import Size

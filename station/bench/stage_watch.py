@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition
-from station.bench.motions import move_text
+from station.bench.axis_text import move_text
 
 if TYPE_CHECKING:
     from station.bench.motions import Motion

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.result_log import check_strict
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.cli.terminal.progress import progress
 from station.common.errors import log_json_option
 
@@ -23,15 +24,17 @@ MOST_TERMS = 3
 @click.command("explain", cls=StationCommand)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
+@strict_option
 @json_option
 @log_json_option
-def explain(result: Path, twin: bool, as_json: bool) -> None:
+def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
     """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
     from station.results.explanation import explain_batch, explain_result, is_batch, read_explained, result_folder
 
     if is_batch(folder := result_folder(result)):
         causes = explain_batch(folder)
         _write({"result": str(folder), "causes": [asdict(one) for one in causes]}, _batch_lines(causes), as_json)
+        check_strict((None for _ in causes), strict=strict)
         return
     folder, measurement = read_explained(result)
     planes = explain_result(measurement)
@@ -48,6 +51,7 @@ def explain(result: Path, twin: bool, as_json: bool) -> None:
         lines += ["", f"By the digital twin, for {first.plane}:"]
         lines += [f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.uncertainty:.2g}" for one in effects]
     _write(entry, lines, as_json)
+    check_strict((one.verdict for one in planes), strict=strict)
 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:

@@ -28,7 +28,7 @@ from procedures import DumpLayout, Roi, estimate_edge
 from procedures.geometry.cameras import simple_camera
 from procedures.geometry.estimate import GeometryParameters
 from procedures.geometry.views import ChartView, chart_nodes
-from procedures.numbers import MTF50_HORIZONTAL
+from procedures.numbers import EDGE_CROSSINGS, MTF50_HORIZONTAL
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import encode
@@ -238,10 +238,12 @@ def _batch(folder: Path) -> Pictures:
         light = 0.1 + 0.7 * ndtr(away / (1.1 if n == 8 else 0.7)) + 0.004 * rng.standard_normal(x.shape)
         path = _grey(folder / f"edge{n:02d}.png", light)
         (plane,) = next(iter(procedure.measurements([path], procedure.Settings()))).planes
-        numbers.append(plane.numbers["mtf50"])
-        lines.append(BatchLine(path.name, str(plane.verdict), "", "", "", planes={plane.name: {"mtf50": numbers[-1]}}))
+        numbers.append(plane.numbers[EDGE_CROSSINGS[50]])
+        lines.append(
+            BatchLine(path.name, str(plane.verdict), "", "", "", planes={plane.name: {EDGE_CROSSINGS[50]: numbers[-1]}})
+        )
     values = [one.value for one in numbers], [one.uncertainty for one in numbers]
-    group = NumberGroup("", plane.name, "mtf50", numbers[0].unit, *values)
+    group = NumberGroup("", plane.name, EDGE_CROSSINGS[50], numbers[0].unit, *values)
     return _of_page(batch_page(BatchReport("", {}, {}, lines, len(lines), [group])), {"batch": "MTF50 across"})
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask
-from station.bench.motions import label, moves_text, position_text
+from station.bench.axis_text import label, moves_text, position_text
 from station.guide.active_devices import ActiveDevices
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import LAMP, MOVE

@@ -9,7 +9,7 @@ from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Fact, Facts, Go, Goal, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame
-from station.bench.motions import moves_text
+from station.bench.axis_text import moves_text
 from station.guide.active_devices import AT
 from station.guide.coach import Ended, until_held
 from station.guide.consent import MoveApproval

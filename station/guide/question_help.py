@@ -51,9 +51,9 @@ WHY: Mapping[str, str] = {
     "tripod": "Both photographs must show the same part of the wall.",
     "near_mm": "The near photograph serves as the sharp one, since its detail is larger in the frame.",
     "ratio": "A larger ratio makes the near photograph sharper relative to the far one, but covers less of the wall.",
+    "farther": "More distances make the result more certain, and show whether it holds at each of them.",
     "focused_near": "Each distance needs its own focus.",
     "focused_far": "Each distance needs its own focus.",
-    "farther": "Each further distance lowers the uncertainty; the guide states by how much before you photograph.",
     # --- panel
     "light": "A panel gives the sensor's noise and the vignetting in the same session.",
     "panel": "Close to the lens the panel is evenly bright over the whole frame.",

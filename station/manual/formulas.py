@@ -8,8 +8,6 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 
-from station.reports.page import html
-
 FORMULA = re.compile(r"(```.*?```|`[^`]*`)|\$\$(.+?)\$\$|(?<!\\)\$([^$\n]+)\$", re.DOTALL)
 """Code, a formula on a line of its own, or one within a sentence."""
 LETTERS = {
@@ -58,5 +56,5 @@ def _math(formula: str, display: str) -> Markup:
     try:
         from latex2mathml.converter import convert
     except ImportError:
-        return html("<code>{}</code>", _plain(formula))
+        return Markup("<code>{}</code>").format(_plain(formula))
     return Markup(convert(formula.strip(), display=display))

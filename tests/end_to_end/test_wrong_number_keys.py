@@ -32,6 +32,8 @@ def hung_and_lit(lab) -> None:
 async def type_another(driver: Driver) -> None:
     await driver.until("Or continue a session")
     await driver.press("tab", "enter")
+    await driver.until("clear: press Enter to light it")
+    await driver.press("enter")
     await driver.until("clear: press Enter to move")
     await driver.press("enter")
     await driver.until("What is the lens's focal length?")

@@ -161,8 +161,6 @@ def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, hig
     The columns are 1, the rendered chart u, lap u, -u_x, -u_y, and the samples; `sums` (bins, 6, 6) are those of all
     pairs over the pixels of a bin.
 
-    Parameters
-    ----------
     centres, points : (bins, 2) float64
         In cells, and in pixels.
     low, high : (bins, 2) int64

@@ -83,8 +83,8 @@ def refine_bins(
 ) -> Correspondences:
     """Positions of the bins from all pixels.
 
-    Parameters
-    ----------
+    Raises Refused if hardly any bin is near its position in the reduced plane.
+
     samples : (rows, columns) float32
         The plane.
     chart : Chart
@@ -93,11 +93,6 @@ def refine_bins(
     bins : Correspondences
         Of the reduced plane.
     factor : int
-
-    Raises
-    ------
-    Refused
-        If hardly any bin is near its position in the reduced plane.
     """
     start = enlarged(bins, factor)
     scene = _scene(samples, chart, registration, start, factor)

@@ -47,10 +47,7 @@ class ChartLocation:
 def locate_chart(samples: Array32) -> ChartLocation:
     """The chart in a plane: with all its marks on straight lines, or as a camera turned towards it shows it.
 
-    Raises
-    ------
-    Refused
-        If there is no chart in it, or more than one.
+    Raises Refused if there is no chart in it, or more than one.
     """
     charts = find_charts(samples)
     if charts and (len(charts) > 1 or charts[0].visible.all()):

@@ -41,8 +41,6 @@ SURROUNDINGS = 1.3
 class TurnedView:
     """A pinhole camera in place of an equidistant one.
 
-    Attributes
-    ----------
     centre : (2,) float64
         Of the equidistant picture, (x, y) in pixels.
     focal_px : float
@@ -117,8 +115,6 @@ class TurnedView:
 def find_turned(samples: Array32, most_px: float, near: Array | None = None) -> tuple[ChartSighting, TurnedView] | None:
     """The chart with the most marks in the pictures of turned cameras, by the camera turned towards it.
 
-    Parameters
-    ----------
     samples : (rows, columns) float32
     most_px : float
         Greatest width of the chart in the picture.

@@ -31,7 +31,7 @@ from station.app.widgets import (
     literal,
     verdict_words,
 )
-from station.bench.motions import axis_words
+from station.bench.axis_text import axis_words
 from station.drawing.diagrams import drawn, trend
 from station.guide.coach import DOWN, LEFT, RIGHT, UP, way_words, ways
 from station.guide.frontend import (

@@ -226,6 +226,11 @@ class AnswerBox(Vertical):
         self.show_sentence("")
 
     @property
+    def question(self) -> str:
+        """The open question, empty if none is."""
+        return "" if self._ask is None else self._ask.question
+
+    @property
     def open(self) -> bool:
         """Whether a question is open."""
         return self._ask is not None

@@ -8,8 +8,10 @@ from typing import Any
 import click
 
 from station.cli.psf.terms import certificate_options, details_of, overlay_option
+from station.cli.result_log import check_strict
 from station.cli.session.group import find_session, session_argument, sessions_option
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import StationCommand, strict_option
+from station.cli.terminal.progress import progress
 from station.common.errors import log, log_json_option
 
 
@@ -37,22 +39,29 @@ def session_delete(name: str, root: Path, yes: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
 @certificate_options
 @overlay_option
+@strict_option
 @log_json_option
-def session_report(name: str, root: Path, out: Path | None, overlays: tuple[Path, ...], **given: Any) -> None:
+def session_report(
+    name: str, root: Path, out: Path | None, overlays: tuple[Path, ...], strict: bool, **given: Any
+) -> None:
     """Write the report of SESSION's last result."""
     from station.common.durable_files import write_whole
     from station.guide.session_report import certificate_files, overlaid_page, session_page
     from station.reports.report import PAGE
     from station.results.overlay import read_overlay
+    from station.sessions.reader import read_session
 
     folder, others, details = find_session(name, root), [read_overlay(path) for path in overlays], details_of(given)
     path = out or folder / PAGE
-    page = overlaid_page(folder, others) if others else session_page(folder)
+    with progress(1) as shown:
+        shown("drawing the report", 0)
+        page = overlaid_page(folder, others) if others else session_page(folder)
     write_whole(path, page.encode())
     log("written", f"wrote {path}", path=str(path))
     for name, data in certificate_files(folder, details=details).items() if details else ():
         write_whole(path.parent / name, data)
         log("written", f"wrote {path.parent / name}", path=str(path.parent / name))
+    check_strict([one.verdict for one in read_session(folder).state.results[-1:]], strict=strict)
 
 
 @click.command("index", cls=StationCommand)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.result_log import check_strict
 from station.cli.session.group import sessions_option
 from station.cli.session.list import chosen, filter_options
 from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import StationCommand, json_option, strict_option
 from station.common.errors import log, log_json_option
 from station.common.sanitise import printable, stated
 
@@ -26,12 +27,16 @@ if TYPE_CHECKING:
 @filter_options
 @click.option("--quantity", "quantities", multiple=True, help="[default: mtf50_horizontal and mtf50_vertical]")
 @click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
+@strict_option
 @json_option
 @log_json_option
 def session_trend(
-    camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, as_json: bool, **wanted: Any
+    camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, strict: bool, as_json: bool, **wanted: Any
 ) -> None:
-    """Report the change over time of the numbers of CAMERA, as named in its sessions."""
+    """Report the change over time of the numbers of CAMERA, as named in its sessions.
+
+    With --strict it exits with 1 if a number drifts, or has too few sessions for a finding.
+    """
     from station.reports.trend import QUANTITIES, trends
     from station.sessions.index import Index
 
@@ -48,6 +53,7 @@ def session_trend(
         )
     if out is not None:
         _draw(camera, lines, out)
+    check_strict(["pass" if one.drifts is False else "doubtful" for one in lines] or [None], strict=strict)
 
 
 HEADING = ("plane", "quantity", "sessions", "last", "change per year", "by chance", "finding")

@@ -69,6 +69,8 @@ def test_the_wall_is_good_and_the_light_the_same(wall):
     assert near.good, near.say
     far = check_far(frame(wall[1][0]), {**FACTS, **near.facts})
     assert far.good, far.say
+    (x0, y0), (x1, _), (_, y1), _ = far.outline.wanted
+    assert (x1 - x0, y1 - y0) == pytest.approx((FAR_PX / RATIO, FAR_PX / RATIO))
 
 
 def test_a_smooth_wall_is_not_good(wall):
@@ -246,6 +248,11 @@ def test_further_distances_are_within_the_rail():
     assert [stop.name for stop in stops] == ["3.2 times", "5 times"]
     assert stops[1].go.to(facts) == {"z_mm": 4000.0}
     assert "5.00 m from the wall" in stops[1].go.say(facts)
+    goal = stops[0].goal(facts)
+    # the far photographs, 4.4 times as far, count as those of 5 times: 0.005; the first stop adds 0.004
+    assert (goal.left, goal.now) == (2, 0.005)
+    assert goal.after == pytest.approx((0.005**-2 + 0.004**-2) ** -0.5)
+    assert goal.say.startswith("MTF at Nyquist ± 0.005 now, ± 0.0031 after the next photograph; 2 photographs")
     assert farther_stops({**facts, "farther": 0.0}) == []
 
 

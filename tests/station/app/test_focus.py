@@ -89,7 +89,9 @@ def test_it_is_chosen_on_the_first_screen_and_a_run_may_use_the_bench_meanwhile(
 
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
-        await driver.press("2")
+        await driver.until("live focus")
+        await driver.pilot.pause(0.3)
+        await driver.press("f7")
         await driver.until("Where do the photographs of the chart come from?")
         await driver.press("enter", ".", "enter")
         await driver.until("Take a photograph.")

@@ -89,14 +89,15 @@ def test_the_plan_that_is_offered_first_keeps_its_words_when_all_are_loaded():
     assert {DEFAULT: PLANS[DEFAULT].title} == USUAL_PLAN
 
 
-def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
+@pytest.mark.parametrize("key", ["h", "H"])
+def test_a_stage_is_homed_and_moved_by_hand(tmp_path, key):
     lab, app = bench_app(tmp_path)
 
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
         await driver.press("f3")
         await driver.until("not homed. home it")
-        await driver.press("h")
+        await driver.press(key)
         await driver.until("way clear?")
         assert not lab.stage.homed
         await driver.press("enter")

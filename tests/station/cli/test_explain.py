@@ -53,6 +53,7 @@ def test_words_name_cause_number_and_remedy(result):
     assert text.startswith("G1: pass")
     assert "MTF50" in text
     assert any(one in text for one in REMEDIES.values())
+    assert run("explain", result, "--strict").exit_code == (not text.startswith("G1: pass"))
 
 
 def test_a_folder_without_a_result_is_refused(tmp_path):
@@ -78,6 +79,7 @@ def test_causes_of_a_batch_are_counted(batch):
     done = run("explain", batch, "--json")
     assert done.exit_code == 0, done.output
     (cause,) = json.loads(done.stdout)["causes"]
+    assert run("explain", batch, "--strict").exit_code == 1
     assert cause["count"] == 2
     assert cause["remedy"]
 

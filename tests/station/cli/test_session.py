@@ -147,6 +147,8 @@ def test_trend_reports_a_decrease_and_its_rate(session, tmp_path):
     assert trend["line"]["slope"] == pytest.approx(-0.019 / 4 * 365.25, rel=1e-3)
     assert trend["finding"] == "falls"
     assert "falls" in session("trend", "Box").stdout
+    assert session("trend", "Box", "--strict").exit_code == 1
+    assert session("trend", "Other", "--strict").exit_code == 1  # nothing to judge
     assert (tmp_path / "trend.svg").read_text().lstrip().startswith("<?xml")
 
 

@@ -58,5 +58,5 @@ def test_each_of_three_f_numbers_is_compared_with_its_own_photograph():
 def test_every_measured_or_read_number_is_named(plan):
     asked = {key for key, ask in plan_named(plan).asks().items() if ask.kind == "number"}
     # a target, or a reference for others
-    chosen = {"wanted_mtf50", "places", "views", "ratio", "max_w", "tape_mm", "photographs"}
+    chosen = {"wanted_mtf50", "places", "views", "ratio", "max_w", "farther", "tape_mm", "photographs"}
     assert asked <= {*NAMES, *chosen}
