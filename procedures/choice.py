@@ -16,7 +16,7 @@ from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of,
 from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 from procedures.psf import Psf, truncation
-from procedures.quality import KNOTS, Quality, assess, mtf50_along
+from procedures.quality import KNOTS, PRINT_BLUR, Quality, assess, mtf50_along
 
 FINEST = 6
 START_S, START_K = 4, 17
@@ -193,7 +193,7 @@ TERMS = {
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-UNSEEN = ("processing", "variation", "print blur")
+UNSEEN = ("processing", "variation", PRINT_BLUR)
 """Terms by corruptions that a photograph of the chart does not exclude."""
 COMMON = ("mismatch", *UNSEEN)
 """Terms that may be common to all photographs of one chart by one camera."""

@@ -99,9 +99,10 @@ class Quality:
     __repr__ = summary
     _repr_html_ = html
 
-    def uncertainty(self, direction: str) -> Array:
-        """Standard uncertainty (n,) of the curve "horizontal", "vertical" or "radial"."""
-        return np.asarray(np.sqrt(sum(term**2 for term in self.curve_budgets[direction].values())))
+    def uncertainty(self, direction: str, without: str = "") -> Array:
+        """Standard uncertainty (n,) of the curve "horizontal", "vertical" or "radial", one term excluded."""
+        terms = [term for name, term in self.curve_budgets[direction].items() if name != without]
+        return np.asarray(np.sqrt(sum(term**2 for term in terms)))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the MTF along x, along y and its radial mean, with one standard uncertainty."""
@@ -115,6 +116,8 @@ class Quality:
         return ax
 
 
+PRINT_BLUR = "print blur"
+"""Term of the budget: blur of the chart's print, which one photograph cannot distinguish from that of the lens."""
 CAMERA, OPERATOR = "camera", "operator"
 """Sources of an f-number."""
 CUTOFFS = (1e-3, 1e3)
@@ -430,7 +433,8 @@ def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> lis
         return []
     limit = diffraction.otf(quality.frequencies)
     both = np.array([quality.mtf_horizontal, quality.mtf_vertical])
-    uncertainties = np.array([quality.uncertainty("horizontal"), quality.uncertainty("vertical")])
+    # without the print's blur, which only lowers an MTF: it explains none above the limit
+    uncertainties = np.array([quality.uncertainty(way, PRINT_BLUR) for way in ("horizontal", "vertical")])
     above = both - MAX_EXCESS - EXCESS_SIGMAS * uncertainties - limit
     way, at = np.unravel_index(np.argmax(above), above.shape)
     measured, most = both[way, at], limit[at]

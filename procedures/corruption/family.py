@@ -79,8 +79,6 @@ GHOSTED = Corruption(
     "the picture, mirrored through the frame's centre, lies over the chart ({}): the lens reflects light",
     *2 * ("keep bright surfaces out of the frame, and photograph the chart on a dark wall",),
 )
-PRINT_BLUR = "print blur"
-"""Term of the budget: blur of the chart's print, which one photograph cannot distinguish from that of the lens."""
 VEILED = Corruption(
     "veil",
     "light is scattered farther than the plains reach ({})",

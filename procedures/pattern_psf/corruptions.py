@@ -11,7 +11,6 @@ from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD
 from procedures.corruption.family import (
     FILTERED,
     GHOSTED,
-    PRINT_BLUR,
     SELECTIVE,
     SHARPENED,
     SMOOTHED,
@@ -24,6 +23,7 @@ from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
+from procedures.quality import PRINT_BLUR
 
 MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from procedures.choice import FINEST, START_S, Trial, choose, combined, remaining_change, with_modes, with_parts
 from procedures.clipping import SensorModel
-from procedures.corruption.family import PRINT_BLUR
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
 from procedures.numbers import (
@@ -62,7 +61,7 @@ from procedures.pattern_psf.solution import SharedErrors, Solution, solution
 from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit, is_structured
 from procedures.psf import Psf, Sampling
 from procedures.psf_origin import Origin
-from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
+from procedures.quality import PRINT_BLUR, Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 
 if TYPE_CHECKING:

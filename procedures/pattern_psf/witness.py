@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from procedures.choice import with_modes
-from procedures.corruption.family import PRINT_BLUR, nuisance, threshold
+from procedures.corruption.family import nuisance, threshold
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores
 from procedures.numbers import (
     WITNESS_BLACK,
@@ -32,7 +32,7 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, print_blur_mode
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.pattern_psf.radiometry import measure_light
-from procedures.quality import Diffraction
+from procedures.quality import PRINT_BLUR, Diffraction
 from procedures.raw import Plane
 
 TILE = 5

@@ -70,7 +70,6 @@ def test_it_is_named_within_two_steps_and_within_two_photographs(plan, case, tmp
 BEFORE_FOCUS = ("print", "mount", "distance", "square")
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize(("plan", "factor"), [("pattern", 0.5), ("pattern", 1.0), ("field", 2.0)])
 def test_an_f_number_that_the_camera_does_not_note_is_compared_with_the_far_tail(plan, factor, tmp_path):
     incoming = tmp_path / "incoming"
