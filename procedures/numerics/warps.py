@@ -147,7 +147,7 @@ def displacement_columns(slopes: Array, monomials: Array) -> Array:
     slopes : (m, 2) change of every sample per unit of displacement along x and y; monomials : (m, 9) from
     `CubicWarp.monomials`.
     """
-    centred = monomials - monomials.mean(axis=0)
+    centred = monomials - (monomials.mean(axis=0) if len(monomials) else 0.0)
     return np.hstack([centred * slopes[:, :1], centred * slopes[:, 1:]])
 
 

@@ -243,7 +243,7 @@ class WholeChart:
         middle = np.stack([np.bincount(cluster, one) / count for one in place.T], axis=1)
         planes[np.arange(len(rows)), cluster] = np.column_stack([np.ones(len(rows)), place - middle[cluster]])
         moved = displacement_columns(self.slopes[used], cubic_monomials(*place.T))
-        own = np.hstack([planes.reshape(len(rows), -1), moved]) * weight[:, None]
+        own = np.hstack([planes.reshape(len(rows), 3 * len(numbers)), moved]) * weight[:, None]
         return SampleGroup(shared, own, (self.value - self.prediction)[used] * weight, cluster.astype(np.int64))
 
 

@@ -127,7 +127,7 @@ def is_misfit(fit: ChartFit) -> bool:
 def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Check]:
     """All checks on a PSF."""
     return [
-        *_refusing_checks(d, inputs.raw), *_doubtful_checks(d, fit), *_truncation_checks(inputs),
+        *_refusing_checks(d, inputs.raw), *_doubtful_checks(d, fit), *_truncation_checks(inputs, d.unexplained),
         *_processing_checks(d, inputs), *_noise_checks(d, inputs.sensor, inputs.raw),
         *_model_checks(d, inputs.raw), *inputs.contradicted,
         *_variation_checks(inputs.variations),
@@ -204,16 +204,17 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
     ]  # fmt: skip
 
 
-def _truncation_checks(inputs: VerdictInputs) -> list[Check]:
+def _truncation_checks(inputs: VerdictInputs, unexplained: float) -> list[Check]:
     """Checks of the PSF's energy and band that the given s and k exclude."""
     doubtful, last, obeyed = Verdict.DOUBTFUL, inputs.tried[-1], not inputs.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
+    undersampled = Verdict.REFUSED if unexplained > MAX_UNEXPLAINED else doubtful  # what the band excludes remains
     farther = "raise s, and photograph from a distance where s/t stays near its best"
     return [
         Check("truncation", last.truncation, last.most_truncated, doubtful,
               f"k = {last.k} may truncate {last.truncation:.4f} of the OTF, with uncertainty {last.uncertainty:.4f}",
               would or "raise k", given=inputs.parameters.k is not None and obeyed),
-        Check("band edge", last.band_edge, OPEN, doubtful,
+        Check("band edge", last.band_edge, OPEN, undersampled,
               f"s = {last.s} undersamples the PSF: the OTF is still {last.band_edge:.2f} at the band's edge",
               would if last.better and last.better[0] > last.s else farther,
               given=inputs.parameters.s is not None and obeyed),

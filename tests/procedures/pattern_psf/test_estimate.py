@@ -265,6 +265,13 @@ def test_one_sample_per_pixel_suits_a_lens_whose_band_ends_below_nyquist() -> No
     assert abs(coarse.value - fine.value) < 2 * np.hypot(coarse.uncertainty, fine.uncertainty)
 
 
+@pytest.mark.slow
+def test_one_sample_per_pixel_is_named_where_the_band_goes_on(bench: Bench, rng: np.random.Generator) -> None:
+    # its support leaves no sample of the frame whose surroundings are known
+    outcome = estimate_psf(bench.plane(0.002, rng), CHART, PatternParameters(1))
+    assert outcome.reason.startswith("s = 1 undersamples the PSF")
+
+
 def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Generator) -> None:
     samples = bench.plane(0.002, rng).samples
     top, bottom = 0.9 * 0.9 / 1.3, 0.04 * 0.9 / 1.3  # paper and ink in a light of 0.9, full well at 1.3

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.choice import Trial
+from procedures.outcome import Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.trust import VerdictInputs, _truncation_checks
@@ -28,8 +29,11 @@ from .damage import damaged
 def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, words: str) -> None:
     tried = Trial(2, 11, (0.41, 0.41), uncertainty=0.0004, truncation=0.0001, band_edge=0.06, better=better)
     assert tried.band_open
-    doubts = _truncation_checks(VerdictInputs(Sampling(2, 11, "ls", ()), False, (tried,), (), []))
-    assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.fails] == [True]
+    inputs = VerdictInputs(Sampling(2, 11, "ls", ()), False, (tried,), (), [])
+    for unexplained, verdict in ((0.001, Verdict.DOUBTFUL), (0.3, Verdict.REFUSED)):
+        (cause,) = (one for one in _truncation_checks(inputs, unexplained) if one.fails)
+        assert cause.remedy.startswith(words)
+        assert cause.severity is verdict
 
 
 @pytest.mark.slow
