@@ -41,9 +41,10 @@ def run(errands, tmp_path, count=8, jobs=2, stop=None, allowance=NO_LIMIT, **tro
 
 
 def test_every_item_is_worked_on_once(errands, tmp_path):
-    before = dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ()), threading.enumerate()
+    before, threads = (dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ())), set(threading.enumerate())
     assert run(errands, tmp_path) == {n: n * n for n in range(8)}
-    assert (dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ()), threading.enumerate()) == before
+    assert (dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ())) == before
+    assert set(threading.enumerate()) <= threads  # those of other tests may end meanwhile
 
 
 def test_processes_start_with_one_thread_each_and_what_was_set_before_comes_back(monkeypatch):
