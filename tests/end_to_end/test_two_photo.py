@@ -14,7 +14,7 @@ from station.guide.session_result import compute
 from station.sessions.reader import read_session
 from tests.end_to_end.enter_only import walk
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 @pytest.fixture(scope="module")

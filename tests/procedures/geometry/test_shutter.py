@@ -47,6 +47,7 @@ def measured(views: list[ChartView]) -> Outcome:
     return calibrate_geometry(views, LENS.size, parameters, plan(SHOOT))
 
 
+@pytest.mark.nightly
 def test_a_readout_of_20_ms_is_measured_to_2_per_cent():
     shutter = measured(frames(0.02 / LENS.size[1], 1)).result().shutter
     assert shutter.kind == "rolling"

@@ -47,6 +47,7 @@ def test_the_series_of_the_equidistant_lens(degrees):
     assert x == pytest.approx(1000 * angle, rel=(4 * np.tan(angle / 2) ** 2) ** 5 / 11264 + 1e-9)
 
 
+@pytest.mark.nightly
 def test_views_at_90_degrees_from_the_axis_give_a_first_camera():
     lens = polynomial((3000, 2000), 790.0, (1503.0, 1004.0), (0.02, -0.006, 0.001, 0.0))
     nodes = chart_nodes(CELL_MM)[::7]

@@ -96,7 +96,7 @@ def test_a_mild_mask_is_within_the_uncertainty_of_a_picture_and_a_clean_chart_pa
     assert raw.result().quality.budgets["mtf50_horizontal"]["processing"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_blurred_print_lies_within_three_uncertainties_unless_the_print_is_known():
     """One photograph cannot distinguish a print blurred by half a cell from a softer lens."""
     blurred, sharp = (photograph(11004, CORRUPTIONS[name], source="raw", scene="chart")
