@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -144,10 +143,7 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
     def project(p: Array) -> Array:
         return np.nan_to_num(start.with_params(p).project(rays), nan=FAR_PX)
 
-    def slope(p: Array) -> Array:
-        return np.nan_to_num(start.with_params(p).by_params(rays).reshape(-1, len(p)))
-
-    fit = start.with_params(_fit(project, start.params, scale, pixels, slope))
+    fit = start.with_params(_fit(project, start.params, scale, pixels))
     return fit, _difference(fit.project(rays) - pixels)
 
 
@@ -276,15 +272,10 @@ def as_radial(
     return RadialCamera(formula, float(p[0]), (float(p[1]), float(p[2])), unit_px, p[5:], p[3:5], difference)
 
 
-def _fit(
-    project: Callable[[Array], Array],
-    start: Array,
-    scale: Array,
-    pixels: Array,
-    slope: Callable[[Array], Array] | Literal["2-point"] = "2-point",
-) -> Array:
-    """Parameters whose projection is nearest to the pixels; `slope` is its derivative (2 n, p)."""
-    fit = least_squares(lambda p: (project(p) - pixels).ravel(), start, slope, x_scale=scale, xtol=1e-14, ftol=1e-14)
+def _fit(project: Callable[[Array], Array], start: Array, scale: Array, pixels: Array) -> Array:
+    """Parameters whose projection is nearest to the pixels. Differences are taken of the projection: its derivative
+    ends where a formula does, and leads a quotient of polynomials to a poor minimum."""
+    fit = least_squares(lambda p: (project(p) - pixels).ravel(), start, x_scale=scale, xtol=1e-14, ftol=1e-14)
     return np.asarray(fit.x)
 
 

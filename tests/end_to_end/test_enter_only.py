@@ -13,7 +13,7 @@ from tests.end_to_end.enter_only import FRONTENDS, walk
 
 SEEDS = (0, 1, 2)
 EVERY_CHANGE = frozenset({("edge", 0, "app")})
-"""The walk in the normal suite; `test_guide` and `test_app` walk the plan of the chart, `test_sensor_guide` that of sensors."""
+"""The walk in the normal suite; others walk the plans of the chart (`test_guide`, `test_app`) and of sensors."""
 
 
 def _walk(plan: str, seed: int, frontend: str) -> object:
