@@ -61,6 +61,8 @@ class FilterParameters:
         Two patches differ by at least this fraction of the chi-square per bin of their most different pixels.
     bound : float
         Largest change of a pixel in standard deviations of its samples' mean; 0 for no limit.
+    rims : bool
+        Whether to estimate pixels at rims of lamps from the rim's shape (see `rims`).
     """
 
     kappa: float = 1.0
@@ -77,6 +79,7 @@ class FilterParameters:
     ease: float = 0.005
     pixel: float = 0.25
     bound: float = 4.0
+    rims: bool = True
     coarse: float = 0.8
 
     def __post_init__(self) -> None:
@@ -102,7 +105,7 @@ def _require(holds: bool, requirement: str) -> None:
 
 PAPER = FilterParameters(
     at_least=2, least_count=1.0, welch=0.0, softness=0.0, trend=False,
-    trust=0.0, ease=0.0, coarse=1.0, pixel=0.0, bound=0.0,
+    trust=0.0, ease=0.0, coarse=1.0, pixel=0.0, bound=0.0, rims=False,
 )  # fmt: skip
 """The filter as in Algorithms 1 and 2, which average every patch with two others, however different."""
 

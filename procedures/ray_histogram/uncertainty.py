@@ -24,6 +24,7 @@ from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Samples
 from procedures.ray_histogram.multiscale import fuse_scales, recombine, samples_of
+from procedures.ray_histogram.rims import lamp_rims
 
 Floats = npt.NDArray[np.float32]
 
@@ -74,7 +75,11 @@ def standard_uncertainty(
     noise, before = answer[..., 3:].reshape(shape), probes[0].picture[..., 3:].reshape(shape)
     variance = _around(np.mean(noise**2, axis=2), NOISE_PX) + np.float32(LOST_DETAIL) * _around(bias2, BIAS_PX)
     shared = np.mean(noise * before, axis=2)
-    return np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
+    sigma = np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
+    if parameters.rims:
+        rims = lamp_rims(film, smooth)
+        sigma = rims.put(rims.uncertainty, sigma)
+    return sigma
 
 
 def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
