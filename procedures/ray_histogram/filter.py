@@ -83,24 +83,22 @@ class FilterParameters:
     coarse: float = 0.8
 
     def __post_init__(self) -> None:
-        _require(self.kappa > 0 and np.isfinite(self.kappa), f"kappa must be positive; got {self.kappa}")
-        _require(self.scales >= 1, f"there must be 1 scale or more; got {self.scales}")
-        _require(self.search >= 1, f"half the search block must be 1 pixel or more; got {self.search}")
-        _require(self.patch >= 0, f"half a patch must be 0 pixels or more; got {self.patch}")
-        _require(self.at_least >= 0, f"the least number of similar patches must be 0 or more; got {self.at_least}")
-        _require(self.least_count >= 0, f"the least count must be 0 or more; got {self.least_count}")
-        _require(self.welch >= 0, f"welch must be 0 or more; got {self.welch}")
-        _require(self.doubt >= 0, f"doubt must be 0 or more; got {self.doubt}")
-        _require(self.ease >= 0, f"ease must be 0 or more; got {self.ease}")
-        _require(0 <= self.pixel <= 1, f"pixel must be between 0 and 1; got {self.pixel}")
-        _require(self.bound >= 0, f"bound must be 0 or more; got {self.bound}")
-        _require(0 <= self.softness <= 1, f"softness must be between 0 and 1; got {self.softness}")
-        _require(0 <= self.coarse <= 1, f"coarse must be between 0 and 1; got {self.coarse}")
+        if not (self.kappa > 0 and np.isfinite(self.kappa)):
+            raise BadParameter(f"kappa must be positive; got {self.kappa}", "choose a value in this range")
+        for name, least, most in _LIMITS:
+            if not least <= getattr(self, name) <= most:
+                limits = f"{least} or more" if most == np.inf else f"between {least} and {most}"
+                raise BadParameter(
+                    f"{name} must be {limits}; got {getattr(self, name)}", "choose a value in this range"
+                )
 
 
-def _require(holds: bool, requirement: str) -> None:
-    if not holds:
-        raise BadParameter(requirement, "choose a value in this range")
+_LIMITS = (
+    *((name, 1, np.inf) for name in ("scales", "search")),
+    *((name, 0, np.inf) for name in ("patch", "at_least", "least_count", "welch", "doubt", "ease", "bound")),
+    *((name, 0, 1) for name in ("pixel", "softness", "coarse")),
+)
+"""Smallest and largest values of parameters."""
 
 
 PAPER = FilterParameters(

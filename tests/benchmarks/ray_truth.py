@@ -60,8 +60,9 @@ def results(scene: Render, n: int) -> Iterator[Result]:
     filtered = filter_film(whole.film, threads=THREADS).picture
     yield "default", filtered, standard_uncertainty(whole.film, filtered, threads=THREADS)
     yield from blends("blend", (halves, whole))
-    pair = blend(*pictures(scene, n), threads=THREADS)[0]
-    yield "EXR pair", pair.picture, pair.uncertainty
+    if n == SAMPLES[0]:
+        pair = blend(*pictures(scene, n), threads=THREADS)[0]
+        yield "EXR pair", pair.picture, pair.uncertainty
     try:
         yield "Open Image Denoise", open_image_denoise(whole), None
     except BadInput:
