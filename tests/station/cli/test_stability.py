@@ -9,8 +9,12 @@ import pytest
 
 
 @pytest.fixture
-def results(tmp_path, rng):
-    folders = [tmp_path / f"r{i}" for i in range(3)]
+def results(tmp_path):
+    return write_results(tmp_path)
+
+
+def write_results(place):
+    rng, folders = np.random.default_rng(3), [place / f"r{i}" for i in range(3)]
     for folder in folders:
         folder.mkdir()
         np.save(folder / "psf_Y.npy", np.outer(*[np.hanning(19)[1:-1]] * 2) / 81 + 1e-4 * rng.standard_normal((17, 17)))
