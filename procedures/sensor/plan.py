@@ -253,7 +253,7 @@ def gain_uncertainty(lights: Sequence[float], samples: float) -> float:
     if not levels:
         return math.inf
     spread = sum(light**4 / (n - 1) for light, n in levels)
-    return (2 / samples * spread) ** 0.5 / sum(light**2 for light, _ in levels)
+    return math.sqrt(2 / samples * spread) / sum(light**2 for light, _ in levels)
 
 
 # --- Facts of a guided sensor measurement: the exposure, and the light of every picture ---
