@@ -5,8 +5,6 @@ cycle, after which its position is 0 wherever it is. Homing therefore writes a n
 module, and no position is trusted without that number.
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -122,7 +120,7 @@ class TmclStage:
         version = int(self._link.host(tries=TRIES).send(VERSION, VERSION_BINARY, 0, 0, module).value)
         return f"TMCM-{version >> 16}", f"{version >> 8 & 0xFF}.{version & 0xFF:02}"
 
-    def _envelope(self, axis: TmclAxis) -> TmclEnvelope:
+    def _envelope(self, axis: TmclAxis) -> "TmclEnvelope":
         return read_envelope(axis.name, ask_parameters(self._link.host(tries=TRIES), axis.module, axis.motor))
 
     def close(self) -> None:

@@ -3,8 +3,6 @@
 Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` makes them available to other programs.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import threading
@@ -52,7 +50,7 @@ class Setup:
     body: BodySettings = field(default_factory=BodySettings)
     faults: Mapping[str, Faults] = field(default_factory=dict)
     develop: Develop | None = None
-    fault_events: tuple[FaultEvent, ...] = ()
+    fault_events: "tuple[FaultEvent, ...]" = ()
     virtual_time: bool = False
     speed: float = 1.0
     motors_on_box: bool = False
@@ -176,7 +174,7 @@ class SimulatedBench:
         self.clock.detach(self._fault_plan)
 
 
-def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[FaultEvent, ...]]:
+def random_trouble(seed: int) -> "tuple[dict[str, Faults], tuple[FaultEvent, ...]]":
     """Random faults of cables and devices within the first minutes of a bench."""
     cables, devices = np.random.default_rng(seed).spawn(2)
     return random_faults(cables, CABLES), tuple(random_fault_events(devices))

@@ -183,12 +183,7 @@ def _shoot(
 
 
 def compared_planes(
-    frame: RawFrame,
-    truth: Photograph,
-    chart: Source,
-    parameters: PatternParameters,
-    setup: Staging,
-    progress: Progress,
+    frame: RawFrame, truth: Photograph, chart: Source, parameters: PatternParameters, setup: Staging, progress: Progress
 ) -> Iterator[ComparedPlane]:
     """Every plane estimated from the file and compared with the true PSF."""
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)

@@ -1,7 +1,5 @@
 """Result of a procedure, from which record, page, batch table, limits and certificate are derived."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -65,7 +63,7 @@ class Measurement:
         """Whether all planes are refused."""
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
-    def compared(self, terms: Terms) -> Measurement:
+    def compared(self, terms: Terms) -> "Measurement":
         """The measurement with every plane compared with the limits of a specification."""
         if not terms.specification.limits:
             return self

@@ -1,7 +1,5 @@
 """A server in a thread of its own, on a port that is reserved in advance."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import socket
@@ -201,7 +199,7 @@ class LimitedConnection(H11Protocol):
     def _address(self) -> str:
         return self.client[0] if self.client else ""
 
-    def _has_room(self, crowd: Iterable[LimitedConnection], most: int) -> bool:
+    def _has_room(self, crowd: "Iterable[LimitedConnection]", most: int) -> bool:
         """Whether at most this many are open, after closing the one whose request has been due longest."""
         others = [other for other in crowd if other is not self and other in self.connections]
         if len(others) < most:

@@ -1,7 +1,5 @@
 """An operator reached over the network: events of a run are kept for clients, and questions wait for an answer."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The served application: the page, the interface for programs, and Alpaca."""
 
-from __future__ import annotations
-
 import asyncio
 import mimetypes
 import threading

@@ -1,7 +1,5 @@
 """The class of all commands: its options in groups, and those that every command has; options of several commands."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import click

@@ -1,7 +1,5 @@
 """A group of commands that imports each only when it is called: the help must not import numpy."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from importlib.metadata import entry_points

@@ -1,7 +1,5 @@
 """Numbers on the command line: finite, and within bounds. click accepts NaN, which compares with no bound."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

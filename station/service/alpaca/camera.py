@@ -1,7 +1,5 @@
 """The bench's camera as an Alpaca camera: full sensor or a subframe, unbinned, numbers as in the RAW file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """A probe of the bench as an Alpaca device for conditions: temperature, humidity, pressure, and the dew point."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, cast

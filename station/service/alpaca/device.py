@@ -1,7 +1,5 @@
 """Common members of all Alpaca devices: names, versions, connections; and dispatch of members by name."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Alpaca's discovery protocol: a datagram asks for servers, the answer is the server's port (version 1)."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,7 +1,5 @@
 """An axis of a stage as an Alpaca focuser: positions are whole micrometres from the low end of its travel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -43,11 +41,7 @@ class AxisFocuser(AlpacaDevice):
 
     def writable(self) -> Mapping[str, Member]:
         """IFocuserV4."""
-        return {
-            "halt": lambda given: self._halt(),
-            "move": self._move,
-            **absent("tempcomp"),
-        }
+        return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:
         """Position, if known, and whether it moves."""

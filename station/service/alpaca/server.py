@@ -1,7 +1,5 @@
 """Alpaca over HTTP: `/api/v1/KIND/NUMBER/MEMBER` and `/management`, transactions numbered, errors by number."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json

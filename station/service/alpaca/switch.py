@@ -1,7 +1,5 @@
 """Lamp, release contact, laser and distance of the bench as one Alpaca switch device."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
