@@ -222,7 +222,6 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
 
 
 def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
-    """Reader for this file."""
     if layout:
         return partial(_read_dump, layout)
     return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic

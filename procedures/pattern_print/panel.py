@@ -58,7 +58,6 @@ class Panel:
         return Text(*self.at(x, y), words, size * self.scale, bold, anchor)
 
     def rule(self, y: float, start: float, end: float, thickness: float) -> PrintedLine:
-        """Horizontal line in the panel."""
         return PrintedLine(self.at(start, y), self.at(end, y), thickness * self.scale)
 
 

@@ -29,7 +29,6 @@ class Source:
 
     @classmethod
     def from_seed(cls, seed: int = DEFAULT_SEED) -> "Source":
-        """Chart of a seed."""
         return cls(Chart.from_seed(seed), f"seed {seed}")
 
     def with_edges(self) -> "Source":

@@ -144,7 +144,6 @@ class SimulatedBench:
             self.body.release(now_s)
 
     def address(self, device: str) -> str:
-        """The URL of a device's port."""
         return f"sim://{self.name}/{device}"
 
     def open_ports(self, devices: Sequence[str] = CABLES) -> dict[str, tuple[str, str]]:
@@ -256,7 +255,6 @@ class FaultPlan(EventSource):
         return self._due[0].moment_s if self._due else None
 
     def wake(self) -> None:
-        """Inject the faults that are due."""
         while self._due and self._due[0].moment_s <= self._clock.now_s():
             self._inject(self._due.pop(0))
 

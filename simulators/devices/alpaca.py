@@ -147,11 +147,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def do_GET(self) -> None:
-        """A query."""
         self._reply(urlsplit(self.path).query)
 
     def do_PUT(self) -> None:
-        """An order."""
         self._reply(self.rfile.read(int(self.headers.get("Content-Length", 0))).decode())
 
     def log_message(self, *_: object) -> None:

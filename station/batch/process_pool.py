@@ -109,7 +109,6 @@ class Stop:
     asked: bool = False
 
     def ask(self) -> None:
-        """Stop soon."""
         self.asked = True
 
 

@@ -75,12 +75,10 @@ class Demonstration:
 
     @property
     def planes(self) -> tuple[ComparedPlane, ...]:
-        """Planes of all photographs."""
         return tuple(plane for shot in self.shots for plane in shot.planes)
 
     @property
     def refused(self) -> tuple[ComparedPlane, ...]:
-        """Planes without a PSF."""
         return tuple(plane for plane in self.planes if plane.comparison is None)
 
 

@@ -55,12 +55,10 @@ class Measurement:
 
     @property
     def by_name(self) -> dict[str, PlaneResult]:
-        """The planes by name."""
         return {one.name: one for one in self.planes}
 
     @property
     def refused(self) -> bool:
-        """Whether all planes are refused."""
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
     def compared(self, terms: Terms) -> "Measurement":

@@ -85,7 +85,6 @@ class Hosting:
 
     @property
     def port(self) -> int:
-        """The port it listens on."""
         number: int = self.listening.getsockname()[1]
         return number
 
@@ -142,18 +141,15 @@ class LimitedConnection(H11Protocol):
         self._find_room()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended."""
         self._cancel_deadline()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """A part of a request was received."""
         super().data_received(data)
         if not self.owes_request:
             self._cancel_deadline()
 
     def on_response_complete(self) -> None:
-        """A request was answered."""
         super().on_response_complete()
         if self.owes_request:
             self._expect_request()

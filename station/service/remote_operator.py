@@ -77,12 +77,10 @@ class RemoteOperator:
 
     @property
     def status(self) -> RunStatus:
-        """The present status of the run."""
         with self._lock:
             return self._status
 
     def notify(self, event: Event) -> None:
-        """Update the status by an event."""
         if isinstance(event, FrameEvent):
             self._show(event.plane)
         with self._lock:

@@ -58,7 +58,6 @@ class LazyGroup(StationCommand, click.Group):
         return name, command, rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options, group by group, and the commands."""
         super().format_options(ctx, formatter)
         self.format_commands(ctx, formatter)
 

@@ -33,7 +33,6 @@ class ProbeConditions(AlpacaDevice):
         super().__init__(served, "observingconditions", number, probe, {probe: self._probe})
 
     def readable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {
             **{name: (lambda given, name=name: self._value(name)) for name in MEASURED},  # type: ignore[misc]
             "averageperiod": constant(0.0),
@@ -44,7 +43,6 @@ class ProbeConditions(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {"averageperiod": self._average, "refresh": constant(None)}
 
     def state(self) -> Mapping[str, Any]:

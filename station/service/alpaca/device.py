@@ -199,7 +199,6 @@ class Task:
 
     @property
     def running(self) -> bool:
-        """Whether it is in progress."""
         return self._thread is not None and self._thread.is_alive()
 
     def check(self) -> None:

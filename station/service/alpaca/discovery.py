@@ -29,7 +29,6 @@ class Discovery:
 
     @property
     def port(self) -> int:
-        """The port it listens on."""
         number: int = self._socket.getsockname()[1]
         return number
 

@@ -26,7 +26,6 @@ class AxisFocuser(AlpacaDevice):
         super().__init__(served, "focuser", number, f"{stage} {axis}", {stage: self._stage})
 
     def readable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
         return {
             "absolute": constant(True),
             "ismoving": lambda given: self._is_moving(),
@@ -40,7 +39,6 @@ class AxisFocuser(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
         return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:

@@ -19,12 +19,10 @@ class Parameters:
 
     @staticmethod
     def of_query(text: str) -> "Parameters":
-        """Parameters of a GET."""
         return Parameters({name.lower(): value for name, value in parse_qsl(text, keep_blank_values=True)}, True)
 
     @staticmethod
     def of_form(data: bytes) -> "Parameters":
-        """Parameters of a PUT."""
         return Parameters(dict(parse_qsl(data.decode("utf-8", "replace"), keep_blank_values=True)), False)
 
     def text(self, name: str) -> str:

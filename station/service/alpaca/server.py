@@ -59,7 +59,6 @@ class AlpacaServer:
         served.clients = self.clients
 
     def routes(self) -> list[Route]:
-        """The routes of the interface."""
         return [
             Route("/management/apiversions", self._constant([1])),
             Route("/management/v1/description", self._constant(DESCRIPTION)),

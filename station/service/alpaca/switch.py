@@ -41,7 +41,6 @@ class BenchSwitch(AlpacaDevice):
         super().__init__(served, "switch", number, "lamp, shutter and laser", devices)
 
     def readable(self) -> Mapping[str, Member]:
-        """ISwitchV3."""
         return {
             "maxswitch": constant(len(self._lines)),
             "canasync": self._of(lambda line: False),
@@ -57,7 +56,6 @@ class BenchSwitch(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """ISwitchV3."""
         return {
             "setswitch": lambda given: self._set(self._line(given), given.flag("State") * self._line(given).highest),
             "setswitchvalue": lambda given: self._set(self._line(given), given.number("Value")),
