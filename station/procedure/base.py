@@ -240,7 +240,6 @@ class Procedure(ABC, Generic[S]):
 
     @property
     def schema(self) -> str:
-        """Name of the schema of its record."""
         return f"station/{self.name}/1"
 
     @property
@@ -299,7 +298,6 @@ class Procedure(ABC, Generic[S]):
         return measurement_report(measurement, self.name, title=self.title, method=self.method)
 
     def draws(self, measurement: Measurement) -> bool:
-        """Whether a measurement has a page."""
         return self.has_page and not measurement.refused
 
     def page(self, measurement: Measurement) -> bytes:
