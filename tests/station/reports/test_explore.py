@@ -119,7 +119,6 @@ def test_a_limit_has_its_probability_of_conformity(opened, limit, verdict):
     assert f"uncertainties: {verdict}." in words
 
 
-RECORD = {"input": [{"path": "a/lens C.dng"}], "planes": {"G1": {"mtf50_horizontal": vars(MTF50)}}}
 FILES = {
     "mtf_G1.csv": "frequency [lp/mm],horizontal,horizontal_uncertainty\n0,1,0\n125,0,0\n",
     "result.json": json.dumps(
