@@ -8,8 +8,6 @@ all seeds is written with its provenance, which `procedures.pattern_psf.probabil
 `python tests/benchmarks/verdict_probability.py [--count 8] [--seed 11] [--write]`
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

@@ -1,7 +1,5 @@
 """From a cold bench to a calibrated PSF, through wires, protocols and a file: the estimate agrees with the truth."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import pytest

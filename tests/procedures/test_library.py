@@ -1,7 +1,5 @@
 """The public API: every name exists, is typed, is loaded on first use, and is used in an example of the manual."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """Spline cameras: derivatives, polynomials, and a lens with waves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The complete estimate of walls with known optics and of published photographs, and its refusals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Consistency of two photographs, and its effect on uncertainties and verdicts."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

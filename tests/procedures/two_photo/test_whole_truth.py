@@ -1,7 +1,5 @@
 """The numbers for analytic OTFs with infinite PSFs: errors must be consistent with uncertainties."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

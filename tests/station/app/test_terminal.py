@@ -1,7 +1,5 @@
 """The program before a real terminal: a pseudo-terminal that is typed into, closed, or never there."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

@@ -1,7 +1,5 @@
 """`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """`station restore` from files to files, on a corner of the shared photographs."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

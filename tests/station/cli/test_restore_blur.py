@@ -1,7 +1,5 @@
 """`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """`station restore` with kernels measured in pixels, on two photographs of a flat scene as camera files."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

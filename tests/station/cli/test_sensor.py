@@ -1,7 +1,5 @@
 """`station sensor`: grey pictures with a manifest, RAW files of the bench's sensor, its files and exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import xml.etree.ElementTree as ElementTree

@@ -1,7 +1,5 @@
 """A session's results are recomputed bitwise from its folder; differences are named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

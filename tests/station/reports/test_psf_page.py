@@ -1,7 +1,5 @@
 """A calibration's page: what it says, that it stands alone, and how a browser shows it."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

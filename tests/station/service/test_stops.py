@@ -1,7 +1,5 @@
 """A stop gets through, whatever hangs: over HTTP, from the phone page, and over Alpaca."""
 
-from __future__ import annotations
-
 import json
 import time
 

@@ -1,7 +1,5 @@
 """A typed f-number against the photograph's own far tail and what diffraction lets pass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Algorithm I on a small vibrating scene with a depth edge: properties of one restoration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Masks that vary over the frame: one stack is a grid of one, and a field restores the blur of the field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

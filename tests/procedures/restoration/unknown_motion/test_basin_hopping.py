@@ -1,7 +1,5 @@
 """Local minima of descent, and their escape by curves of a pool and by random bends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
