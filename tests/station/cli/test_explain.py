@@ -72,7 +72,6 @@ def batch(result, tmp_path_factory):
     return folder / "out"
 
 
-@pytest.mark.slow
 def test_causes_of_a_batch_are_counted(batch):
     done = run("explain", batch, "--json")
     assert done.exit_code == 0, done.output

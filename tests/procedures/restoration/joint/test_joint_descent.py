@@ -14,6 +14,8 @@ from procedures.restoration.joint.schedule import NEAR, Schedule, Scheme
 
 from ..conftest import scene
 
+SLOW_FIXTURES = {"restored"}
+
 
 @pytest.fixture(scope="module")
 def problem(vibrating):
@@ -60,7 +62,6 @@ def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
     assert joint_descent.cost(problem, u, w, weights)[0] < before
 
 
-@pytest.mark.slow
 def test_restoration_approaches_the_true_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
@@ -79,7 +80,6 @@ def test_rounds_can_be_stopped_and_resumed(problem, first):
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_every_round_is_reported(restored, problem):
     assert [r.n for r in restored.history] == [*range(8), 8]
     assert restored.history[0].what.startswith("steps far")
