@@ -47,16 +47,14 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         setting("w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]"),
     ] = ()
     offset: Annotated[
-        tuple[float, ...],
-        setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]"),
+        tuple[float, ...], setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]")
     ] = ()
     defocus_shape: Annotated[
         Texts,
         setting("With --blur both, where --shape is that of motion: the aperture's shape, one or one for each image."),
     ] = ()
     defocus_ratio: Annotated[
-        tuple[float, ...],
-        setting("Half-width of that defocus in pixels per unit of w, one or one for each image."),
+        tuple[float, ...], setting("Half-width of that defocus in pixels per unit of w, one or one for each image.")
     ] = ()
     defocus_offset: Annotated[
         tuple[float, ...],
@@ -115,8 +113,7 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     )
     exposure_s: Annotated[tuple[float, ...], setting("Exposure time, for --imu.  [default: as recorded]")] = ()
     imu_within_s: Annotated[
-        float,
-        setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0),
+        float, setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0)
     ] = 0.0
     metres: Annotated[
         Literal["front", "behind"] | None,

@@ -43,13 +43,7 @@ from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from station.calibration.restoration import developed
-from station.calibration.restoration.inputs import (
-    doubt_of,
-    poses_of_records,
-    read_blur_shape,
-    read_kernels,
-    read_poses,
-)
+from station.calibration.restoration.inputs import doubt_of, poses_of_records, read_blur_shape, read_kernels, read_poses
 from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.restore_settings import RestoreSettings

@@ -1,7 +1,5 @@
 """`station restore --metres`: required camera data, and the distances."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
