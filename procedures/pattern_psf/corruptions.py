@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    VEILED,
-    WIDE,
-    nuisance,
-)
+from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, nuisance
 from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
@@ -81,10 +74,7 @@ def modes_of(
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
     varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
-    modes = {
-        PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
-        "variation": square * varied,
-    }
+    modes = {PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2), "variation": square * varied}
     if raw:
         return modes
     fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]

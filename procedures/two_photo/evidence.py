@@ -10,15 +10,7 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, FLOW, GHOST, MEDIAN, THRESHOLD
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    SampleGroup,
-    Strength,
-    nuisance,
-    strengths,
-)
+from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, SampleGroup, Strength, nuisance, strengths
 from procedures.corruption.noise import (
     DRIFT,
     MASK_RADII,

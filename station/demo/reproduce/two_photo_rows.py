@@ -57,9 +57,7 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
     """The thesis's simulation mentions no noise: a hundred times the light."""
     camera = cameras.green_camera(5.6, side)
     sensor = replace(
-        camera.sensor,
-        full_well_e=100 * camera.sensor.full_well_e,
-        gain_e_per_dn=100 * camera.sensor.gain_e_per_dn,
+        camera.sensor, full_well_e=100 * camera.sensor.full_well_e, gain_e_per_dn=100 * camera.sensor.gain_e_per_dn
     )
     optics = Optics((GaussianBlur(0.4),), camera.pitch_um)
     return replace(camera, sensor=sensor, optics=optics, white_e_per_s=100 * camera.white_e_per_s)
@@ -97,12 +95,7 @@ def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     apart = [float(np.abs(mtf[s] - mtf[4])[end >= F].max()) for s, end in COMMON.items()]
     figures = (
         pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=4, cmap="viridis"),
-        curves(
-            f"{name}-mtf",
-            [_up_to_band(s, one) for s, one in mtf.items()],
-            x=CYCLES,
-            y="MTF, vertical",
-        ),
+        curves(f"{name}-mtf", [_up_to_band(s, one) for s, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
     )
     return RowValues(tuple(apart), figures)
 
