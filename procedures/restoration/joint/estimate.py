@@ -228,7 +228,8 @@ def _restoration(
 
 def _sharpened(picture: Array) -> float:
     """Largest score of an unsharp mask in the noise of a picture's flat parts."""
-    return max(one.score for one in mask_scores([flat_noise(picture.astype(np.float32))], MASK_RADII, [DRIFT]))
+    noise = flat_noise(picture.astype(np.float32))  # a blurred scene varies slowly: by squares and fourth powers
+    return max(one.score for one in mask_scores([noise], MASK_RADII, [DRIFT, DRIFT**2]))
 
 
 def _rms(residual: Array, trust: Array) -> float:
