@@ -12,8 +12,6 @@ P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 an
 corruptions whose names hold one of the words.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -11,8 +11,6 @@ stated as none.
 `python tests/benchmarks/verdict_probability.py fit FILE [--write]`
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

@@ -1,7 +1,5 @@
 """The probability that a number lies within two stated uncertainties, from the statistics of its checks."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
