@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
+from procedures.corruption.noise import Variogram
 from procedures.numerics.arrays import Array
 
 SQUARE = 7
@@ -31,7 +31,6 @@ class NoiseMeasurement:
     standard uncertainty of `finest` by the number of pixels.
     """
 
-    sharpening: Sharpening
     finest: float
     uncertainty: float
     paper: Variogram
@@ -52,11 +51,10 @@ def measure_noise(
     left : (rows, columns) residual of a fit, NaN where there is none
     """
     paper, expected = _flat_paper(picture, levels, variance_at)
-    of_fit = Variogram.of(residual, np.isfinite(residual), residual=True)
-    sharpening = find_sharpening([paper, of_fit])
+    of_fit = Variogram.of(residual, np.isfinite(residual))
     pairs = float(paper.pairs.max())
     finest, uncertainty = (paper.finest / expected, float(np.sqrt(2 * OVERLAP / pairs))) if pairs else (1.0, np.inf)
-    return NoiseMeasurement(sharpening, finest, uncertainty, paper, of_fit)
+    return NoiseMeasurement(finest, uncertainty, paper, of_fit)
 
 
 def flat_noise(picture: npt.NDArray[np.float32]) -> Variogram:

@@ -27,7 +27,7 @@ from procedures.corruption.family import (
     WIDE,
     nuisance,
 )
-from procedures.corruption.noise import MASK_RADII, noise_checks
+from procedures.corruption.noise import noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
@@ -100,14 +100,13 @@ def modes_of(
     modes["ghost"] = nuisance(ghost.unseen, ghost.uncertainty, GHOST_PRIOR, PRESENT) * _mask(square, GHOST_PX)
     if raw:
         return modes
-    fine = evidence.masks[MASK_RADII.index(1.0)]
     wide = [
         nuisance(one.unseen, one.uncertainty, WIDE_PRIOR, PRESENT / len(WIDE_PX)) * _mask(square, radius)
         for one, radius in (
             (evidence.strengths[name], radius) for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         )
     ]
-    processing = nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0)
+    processing = nuisance(evidence.fine.unseen, evidence.fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0)
     return modes | {"processing": processing, "wide mask": np.hypot(*wide)}
 
 

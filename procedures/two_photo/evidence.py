@@ -80,7 +80,7 @@ class PairEvidence:
 def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> PairEvidence:
     """Scores of a fit; `curve` are frequencies and MTF."""
     image = fit.as_image(fit.residual, np.nan)
-    residual = Variogram.of(np.nan_to_num(image), np.isfinite(image), residual=True)
+    residual = Variogram.of(np.nan_to_num(image), np.isfinite(image))
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
     return PairEvidence(
         mask_scores([residual], MASK_RADII),
