@@ -15,6 +15,7 @@ from procedures.two_photo.diagnostics import PairDiagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
 
+MAX_UNCERTAINTY = 0.3  # relative L2 error of the PSF above which a coarser grid is tried, and the PSF is doubtful
 ZOOM_MARGIN = 1.02  # minimum of the zoom over a chosen s
 COARSE_RESIDUAL, FINE_RESIDUAL, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
 """Limits of the residual's power at coarse over fine detail, at middle over the finest, and along x over along y."""
@@ -253,7 +254,7 @@ def _wall_checks(d: PairDiagnostics, s: int) -> list[Check]:
         Check("relief", d.relief_px, 0.06, doubtful,
               f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
               "choose a wall without relief", prior=1.0 if _shifted(d) else SYMPTOM),
-        Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
+        Check("uncertainty", d.relative_uncertainty, MAX_UNCERTAINTY, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "choose a rougher wall, expose longer, or lower s or k"),
         Check("band", determined, s / 2, doubtful,
