@@ -83,8 +83,8 @@ def _flat_paper(
 
 def _about_planes(picture: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Mean of every square, and its variance about its plane."""
-    mean = cv2.blur(picture, (SQUARE, SQUARE))
-    return mean, cv2.blur(picture * picture, (SQUARE, SQUARE)) - mean * mean - _slope_variance(picture)
+    mean, square = (np.asarray(cv2.blur(one, (SQUARE, SQUARE)), np.float32) for one in (picture, picture * picture))
+    return mean, square - mean * mean - _slope_variance(picture)
 
 
 def _slope_variance(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
