@@ -24,6 +24,7 @@ FAR_SOFTER = 1.8
 """Fine contrast of the near photograph over the far one's above which the focus of the far one is doubtful."""
 PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
 """Significant distance of a part of the wall from one plane, in pixels and in standard uncertainties."""
+MOVED_PX = 0.1  # accepted last move of the map
 COARSE_SHARE = 0.05  # accepted difference of the wall's coarse detail, relative to its amplitude
 BEYOND_LIGHT, MISSING_LIGHT = 0.02, 4.0
 """Accepted violation of the inequality of cosines, and light missing around the core in standard uncertainties."""
@@ -225,6 +226,7 @@ def _sampling_checks(asked: Sampling, last: Trial, scale: float) -> list[Check]:
 def _refusals(d: PairDiagnostics) -> list[Check]:
     refused = Verdict.REFUSED
     flat = "choose a flat wall without relief, photograph it squarely, and keep everything out of its way"
+    unsharp = (SYMPTOM if _shifted(d) else 1.0) * (SYMPTOM if d.moved_px > MOVED_PX else 1.0)
     return [
         Check("agreement", d.agreement, 0.3, refused,
               f"the near photograph must explain the far one; it explains {max(d.agreement, 0):.0%} of it",
@@ -237,7 +239,7 @@ def _refusals(d: PairDiagnostics) -> list[Check]:
               flat),
         Check("sharpness", d.sharpness_ratio, 0.2, refused,
               f"the near photograph must be as sharp as the far one; it has {d.sharpness_ratio:.0%} of its fine "
-              "contrast", "focus again at the near distance", least=True, prior=SYMPTOM if _shifted(d) else 1.0),
+              "contrast", "focus again at the near distance", least=True, prior=unsharp),
         Check("uncertainty", d.relative_uncertainty, 1.0, refused,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF: the wall's spectrum is too weak",
               "choose a rougher wall with detail of all sizes, expose longer, or lower s or k"),
@@ -291,6 +293,6 @@ def _camera_checks(d: PairDiagnostics) -> list[Check]:
               "rough", "expose both longer"),
         Check("support", d.support_cut, MAX_SUPPORT_CUT, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
-        Check("convergence", d.moved_px, 0.1, doubtful, "the map did not converge",
+        Check("convergence", d.moved_px, MOVED_PX, doubtful, "the map did not converge",
               "photograph the wall more squarely"),
     ]  # fmt: skip
