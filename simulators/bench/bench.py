@@ -4,6 +4,7 @@ Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` make
 """
 
 import itertools
+import math
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +42,7 @@ class Setup:
     """Configuration of a simulated bench.
 
     `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
-    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time. With
+    the chart. With `virtual_time` time jumps during waits; otherwise waits take their time over `speed`. With
     `motors_on_box` the motors of rail and height are powered only while the box's enable output is set.
     """
 
@@ -64,7 +65,9 @@ class SimulatedBench:
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
-        self.clock: SimClock = VirtualClock() if setup.virtual_time else FastClock(setup.speed)
+        own_time = setup.virtual_time or setup.speed != 1.0
+        speed = math.inf if setup.virtual_time else setup.speed
+        self.clock: SimClock = VirtualClock(speed) if own_time else FastClock()
         self.world = World(setup.room)
         self.folder = folder
         self._seed = setup.seed

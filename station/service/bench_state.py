@@ -104,6 +104,7 @@ def run_record(status: RunStatus) -> dict[str, Any]:
         "plan": status.plan,
         "step": status.step,
         "instruction": status.instruction,
+        "drawing": status.drawing,
         "doing": {"say": status.doing, "done": status.done, "total": status.total},
         "advice": status.advice.say if status.advice is not None else "",
         "coach": coach_record(status),
