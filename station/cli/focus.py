@@ -15,9 +15,8 @@ import click
 from procedures.numbers import EDGE_MTF50, S_OVER_T
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import SEED, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 from station.results.record_head import other_causes_entry
 
@@ -28,7 +27,7 @@ BAR = 30
 """Characters of the longest bar."""
 
 
-@click.command(cls=StationCommand)
+@command("focus", log_json=False)
 @click.option("--watch", "folder", type=click.Path(path_type=Path), help="Folder in which photographs arrive.")
 @inherited(
     "--config", type=click.Path(path_type=Path), callback=existing_file,

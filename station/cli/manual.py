@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -25,7 +25,7 @@ MOST_HITS = 20
 """Sections that a search lists."""
 
 
-@click.command("manual", cls=StationCommand)
+@command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
 @click.option(
     "--html",

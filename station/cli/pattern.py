@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.sheet import PAPERS, paper_named, papers_of_locale
-from station.cli.terminal.command import StationCommand
-from station.cli.terminal.numbers import SEED, FiniteNumber
+from station.cli.terminal.command import SEED, FiniteNumber, command
 
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import ImagingGeometry
 
 
-@click.command(cls=StationCommand)
+@command("pattern", log_json=False)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
     "--paper",

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress as progress_shown
-from station.common.errors import log, log_json_option
+from station.common.errors import log
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
-@click.command("reproduce", cls=StationCommand)
+@command("reproduce", as_json=True)
 @click.argument("name", required=False)
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
@@ -37,8 +37,6 @@ DISAGREES = 1
     is_flag=True,
     help="Download missing photographs from the authors' repositories, and render missing films.",
 )
-@json_option
-@log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, fetch: bool, as_json: bool) -> None:
     """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
