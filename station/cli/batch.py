@@ -42,13 +42,9 @@ MOST_NAMED = 40
 @jobs_option
 @click.option("--cluster", metavar="ADDRESS|local", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
-    "--cluster-tls",
-    "tls",
-    metavar="CA CERT KEY",
-    nargs=3,
-    type=click.Path(path_type=Path),
+    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=click.Path(path_type=Path),
     help="Files for a cluster at tls://... : authority, own certificate, own key.",
-)
+)  # fmt: skip
 @click.option(
     "--memory-mb",
     type=click.IntRange(256, 1 << 24),
@@ -61,19 +57,10 @@ MOST_NAMED = 40
 @click.option("--parquet", is_flag=True, help="Write summary.parquet beside summary.csv (extra `parquet`).")
 @force_option
 def batch(
-    folders: tuple[Path, ...],
-    file: Path,
-    out: Path,
-    jobs: int | None,
-    cluster: str | None,
-    tls: tuple[Path, Path, Path] | None,
-    memory_mb: int | None,
-    time_s: float,
-    reports: bool,
-    parquet: bool,
-    strict: bool,
-    as_json: bool,
-) -> None:
+    folders: tuple[Path, ...], file: Path, out: Path, jobs: int | None, cluster: str | None,
+    tls: tuple[Path, Path, Path] | None, memory_mb: int | None, time_s: float, reports: bool, parquet: bool,
+    strict: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
     Results of an earlier run with the same procedure are used again. The first Ctrl-C finishes the items in work, the

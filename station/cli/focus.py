@@ -46,19 +46,9 @@ BAR = 30
 @click.option("--frames", type=click.IntRange(min=1), help="Number of photographs.  [default: until Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write one JSON object per photograph to stdout.")
 def focus(
-    folder: Path | None,
-    config: Path | None,
-    simulate: bool,
-    simulated_seed: int,
-    bits: Path | None,
-    seed: int | None,
-    s: int,
-    k: int,
-    plane: str | None,
-    equal_steps: bool,
-    frames: int | None,
-    as_json: bool,
-) -> None:
+    folder: Path | None, config: Path | None, simulate: bool, simulated_seed: int, bits: Path | None,
+    seed: int | None, s: int, k: int, plane: str | None, equal_steps: bool, frames: int | None, as_json: bool,
+) -> None:  # fmt: skip
     """Report the sharpness of every new photograph of the chart, the best so far, and which way to turn the ring.
 
     MTF50 in cycles per pixel of the plane, along its rows and columns; their difference is the astigmatism. Where the

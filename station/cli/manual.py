@@ -28,12 +28,9 @@ MOST_HITS = 20
 @command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
 @click.option(
-    "--html",
-    "folder",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
+    "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",
-)
+)  # fmt: skip
 @click.option(
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )

@@ -26,12 +26,9 @@ DISAGREES = 1
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
-    "--data",
-    type=click.Path(path_type=Path, file_okay=False),
-    envvar="STATION_SHARED_DATA",
-    show_envvar=True,
+    "--data", type=click.Path(path_type=Path, file_okay=False), envvar="STATION_SHARED_DATA", show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
-)
+)  # fmt: skip
 @click.option(
     "--fetch",
     is_flag=True,

@@ -115,14 +115,9 @@ def _value(fact: object) -> str:
 @click.option("--without", type=click.IntRange(min=1), multiple=True, help="Discard a shot whose photograph is lost.")
 @click.option("--back-to", metavar="STEP", help="Repeat this step and the following ones.")
 def session_resume(
-    name: str | None,
-    root: Path,
-    config: Path | None,
-    simulate: bool,
-    without: tuple[int, ...],
-    back_to: str | None,
+    name: str | None, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None,
     strict: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Continue SESSION, or the newest unfinished one, at the first incomplete step; stages home first."""
     from station.cli.guide import Watched, conduct
     from station.guide.workspace import StationLab
