@@ -1,4 +1,4 @@
-"""Stages behind software that moves them: it is given orders, asked until all is still, and told to stop at once.
+"""Stages behind software that moves them: orders, then questions until all is still; stops go past both.
 
 The parts that it moves may be axes, or devices with several axes.
 """

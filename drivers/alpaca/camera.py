@@ -12,7 +12,7 @@ from drivers.errors import BadConfiguration, Clock, FrameMissing, FrameWrong, Re
 from drivers.frames import FrameCamera
 from drivers.interfaces import CameraSettings, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.options import Patience, option, positive
+from drivers.options import TimeLimit, option, positive
 from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
 POLL_S = 0.05
@@ -35,7 +35,7 @@ class AlpacaCameraSettings:
     """
 
     exposure_s: Annotated[float, positive("0.1")] = 0.1
-    patience_s: Patience = 30.0
+    patience_s: TimeLimit = 30.0
     gain: Annotated[int, option("0", least=0)] | None = None
     offset: Annotated[int, option("0", least=0)] | None = None
 

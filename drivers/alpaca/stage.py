@@ -12,7 +12,7 @@ from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, Serv
 from drivers.errors import BadConfiguration, Clock, Rejected
 from drivers.interfaces import Identity, Travel
 from drivers.making import MakerContext
-from drivers.options import AxisName, Count, Patience, axes, option, positive, text
+from drivers.options import AxisName, Count, TimeLimit, axes, option, positive, text
 from drivers.served_stage import ServedStage
 from drivers.wire.connection import closed_after_errors
 
@@ -184,7 +184,7 @@ class AlpacaStageOptions(ServerOptions):
     """Options of driver "alpaca_stage"."""
 
     axes: Annotated[tuple[AlpacaAxis, ...], axes("focuser")]
-    patience_s: Patience = 60.0
+    patience_s: TimeLimit = 60.0
 
     def make(self, parts: MakerContext) -> AlpacaStage:
         return AlpacaStage(self.at, self.axes, patience_s=self.patience_s, clock=parts.clock)

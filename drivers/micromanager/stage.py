@@ -22,7 +22,7 @@ from drivers.micromanager.camera import (
     Label,
     translated_errors,
 )
-from drivers.options import AxisName, Patience, axes, interval, option, positive
+from drivers.options import AxisName, TimeLimit, axes, interval, option, positive
 from drivers.served_stage import ServedStage
 
 REMEDY = "check its power and cable, then connect it again"
@@ -196,7 +196,7 @@ class MicroManagerStageOptions(CoreOptions):
     """Options of driver "micromanager_stage"."""
 
     axes: Annotated[tuple[MicroManagerAxis, ...], axes("device", "part")]
-    patience_s: Patience = 60.0
+    patience_s: TimeLimit = 60.0
 
     def make(self, parts: MakerContext) -> MicroManagerStage:
         return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)
