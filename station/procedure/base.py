@@ -99,13 +99,9 @@ def upper_plane(name: str | None) -> str | None:
 class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
-    raw: Annotated[
-        str | None,
-        setting(
-            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-            metavar="WxH,RGGB,u16le,BLACK,WHITE",
-        ),
-    ] = None
+    raw: Annotated[str | None, setting(
+        "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+        metavar="WxH,RGGB,u16le,BLACK,WHITE")] = None  # fmt: skip
 
     @property
     def layout(self) -> DumpLayout | None:

@@ -31,16 +31,9 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
         Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
         | None
     ) = None
-    field: (
-        Annotated[
-            Path,
-            setting(
-                "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of "
-                "`station profile find PHOTO`]"
-            ),
-        ]
-        | None
-    ) = None
+    field: Annotated[Path, setting(
+        "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of `station "
+        "profile find PHOTO`]")] | None = None  # fmt: skip
     scale: Annotated[
         int,
         setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "

@@ -5,8 +5,8 @@ import pytest
 from click.testing import CliRunner
 
 from station.__main__ import COMMANDS, main
+from station.cli.terminal.command import FiniteNumber
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import FiniteNumber
 
 
 def commands(group, words=()):
