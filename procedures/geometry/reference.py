@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.adjustment import Adjustment, AdjustmentProblem, AdjustmentState, NotConverged, adjust, adjusted
+from procedures.geometry.adjustment import (
+    Adjustment,
+    AdjustmentProblem,
+    AdjustmentState,
+    NotConverged,
+    adjust,
+    adjusted,
+)
 from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import STEREOGRAPHIC, enriched, split_model
 from procedures.geometry.conversion import as_model
