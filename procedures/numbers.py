@@ -191,7 +191,7 @@ RESIDUAL_STD = _estimate(
 )  # fmt: skip
 PROBABILITY = _estimate(
     "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
-    "probability, by the statistics of all checks, that MTF50 along rows lies within two stated uncertainties, as "
+    "probability, by the statistics of all checks, that MTF50 (along rows) lies within two stated uncertainties, as "
     "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
     _H, _L, _C, _U, short="P(within 2 u)",
 )  # fmt: skip
@@ -228,6 +228,22 @@ GAIN = _estimate(
 )  # fmt: skip
 NOISE = _estimate(
     "noise", "1", "Noise, of the scale from black to white", "standard deviation of a pixel's noise, white = 1"
+)
+
+_STABLE = "the largest region of frequencies above one value of the MTF in which repeated PSFs agree to a limit"
+SENSITIVITY = _estimate(
+    "sensitivity", "1", "Relative sensitivity of the MTF",
+    "mean over all frequencies of the MTF's standard deviation from result to result, over the mean of the MTF", _H, _L,
+    symbol="s(Ω)",
+)  # fmt: skip
+SENSITIVITY_AT_5 = _estimate(
+    "sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
+    "relative sensitivity of the MTF over the frequencies at which it is 5 % or more", _H, _L,
+)  # fmt: skip
+STABLE_MTF = _estimate("stable_mtf", "1", "Least MTF of the stable domain", f"least MTF of {_STABLE}", _H)
+STABLE_HORIZONTAL, STABLE_VERTICAL = (
+    _estimate(f"stable_frequency_{way}", CYCLES, f"End of the stable domain {words}", f"end, {words}, of {_STABLE}", _H)
+    for way, words in (("horizontal", "along rows"), ("vertical", "along columns"))
 )
 
 # --- across an edge --------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """The nightly command: its parts are there, its summary tells what became of each, and the workflow runs them all."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -8,20 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
-    VEILED,
-    WIDE,
-    nuisance,
-)
+from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, nuisance
+from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
+from procedures.pattern_psf.evidence import ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
@@ -50,8 +42,7 @@ def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -
         one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
     ]
     checks = [
-        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
-        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
+        *noise_checks(evidence.masks, evidence.textured, raw=raw),
         FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
         SELECTIVE.check(scores[THRESHOLD], raw=raw),
         *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
@@ -83,10 +74,7 @@ def modes_of(
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
     varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
-    modes = {
-        PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
-        "variation": square * varied,
-    }
+    modes = {PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2), "variation": square * varied}
     if raw:
         return modes
     fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]

@@ -43,7 +43,6 @@ class StoredRows(Sequence[ItemRow]):
         self._sorted: list[int] | None = None
 
     def add(self, number: int, row: ItemRow) -> None:
-        """Write the row of an item."""
         data = line_of(row)
         self._out.write(data)
         self._out.flush()

@@ -12,8 +12,6 @@ P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 an
 corruptions whose names hold one of the words.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys
@@ -546,7 +544,8 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`."""
+    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
+    probability that MTF50 lies within two uncertainties."""
 
     verdict: str
     reason: str
@@ -554,6 +553,7 @@ class Answer:
     uncertainty: float = np.nan
     curve: Array | None = None
     curve_uncertainty: Array | None = None
+    probability: float = np.nan
 
 
 def by_edge(plane: Plane, seed: int) -> Answer:
@@ -564,7 +564,8 @@ def by_edge(plane: Plane, seed: int) -> Answer:
         return Answer(str(outcome.verdict), outcome.reason)
     number = edge.numbers["mtf50"]
     values, spreads = (np.interp(CURVE, edge.frequencies, part) for part in (edge.mtf, edge.uncertainty))
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_chart(plane: Plane, seed: int) -> Answer:
@@ -575,7 +576,8 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     quality = outcome.value.quality
     number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_wall(near: Plane, far: Plane) -> Answer:
@@ -588,7 +590,8 @@ def by_wall(near: Plane, far: Plane) -> Answer:
     values, spreads = (
         np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     )
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}

@@ -3,8 +3,6 @@
 python tests/benchmarks/batch.py [photographs, default 400] [--keep FOLDER]
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

@@ -10,8 +10,6 @@ has cores, and as many times. A batch is disturbed one to three times, is then r
 rows.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

@@ -7,8 +7,6 @@ batch` into results.jsonl, then the summary as CSV and Parquet, the page and the
 greatest of the process, less what it had before the first row.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -7,8 +7,6 @@ else is overhead: processes, messages, hashes, files and the summary. The proces
 time on the clock depends on what else the machine does.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -8,8 +8,6 @@ The scene is a public photograph (matplotlib's sample of Grace Hopper, of the U.
 transfer functions on a grid of places. Fields are measured at 5 x 5 and 7 x 5 charts with errors as charts have them.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

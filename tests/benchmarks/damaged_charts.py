@@ -7,8 +7,6 @@ apart, and are not counted.
 python tests/benchmarks/damaged_charts.py [words that the copies' names must hold]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import Counter

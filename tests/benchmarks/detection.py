@@ -3,8 +3,6 @@
 python -m tests.benchmarks.detection
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

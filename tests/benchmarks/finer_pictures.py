@@ -4,8 +4,6 @@ scene that a renderer of its own drew on that grid, against one photograph corre
 python tests/benchmarks/finer_pictures.py
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

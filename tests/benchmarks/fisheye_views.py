@@ -11,8 +11,6 @@ Prints the views that are used, the reasons of the others, the points' errors ov
 over the covered frame, and the processor's time.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os

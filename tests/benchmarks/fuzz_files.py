@@ -1,7 +1,5 @@
 """Small files of every format that the station reads, written by its own writers, and how each is read."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -10,8 +10,6 @@ comes to is counted: 0 read, 2, 4, 5 refused as stated, 70 something unforeseen,
 is told, with which a run is repeated, and `--keep` keeps the files that came to neither.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import json

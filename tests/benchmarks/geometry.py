@@ -6,8 +6,6 @@ A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -10,8 +10,6 @@ lenses  errors over stated uncertainties (z): of the principal point and the foc
 rig     errors of a second camera's pose over stated uncertainties, six a draw
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import dataclass, replace

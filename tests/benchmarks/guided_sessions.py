@@ -5,8 +5,6 @@ sensor that is tilted behind f/2.8, whose screws are turned until that would not
 sheets behind 160 x 120 pixels of each plane, restored in all ways that are asked for.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

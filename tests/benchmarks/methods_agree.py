@@ -9,8 +9,6 @@ along its normal, and so are the chart's and the wall's that it is held against.
 python tests/benchmarks/methods_agree.py [cameras of each kind, default 1]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

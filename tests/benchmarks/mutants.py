@@ -50,7 +50,7 @@ PRELOADED = (
     "scipy.optimize", "scipy.signal", "textual.app",
 )  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
-PROCEDURE = ("base", "optics", "registry", "schema", "settings")
+PROCEDURE = ("base", "psf", "schema")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
@@ -69,7 +69,6 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "drivers/transport.py",
             "drivers/grbl.py",
             "drivers/protocols/grbl.py",
-            "drivers/move_checks.py",
             "drivers/move_checks.py",
             "drivers/watchdog.py",
             "drivers/zaber.py",

@@ -3,8 +3,6 @@
 python tests/benchmarks/pattern_psf.py [folder of shared data]
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

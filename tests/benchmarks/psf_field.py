@@ -9,8 +9,6 @@ scene is drawn once and whose noise anew; or
 psf_field.py corners [N], the same of N fields from the guide's usual tour, told at the tour's four corners.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource

@@ -3,8 +3,6 @@
 python tests/benchmarks/ray_histograms.py [quality] [speed] [memory]; the data folder is $STATION_SHARED_DATA/rays.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

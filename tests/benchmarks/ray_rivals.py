@@ -12,8 +12,6 @@ scenes after it, on small renders of those. Neither rival is given feature buffe
 The published films hold no covariance of the colours. There the second is given the correlation that suits it best.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ keeps the films there and writes a page that shows noisy, filtered and converged
 Errors are against a render with another seed, less what that render's own noise adds to them.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

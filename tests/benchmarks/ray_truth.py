@@ -6,8 +6,6 @@ less the converged picture's own noise; PSNR is of values clipped to [0, 1]. The
 36 settings, chosen by the truth.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterator

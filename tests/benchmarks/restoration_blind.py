@@ -6,8 +6,6 @@
 `--noise` is told below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import time

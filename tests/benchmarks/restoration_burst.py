@@ -7,8 +7,6 @@ Fourier, sharing no code with the restoration. The first frame is the one that i
 frames registered by OpenCV's ECC, turn and shift, to the first; PSNR after registration to the truth.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

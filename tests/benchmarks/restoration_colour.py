@@ -5,8 +5,6 @@
 SIDE, 176 by default: rows of the sensor. Scenes of `restoration_scenes`, blurred on the sensor's grid.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ random motions of 4.5 pixels each way by SciPy's convolution, and gets the noise
 and 8 bits and as JPEG by Pillow. The kernels are unknown to the program.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -8,8 +8,6 @@ runs Algorithm I as published, from the same start. The penalties of matching we
 picture and its noise.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import time

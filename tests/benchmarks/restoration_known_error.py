@@ -6,8 +6,6 @@ Two photographs of 170 x 170 pixels, kernels of tremor of 13 to 19 pixels, 12 bi
 with which the formula of the error was chosen. Requires scikit-image; the mean and the range are printed last.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -7,8 +7,6 @@ spread by the lens's own blur circles, drawn at a ninth of a pixel; the restorat
 settings are known exactly, or with errors of their stated uncertainty.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace

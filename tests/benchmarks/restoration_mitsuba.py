@@ -7,8 +7,6 @@ a lens of 12 mm at f/2.8 and f/3.5 focused at 3.6 m (or at 0.43 m: behind), 6 um
 Mitsuba's, with 1024 stratified samples per pixel. Noise 40 dB below the photographs' contrast. z: error over u.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from dataclasses import dataclass

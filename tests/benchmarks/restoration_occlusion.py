@@ -7,8 +7,6 @@ motions, noise 40 and 30 dB below the photographs. Parts: the frame beside steps
 rest.
 """
 
-from __future__ import annotations
-
 import sys
 from itertools import product
 from pathlib import Path

@@ -4,8 +4,6 @@
 takes it, of whose eight pairs one is chosen. PSNR after registration, the verdict, and what was taken up.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import time

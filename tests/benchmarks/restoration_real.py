@@ -5,8 +5,6 @@
 one sample a pixel. Wiener and Richardson-Lucy get the true kernel and the parameters that suit the truth best.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import time

@@ -6,8 +6,6 @@ the truth; the station finds its own. `--descent` also runs Algorithm I as publi
 scikit-image.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

@@ -3,8 +3,6 @@
 `python tests/benchmarks/restoration_speed.py [--scheme] [--memory MEGAPIXELS]`
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource

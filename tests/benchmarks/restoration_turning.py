@@ -6,8 +6,6 @@ Photographs are drawn instant by instant from sheets in space, so nothing of the
 in grey levels of 255 against the still rig's photograph; error of inverse depth in the median, against the sheets'.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 python tests/benchmarks/robustness.py [photographs, default 200] [chartless, default 100]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import Counter

@@ -12,8 +12,6 @@ published a clone of the public repository EMVA1288/datasets: every number again
 Agreement with the published program on its own simulated data is tested in tests/procedures/sensor/test_peer.py.
 """
 
-from __future__ import annotations
-
 import platform
 import sys
 import time

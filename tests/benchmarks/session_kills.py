@@ -13,8 +13,6 @@ against those of a session that nothing disturbed.
 - `limit`: no file may grow beyond a random size; the system refuses the rest of the write.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

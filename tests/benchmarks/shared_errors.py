@@ -5,8 +5,6 @@
 A quarter of a second each. A correlation of n photographs is off by 1 / sqrt(n).
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -7,8 +7,6 @@ the amount that the noise tells; of photographs as they are, false alarms.
 python tests/benchmarks/sharpened_charts.py [photographs of each kind, 4] [unsharpened ones of each camera, 40]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

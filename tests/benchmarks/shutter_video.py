@@ -7,8 +7,6 @@ They give points to some hundredths of a pixel; noise of `--noise-px` is added t
 readout time, its error in per cent and in stated uncertainties, and what the program says of the shutter.
 """
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

@@ -6,8 +6,6 @@ electrons. Then one camera with diffraction before charts with edges, PSF and ed
 python tests/benchmarks/slanted_edge.py [edges, default 200] [charts, default 30] [frames with both, default 100]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -7,8 +7,6 @@ derivative, a Hamming window over the whole region, and nothing else.
 python tests/benchmarks/slanted_edge_truth.py [frames of each diffraction, default 100] [of each other, default 20]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

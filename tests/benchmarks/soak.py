@@ -15,8 +15,6 @@ truly were. After each operation:
 With `--firmware` the stage is GRBL's own program in simavr (see tests/conformance/grbl_transcript.py), else the twin.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

@@ -16,8 +16,6 @@ A program that was suspended sends nothing: its stop was on the wires before.
 - `gone`: the terminal of the head is closed while the rail moves.
 """
 
-from __future__ import annotations
-
 import argparse
 import fcntl
 import json

@@ -4,8 +4,6 @@ Usage: tilt.py [ROUNDS [CORNER_UM [SEED [BEHIND_UM]]]]: measure, turn, measure a
 CORNER_UM and a middle BEHIND_UM too far behind, which the lens's scale of distances does not know: its backfocus.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -5,8 +5,6 @@ before a lens at f/2.8 with coma, astigmatism and a curved field. PSFs come from
 rendered photograph's estimate; every position is told with an error of 0.5 um. `tilt.py` renders the photographs too.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

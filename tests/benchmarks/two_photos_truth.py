@@ -8,8 +8,6 @@ uncertainties from the truth is told. The published pair, where it is at hand, i
 python tests/benchmarks/two_photos_truth.py [pairs of each camera, default 4] [pairs to damage, default 2; 0: none]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import Counter

@@ -7,8 +7,6 @@ analytic_camera.py); nothing of it is shared with the estimator or the simulator
 uncertainties that the program states.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

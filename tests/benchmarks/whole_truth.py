@@ -13,8 +13,6 @@ Usage: whole_truth.py [fields of each f-number, default 4] [pairs and edges of e
 [k of the fields, default as the charts ask]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

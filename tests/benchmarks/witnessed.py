@@ -4,8 +4,6 @@
 photograph passes, how often the witnessed one does, and the mean error of MTF50.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace

@@ -13,6 +13,8 @@ from simulators.devices.thorlabs import AptTwin
 from simulators.world.clock import FastClock
 from simulators.world.motion import Axis
 
+SLOW_FIXTURES = {"port"}
+
 COUNTS = 34304.0
 
 
@@ -56,7 +58,6 @@ def kcube(port):
     stage._thread.join()
 
 
-@pytest.mark.slow
 def test_a_k_cube_homes_moves_and_stops(kcube):
     until(lambda: kcube.status["channel_enabled"])
     assert not kcube.status["homed"]
@@ -111,7 +112,6 @@ def pi(port):
         yield GCSCommands(GCSMessages(gateway))
 
 
-@pytest.mark.slow
 def test_a_pi_controller_references_moves_and_stops(pi):
     from pipython import pitools
     from pipython.pidevice.gcserror import GCSError
@@ -137,7 +137,6 @@ def test_a_pi_controller_references_moves_and_stops(pi):
 # --- Newport ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_an_esp301_homes_moves_and_stops(port, monkeypatch):
     esp = pytest.importorskip("newportESP", reason="newportESP is not installed")
 

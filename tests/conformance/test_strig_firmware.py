@@ -14,7 +14,6 @@ from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from simulators.devices.shutter import StrigBox
 
-STEP_S = 0.0005
 READING = (1, -2, 4096, -32768, 32767, 0)
 TIME_US = 200
 """By which times may differ: the firmware looks every 50 us, the twin at once."""

@@ -1,7 +1,5 @@
 """Photographs that a camera processed: the most likely cause first, then the others, in terminal, record and page."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -17,6 +15,8 @@ from station.__main__ import main
 from station.results.reader import read_result
 from tests.procedures.pattern_psf.conftest import photograph
 from tests.procedures.pattern_psf.damage import picture
+
+pytestmark = pytest.mark.slow
 
 WHITE = 65535
 
@@ -41,7 +41,6 @@ def estimated(file: Path) -> tuple[str, dict[str, Any], str, Path]:
     return done.stderr, plane, (out / "report.html").read_text(), out
 
 
-@pytest.mark.slow
 def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray, tmp_path: Path) -> None:
     file = tmp_path / "processed.png"
     cv2.imwrite(str(file), processed)
@@ -59,7 +58,6 @@ def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray
     ]
 
 
-@pytest.mark.slow
 def test_the_same_image_in_a_raw_file_is_not_called_processed(processed: np.ndarray, tmp_path: Path) -> None:
     file = tmp_path / "processed.dng"
     write_dng(file, processed, Shot(), cfa=None, black=(0,) * 4, white=WHITE)

@@ -1,7 +1,5 @@
 """The demonstration through its command: its output on a new machine."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Mutated files of every format end in a result or a stated refusal; the benchmark of that name reads thousands."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Sessions killed at random moments lose nothing; the benchmark of that name does it 500 times."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Random operation with photographs under faults, see `tests/benchmarks/soak.py`: one short seed, and more at night."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

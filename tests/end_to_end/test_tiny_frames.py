@@ -1,7 +1,5 @@
 """Photographs of a few pixels end every command with a stated refusal."""
 
-from __future__ import annotations
-
 import click
 import numpy as np
 import pytest

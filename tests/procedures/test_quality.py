@@ -1,7 +1,5 @@
 """Numbers of PSFs whose truth is a formula."""
 
-from __future__ import annotations
-
 from math import erf
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Turns of the chart in the guided geometry: in steps robust to distortion, by hand or by the bench."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Charts that a program or a lens changed: flagged by name, or within the uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2

@@ -1,7 +1,5 @@
 """Numbers of the PSF compared with analytic optics of unlimited extent, independent of the method."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import cv2

@@ -1,7 +1,5 @@
 """A lab with scripted runs, without bench and computations."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -16,6 +16,8 @@ from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.calibration.folder_photographs import find_frames, in_pairs, in_rows
 
+SLOW_FIXTURES = {"pairs"}
+
 QUICK = 'procedure = "restore"\n[parameters]\nblur = "motion"\nshape = ["a.txt", "b.txt"]\nmax_w = 5.2\n'
 QUICK += 'scheme = "2x(4+4)+1x6"\n[limits]\nw_median = { max = 0.1 }\n'
 DEFOCUS = 'procedure = "restore"\n[parameters]\nblur = "defocus"\nshape = "pillbox"\nratio = 2\n'
@@ -108,7 +110,6 @@ def pairs(shared_data, tmp_path_factory):
     return made
 
 
-@pytest.mark.slow
 def test_batch_and_command_restore_alike(pairs):
     procedure, out = read_procedure(pairs / "p.toml"), pairs / "out"
     items = in_pairs(find_frames([pairs / "in"], out), procedure.endings)
@@ -132,7 +133,6 @@ def test_batch_and_command_restore_alike(pairs):
     assert [Path(one["path"]).name for one in record["parameters"]["files"]] == ["a.txt", "b.txt"]
 
 
-@pytest.mark.slow
 def test_another_shape_is_another_result(pairs, tmp_path):
     shutil.copytree(pairs, tmp_path / "p", ignore=shutil.ignore_patterns("out*", "command"))
     procedure, out = read_procedure(tmp_path / "p" / "p.toml"), tmp_path / "out"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import ast
 import csv
 import json
@@ -66,7 +64,6 @@ def result(shoot, outcome, tmp_path_factory) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_the_record_has_camera_views_and_excluded_photographs(result, outcome):
     record = json.loads((result / "result.json").read_text())
     entry = record["planes"]["G1"]
@@ -80,7 +77,6 @@ def test_the_record_has_camera_views_and_excluded_photographs(result, outcome):
     ]
 
 
-@pytest.mark.slow
 def test_the_tables_are_those_of_the_answer(result, outcome):
     measured = outcome.value
     np.testing.assert_array_equal(np.load(result / "geometry_covariance.npy"), measured.covariance)
@@ -94,7 +90,6 @@ def test_the_tables_are_those_of_the_answer(result, outcome):
     )
 
 
-@pytest.mark.slow
 def test_the_page_shows_the_uncertainty_of_the_projection(result):
     page = (result / "report.html").read_text()
     assert "Uncertainty of the projection" in page
@@ -102,7 +97,6 @@ def test_the_page_shows_the_uncertainty_of_the_projection(result):
     assert page.count("<svg") >= 10
 
 
-@pytest.mark.slow
 def test_several_planes_have_one_record_and_tables_of_their_own(shoot, outcome, tmp_path):
     blurred = Outcome(None, Verdict.REFUSED, "the chart is not sharp", "focus again")
     planes = [PlaneGeometry(replace(shoot, plane="R"), blurred), PlaneGeometry(shoot, outcome)]
@@ -240,7 +234,6 @@ def test_the_error_of_a_format_is_stated_in_pixels(result):
     assert 0.1 < made.difference.rms_px < made.difference.max_px
 
 
-@pytest.mark.slow
 def test_a_spline_is_read_back_and_the_error_of_each_format_is_stated(result, tmp_path):
     stored, rng = read_camera(result), np.random.default_rng(4)
     lens = SplineCamera.over(stored.camera, f"{stored.camera.model}+SPLINE_8X6")

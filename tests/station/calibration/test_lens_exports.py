@@ -1,7 +1,5 @@
 """Distortion, lateral colour and vignetting for lensfun and as a DNG's opcodes, undone as these would undo them."""
 
-from __future__ import annotations
-
 import json
 import struct
 import xml.etree.ElementTree as ElementTree

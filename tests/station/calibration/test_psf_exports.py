@@ -1,7 +1,5 @@
 """PSF fields as files of other programs: read by these where they are installed, by the formats' own rules anyway."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The manifest of a sensor's pictures in its formats, and invalid ones."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`station conform`: page and record, and what is missing."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import replace
@@ -20,6 +18,8 @@ from procedures.vignetting.surface import LightSurface
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
 from tests.procedures.correction.small_lens import NOTED, RIM, SmallLens, bayer, burst, grey, scene
+
+SLOW_FIXTURES = {"files"}
 
 SHAPE, PLANES = (96, 120), (64, 80)
 SHOT = Shot(
@@ -69,7 +69,6 @@ def done(files, tmp_path_factory):
     return run(files[0] / "photo.dng", "--field", files[0] / "field.h5", "--out", out, "--json"), out
 
 
-@pytest.mark.slow
 def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     result, out = done
     assert result.exit_code == 0, result.output
@@ -85,7 +84,6 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
 
 
-@pytest.mark.slow
 def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
     field = tmp_path / "field.h5"
     field.write_bytes((files[0] / "field.h5").read_bytes())
@@ -104,7 +102,6 @@ def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
     assert record["predicted"]["noise_gain"]["greatest"] > 1.2 * earlier["greatest"]
 
 
-@pytest.mark.slow
 def test_both_files_keep_the_cameras_metadata(done):
     for name in ("corrected.tiff", "corrected.dng"):
         tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
@@ -114,7 +111,6 @@ def test_both_files_keep_the_cameras_metadata(done):
         assert str(tags["Image Make"]) == "Bench"
 
 
-@pytest.mark.slow
 def test_the_record_has_verdict_noise_and_predictions(done):
     record = json.loads((done[1] / "result.json").read_text())
     assert record == json.loads(done[0].stdout)
@@ -127,7 +123,6 @@ def test_the_record_has_verdict_noise_and_predictions(done):
     assert "Before and after, in parts" in (done[1] / "report.html").read_text()
 
 
-@pytest.mark.slow
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
     result = run(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
     assert result.exit_code == 0, result.output
@@ -140,7 +135,6 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
 
 
-@pytest.mark.slow
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
     lens = SmallLens(PLANES, 0.6)
     write_field(tmp_path / "field.h5", {"G1": lens.field("G1")}, {}, [], {}, replace(CAMERA, f_number=5.6))
@@ -150,7 +144,6 @@ def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_a_blurred_photograph_is_refused_as_processed(files, tmp_path):
     grey_levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
     noisy = grey_levels + np.random.default_rng(1).normal(0, 900, grey_levels.shape)
@@ -181,7 +174,6 @@ def test_unknown_exposure_data_are_named():
     assert check_exposure(CAMERA, None) == ["the field does not name its camera"]
 
 
-@pytest.mark.slow
 def test_a_field_names_its_camera(files):
     assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
         name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
@@ -189,7 +181,6 @@ def test_a_field_names_its_camera(files):
     assert read_camera(files[0] / "grey.h5") is None
 
 
-@pytest.mark.slow
 def test_a_frame_of_one_level_is_refused(files, tmp_path):
     cv2.imwrite(str(tmp_path / "cap.tiff"), np.full(SHAPE, 300, dtype=np.uint16))
     result = run(tmp_path / "cap.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out")
@@ -197,7 +188,6 @@ def test_a_frame_of_one_level_is_refused(files, tmp_path):
     assert "has no contrast" in result.output
 
 
-@pytest.mark.slow
 def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(files, tmp_path):
     whole = (1, 2 * SHAPE[0] + 2 * RIM, 2 * SHAPE[1] + 2 * RIM)
     lens, moves = SmallLens(SHAPE, 0.8), [(0, 0), (0.4, -1.6), (1.5, 0.5), (-0.9, 0.1)]

@@ -1,7 +1,5 @@
 """`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -74,7 +72,6 @@ def batch(result, tmp_path_factory):
     return folder / "out"
 
 
-@pytest.mark.slow
 def test_causes_of_a_batch_are_counted(batch):
     done = run("explain", batch, "--json")
     assert done.exit_code == 0, done.output

@@ -1,7 +1,5 @@
 """`station focus`: where photographs may come from, and what is written of each."""
 
-from __future__ import annotations
-
 import json
 import math
 

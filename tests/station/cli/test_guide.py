@@ -1,7 +1,5 @@
 """`station --plain` as a program: pipes, the end of input, Ctrl-C, exit codes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

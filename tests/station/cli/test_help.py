@@ -1,7 +1,5 @@
 """Help of every command: options in groups and an example whose options exist; completion; options of all commands."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options before a command: each command takes them, or says in a usage error that they do not apply to it."""
 
-from __future__ import annotations
-
 import os
 import select
 import subprocess

@@ -1,7 +1,5 @@
 """`station init`: what it writes can be read as it stands, and every line that is commented out means something."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
 

@@ -1,7 +1,5 @@
 """`station mtf edge`: its files, its record, and its exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 

@@ -1,7 +1,5 @@
 """No numeric option takes NaN, infinity or a number out of all measure: each ends in exit code 2, which names it."""
 
-from __future__ import annotations
-
 import click
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """The program as a process: what a shell sees."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

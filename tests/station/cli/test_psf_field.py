@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import csv
 import json
 
@@ -15,6 +13,8 @@ from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 from station.common.sanitise import stated
 from station.results.result_files import ResultFolder, write_record
+
+SLOW_FIXTURES = {"folder"}
 
 CHART = Chart.from_seed()
 WHITE_E = 4e5
@@ -62,7 +62,6 @@ def done(folder, tmp_path_factory):
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
-@pytest.mark.slow
 def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     result, out = done
     assert result.exit_code == 1, result.output
@@ -72,7 +71,6 @@ def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     assert "empty.pgm" in result.stderr
 
 
-@pytest.mark.slow
 def test_the_record_has_the_form_of_every_psf_result(done):
     result, out = done
     record = json.loads(result.stdout)
@@ -87,7 +85,6 @@ def test_the_record_has_the_form_of_every_psf_result(done):
     assert median["uncertainty"] > 0.7 * of_chart["print blur"] > 3 * of_chart["noise"]
 
 
-@pytest.mark.slow
 def test_numbers_without_a_photosite_are_no_numbers_of_the_camera(done):
     record = json.loads(done[0].stdout)
     given, plane = record["parameters"], record["field"]["planes"]["Y"]
@@ -111,7 +108,6 @@ def test_a_fill_factor_that_cannot_be_meant_is_named(tmp_path, run, words, said)
     assert said in result.stderr
 
 
-@pytest.mark.slow
 def test_the_numbers_of_all_places_have_one_covariance(done):
     camera = read_camera_numbers(done[1] / "camera.h5")
     assert camera.names[0] == "psf.Y.1.mtf50_horizontal"
@@ -124,7 +120,6 @@ def test_the_numbers_of_all_places_have_one_covariance(done):
     assert "several charts" in (done[1] / "report.html").read_text()
 
 
-@pytest.mark.slow
 def test_the_certificate_has_the_centre_and_the_medians_over_the_frame(done):
     record = json.loads(done[0].stdout)
     text = (done[1] / "certificate.html").read_text()
@@ -135,7 +130,6 @@ def test_the_certificate_has_the_centre_and_the_medians_over_the_frame(done):
     assert (done[1] / "certificate.pdf").read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.slow
 def test_page_and_table_show_the_mtf_over_image_height(done):
     page = (done[1] / "report.html").read_text()
     rows = list(csv.DictReader((done[1] / "heights_Y.csv").read_text().splitlines()))
@@ -148,7 +142,6 @@ def test_page_and_table_show_the_mtf_over_image_height(done):
     html5lib.HTMLParser(strict=True).parse(page)
 
 
-@pytest.mark.slow
 def test_the_file_holds_all_charts_at_their_places(folder, done):
     field = read_field(done[1] / "field.h5")["Y"]
     middle = np.full((1, 2), CELLS / 2)
@@ -161,7 +154,6 @@ def test_the_file_holds_all_charts_at_their_places(folder, done):
     assert np.linalg.norm(psf.h - truth) < 3 * np.sqrt(np.trace(psf.covariance)) + 0.02 * np.linalg.norm(truth)
 
 
-@pytest.mark.slow
 def test_the_page_stands_alone_and_shows_every_map(done):
     page = (done[1] / "report.html").read_text()
     for words in (

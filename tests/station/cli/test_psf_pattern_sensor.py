@@ -1,7 +1,5 @@
 """`station psf pattern --sensor`: the result of `station sensor` is read back and used."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import asdict

@@ -1,9 +1,9 @@
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
+
+SLOW_FIXTURES = {"far"}
 
 
 @pytest.fixture
@@ -16,7 +16,6 @@ def far(shared_data):
     return shared_data / "synthetic" / "two_photo" / "wall_a_far.pgm"
 
 
-@pytest.mark.slow
 def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     done = run("psf", "two-photo", far, near, "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -58,14 +57,12 @@ def test_photographs_of_different_kinds_are_no_pair(run, near, shared_data, tmp_
     assert "same planes" in done.output
 
 
-@pytest.mark.slow
 def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
     done = run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
     assert done.exit_code == 0, done.output
     assert np.load(tmp_path / "psf_Y.npy", allow_pickle=False).shape == (9, 9)
 
 
-@pytest.mark.slow
 def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()

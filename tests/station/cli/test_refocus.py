@@ -1,7 +1,5 @@
 """`station refocus`: a restoration's picture with another aperture and focus, and what it cannot work on."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """`station restore` from files to files, on a corner of the shared photographs."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
@@ -13,7 +11,7 @@ from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.unknown_motion import path_refinement
 from station.__main__ import main
 
-SLOW_FIXTURES = {"photographs"}
+pytestmark = pytest.mark.slow
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
 
 
@@ -41,7 +39,6 @@ def done(photographs, tmp_path_factory):
     return result, out
 
 
-@pytest.mark.slow
 def test_it_writes_the_documented_files(done):
     result, out = done
     assert result.exit_code == 0, result.output
@@ -49,7 +46,6 @@ def test_it_writes_the_documented_files(done):
     assert not [f for f in out.iterdir() if f.name.startswith(".")]
 
 
-@pytest.mark.slow
 def test_the_picture_has_the_inputs_scale(done, photographs):
     sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535
@@ -59,14 +55,12 @@ def test_the_picture_has_the_inputs_scale(done, photographs):
     assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
 
 
-@pytest.mark.slow
 def test_depth_is_near_the_truth(done, photographs):
     w = np.load(done[1] / "w.npy")
     assert w.dtype == np.float32
     assert np.median(np.abs(w - photographs[2])) < 0.1
 
 
-@pytest.mark.slow
 def test_the_record_describes_the_run(done):
     result, out = done
     record = json.loads((out / "result.json").read_text())
@@ -137,7 +131,6 @@ def test_an_invalid_region_is_a_usage_error(photographs, tmp_path):
     assert "X,Y,W,H" in result.stderr
 
 
-@pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # the accuracy of the paths is tested with the procedure
     few = path_refinement.PathEffort(3, descending=1, bends=0, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2))
@@ -177,7 +170,6 @@ def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
     assert "one path for each" in result.stderr
 
 
-@pytest.mark.slow
 def test_photographs_of_two_scenes_exit_5_and_leave_the_reason(photographs, tmp_path):
     images, shapes, _ = photographs
     second = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)

@@ -1,7 +1,5 @@
 """`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -69,7 +67,6 @@ def error(picture, reference, rim=10):
     )
 
 
-@pytest.mark.slow
 def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
     folder, reference, _ = shaken
     sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -77,7 +74,6 @@ def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
     assert error(sharp, reference) < 0.4 * error(blurred, reference)
 
 
-@pytest.mark.slow
 def test_the_record_has_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"
@@ -99,7 +95,6 @@ def test_a_written_record_is_read_identically(tmp_path):
     np.testing.assert_allclose(found.rotation_rad_s, imu.rotation_rad_s, rtol=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -120,7 +115,6 @@ def test_an_invalid_record_exits_4(shaken, tmp_path, text, complaint):
     assert not (tmp_path / "o").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -159,7 +153,6 @@ def defocused(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shape", [["psf_Y.npy"], ["psf.txt", "--samples-per-pixel", "3"]])
 def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
     given = [defocused / shape[0], *shape[1:], "--ratio", 1.25, "--max-w", 4.2, "--scheme", "1x(4+4)+1x6"]
@@ -188,7 +181,6 @@ def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
     assert "must be finite, from 0" in result.stderr
 
 
-@pytest.mark.slow
 def test_a_field_must_fit_plane_and_frame(defocused, tmp_path):
     from procedures.field.field_file import write_field
     from procedures.field.interpolate import interpolate

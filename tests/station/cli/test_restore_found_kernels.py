@@ -1,7 +1,5 @@
 """`station restore` writes the kernels of a flat scene's motions, and accepts them as input."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

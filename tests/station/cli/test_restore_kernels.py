@@ -1,7 +1,5 @@
 """`station restore` with kernels measured in pixels, on two photographs of a flat scene as camera files."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
@@ -12,6 +10,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from station.__main__ import main
+
+pytestmark = pytest.mark.slow
 
 SIZE, RIM, SHIFT = 96, 8, 2
 
@@ -51,7 +51,6 @@ def error(u, truth):
     return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
 
 
-@pytest.mark.slow
 def test_range_and_ratio_have_defaults(shaken):
     result, out, _, _ = shaken
     assert result.exit_code == 0, result.output
@@ -61,7 +60,6 @@ def test_range_and_ratio_have_defaults(shaken):
     assert record["parameters"]["max_w"] == 8
 
 
-@pytest.mark.slow
 def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     _, out, truth, z = shaken
     sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -69,14 +67,12 @@ def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     assert error(sharp, truth) < min(error(one, truth) for one in aligned) / 10 ** (3 / 20)
 
 
-@pytest.mark.slow
 def test_depth_is_flat_and_that_of_the_kernels(shaken):
     w = np.load(shaken[1] / "w.npy")[RIM:-RIM, RIM:-RIM]
     assert np.median(w) == pytest.approx(4.0, abs=0.1)
     assert w.std() < 0.2
 
 
-@pytest.mark.slow
 def test_the_shift_is_recorded(shaken):
     record = json.loads((shaken[1] / "result.json").read_text())
     assert record["shift"]["unit"] == "pixel"
@@ -85,7 +81,6 @@ def test_the_shift_is_recorded(shaken):
     assert "shift of photograph 2 beyond its blur" in page
 
 
-@pytest.mark.slow
 def test_kernels_larger_than_the_range_are_doubtful_with_a_remedy(shaken, tmp_path):
     folder = shaken[1].parent
     files = [str(folder / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]

@@ -1,7 +1,5 @@
 """`station restore --reference`: a result compared with a sharp photograph, from files to files."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

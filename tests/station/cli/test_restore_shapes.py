@@ -1,7 +1,5 @@
 """`station restore` with another focus, additional defocus, a symmetric lens, and given camera poses."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

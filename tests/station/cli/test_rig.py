@@ -1,7 +1,5 @@
 """`station rig`: results of geometry become the poses of the cameras by the first."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

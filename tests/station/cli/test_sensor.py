@@ -1,7 +1,5 @@
 """`station sensor`: grey pictures with a manifest, RAW files of the bench's sensor, its files and exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import xml.etree.ElementTree as ElementTree
@@ -14,6 +12,8 @@ import pytest
 
 from drivers.dng import Shot, write_dng
 from simulators.camera.sensor import Sensor
+
+SLOW_FIXTURES = {"bench_sensor"}
 
 ROWS, COLUMNS = 96, 128
 TIMES_S = np.linspace(0.003, 0.141, 24)
@@ -49,7 +49,6 @@ def raw_folder(tmp_path_factory, bench_sensor):
     return folder
 
 
-@pytest.mark.slow
 def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sensor, tmp_path):
     done = run("sensor", raw_folder, "--no-report", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
@@ -72,7 +71,6 @@ def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sen
     assert high > 0.97 * 40000
 
 
-@pytest.mark.slow
 def test_all_files_are_written_and_agree(run, raw_folder, tmp_path):
     run("sensor", raw_folder, "--plane", "G1", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())

@@ -1,7 +1,5 @@
 """`--raw`: every command that reads photographs takes a sensor's dump, as it takes the same picture in a file."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`station serve` in the terminal: what it says, what it refuses, how it ends."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

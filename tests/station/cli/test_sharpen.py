@@ -1,7 +1,5 @@
 """`station sharpen`: which procedure it chooses, that it says why, and that every decision can be overridden."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

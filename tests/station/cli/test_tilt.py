@@ -1,7 +1,5 @@
 """What `station tilt` must know is asked for before any photograph is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

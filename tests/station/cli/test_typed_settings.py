@@ -1,7 +1,5 @@
 """`--trust-typed`: typed settings against the camera's metadata, in every command with the option."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """A certificate is compared with its signature, record and originals, and its numbers are computed again."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

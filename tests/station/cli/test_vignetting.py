@@ -1,7 +1,5 @@
 """`station vignetting`: flats that cannot be read."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

@@ -1,7 +1,5 @@
 """Readings of probes in the session, the record and the report; drift over a session."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

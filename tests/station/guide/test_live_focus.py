@@ -1,7 +1,5 @@
 """Sources of photographs for live focus, and its results."""
 
-from __future__ import annotations
-
 import itertools
 
 import cv2

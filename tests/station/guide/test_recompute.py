@@ -1,7 +1,5 @@
 """A session's results are recomputed bitwise from its folder; differences are named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -57,7 +55,6 @@ def _known_plan(monkeypatch):
     monkeypatch.setattr(catalogue, "PLANS", {**catalogue.PLANS, **ENTRY})
 
 
-@pytest.mark.slow
 def test_every_result_is_recomputed_bitwise_by_any_number_of_threads(folder):
     with threadpool_limits(2, user_api="blas"):
         records = list(recompute(folder))
@@ -66,7 +63,6 @@ def test_every_result_is_recomputed_bitwise_by_any_number_of_threads(folder):
     assert all(one.machine == () for one in records)
 
 
-@pytest.mark.slow
 def test_result_of_a_version_without_hashes_is_reproduced(folder, tmp_path, monkeypatch):
     shutil.copytree(folder, earlier := tmp_path / "earlier")
     monkeypatch.setattr("station.guide.session_result.compute", partial(compute, sealed=False))
@@ -78,7 +74,6 @@ def test_result_of_a_version_without_hashes_is_reproduced(folder, tmp_path, monk
     assert redone.identical
 
 
-@pytest.mark.slow
 def test_each_result_uses_the_journal_at_its_time(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
@@ -131,7 +126,6 @@ def test_file_that_was_altered_is_named(folder):
     assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
 
 
-@pytest.mark.slow
 def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
@@ -164,7 +158,6 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
     path.write_bytes(whole)
 
 
-@pytest.mark.slow
 def test_report_is_complete_and_escapes_html(folder):
     done = CliRunner().invoke(main, ["session", "report", str(folder)])
     assert done.exit_code == 0, done.stderr
@@ -175,7 +168,6 @@ def test_report_is_complete_and_escapes_html(folder):
         assert markup not in page
 
 
-@pytest.mark.slow
 def test_the_rooms_temperature_is_in_record_page_and_certificate(folder):
     record = json.loads((folder / "derived/1/result.json").read_text())
     assert record["environment"]["<i>room</i>"]["temperature"] == {**READING, "min": 21.34, "max": 21.34, "n": 2}

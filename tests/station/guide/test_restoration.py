@@ -1,7 +1,5 @@
 """The plan of a restoration without a bench, and the stored IMU records on one."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A session resumes only on the bench on which it began; another is refused before any connection."""
 
-from __future__ import annotations
-
 import socket
 from contextlib import closing
 

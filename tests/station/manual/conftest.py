@@ -1,7 +1,5 @@
 """The files that the manual's examples name, small, in the folder in which the examples are run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

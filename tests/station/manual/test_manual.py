@@ -1,7 +1,5 @@
 """The manual: links lead somewhere, nothing in its reference is forgotten, it reads in terminal and browser."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from dataclasses import fields
@@ -29,6 +27,8 @@ from station.manual.field_reference import attributes
 from station.manual.formulas import FORMULA, plain_formulas
 from station.manual.pages import PICTURE, Page, find_page, for_terminal, read_pages, search
 from tests.printed import print_faults, screen_faults
+
+SLOW_FIXTURES = {"written"}
 
 GALLERY = find_page(read_pages(), "gallery").text
 PAGES = read_pages({"commands": commands_text(main, GALLERY), "numbers": reference_text()})
@@ -203,7 +203,6 @@ def test_pictures_of_the_pages_are_drawn_and_all_are_used(tmp_path):
     assert {one.name for one in tmp_path.iterdir() if one.suffix in (".svg", ".png")} == USED
 
 
-@pytest.mark.slow
 def test_search_in_the_browser_leads_to_sections(written, browser):
     browser.shown(1440, 900)
     browser.open(written / "index.html")
@@ -218,7 +217,6 @@ def test_search_in_the_browser_leads_to_sections(written, browser):
         assert not section or f'id="{section}"' in (written / page).read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["psf", "chart", "commands", "which-procedure", "gallery"])
 def test_pages_fit_on_screens_and_on_paper(written, browser, name, tmp_path):
     page = written / f"{name}.html"
@@ -227,7 +225,6 @@ def test_pages_fit_on_screens_and_on_paper(written, browser, name, tmp_path):
     assert list(print_faults(browser, page, "A4", tmp_path)) == []
 
 
-@pytest.mark.slow
 def test_pages_for_a_browser_need_nothing_from_outside(written):
     pages = sorted(written.glob("*.html"))
     assert len(pages) == len(PAGES) + 1

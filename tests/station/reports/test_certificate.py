@@ -1,7 +1,5 @@
 """The certificate: one page with both verdicts and every uncertainty expanded, as HTML and as PDF."""
 
-from __future__ import annotations
-
 import base64
 import re
 

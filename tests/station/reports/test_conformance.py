@@ -1,7 +1,5 @@
 """The record of a driver's trials: its digest, its signature, its page."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """A calibration's page: what it says, that it stands alone, and how a browser shows it."""
 
-from __future__ import annotations
-
 import html
 import json
 import re
@@ -59,7 +57,6 @@ def strictly(text):
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
 
 
-@pytest.mark.slow
 def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert (report.verdict, report.judged) == ("pass", "does not meet")
     header = strictly(page).find(".//main")[0]
@@ -71,7 +68,6 @@ def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
 
 
-@pytest.mark.slow
 def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
     pixels = Pixels(2, 4.0, 300)
     planes = [one.in_unit(Unit.LINE_PAIRS, pixels) for one in report.planes]
@@ -82,7 +78,6 @@ def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
     assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
 
 
-@pytest.mark.slow
 def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     text = " ".join("".join(strictly(page).itertext()).split())
     for plane in report.planes:
@@ -93,7 +88,6 @@ def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     assert "Gaussian radius for RAW developers" in text
 
 
-@pytest.mark.slow
 def test_uncertainties_are_taken_apart_number_by_number(page, report):
     tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
     assert len(tables) == len(report.planes)
@@ -114,7 +108,6 @@ def test_uncertainties_are_taken_apart_number_by_number(page, report):
     assert page.count("made of the columns of the budget: noise of the samples") == 1
 
 
-@pytest.mark.slow
 def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
     labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
     assert sum("Phase of the OTF" in label for label in labels) == 2
@@ -144,7 +137,6 @@ def test_page_stands_alone(page):
     assert len(page.encode()) < 3e6
 
 
-@pytest.mark.slow
 def test_same_result_is_the_same_page(page, report):
     assert psf_page(report) == page
 
@@ -186,7 +178,6 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     assert not list(tree.iter(SVG))
 
 
-@pytest.mark.slow
 def test_session_tells_its_bench_and_its_shots(report):
     shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
     told = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
@@ -248,7 +239,6 @@ def shown(page, tmp_path_factory):
     return SimpleNamespace(**dict(zip(("wide", "narrow"), json.loads(title), strict=True)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", ["wide", "narrow"])
 def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     seen = getattr(shown, which)
@@ -271,7 +261,6 @@ def test_frequencies_that_are_not_determined_are_marked(report):
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
 
 
-@pytest.mark.slow
 def test_edges_and_physics_stand_beside_the_numbers(report):
     quantity = Quantity(0.3, "cycles/pixel", 0.003, "test", 100)
     edge = SimpleNamespace(

@@ -1,7 +1,5 @@
 """The page of a tilt: a plane with a curvature of known numbers, its screws and their turns."""
 
-from __future__ import annotations
-
 import html5lib
 import numpy as np
 

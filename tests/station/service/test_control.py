@@ -1,7 +1,5 @@
 """Runs are started, answered and stopped by other programs; the bench reports its state."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

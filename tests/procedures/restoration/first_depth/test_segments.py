@@ -1,7 +1,5 @@
 """Depth maps cut along their edges: connected parts, and their extrapolation beyond the border."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
