@@ -386,12 +386,9 @@ def resampled(scale: float, shift_px: float, how: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         y, column = np.indices(x.shape).astype(np.float32)
         return cv2.remap(
-            x,
-            column * np.float32(scale) + np.float32(shift_px),
-            y * np.float32(scale) + np.float32(shift_px),
-            how,
+            x, column * np.float32(scale) + np.float32(shift_px), y * np.float32(scale) + np.float32(shift_px), how,
             borderMode=cv2.BORDER_REFLECT,
-        )
+        )  # fmt: skip
 
     return Corruption(process=process)
 
