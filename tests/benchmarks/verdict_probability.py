@@ -5,25 +5,22 @@ statistics is fitted to whether the true MTF50 lies within two stated uncertaint
 ones show the reliability: in each class of stated probability, the share that lies within. With --write the model of
 all seeds is written with its provenance, which `procedures.pattern_psf.probability` reads.
 
-`python tests/benchmarks/verdict_probability.py [--count 8] [--seed 11] [--write]`
+`python -m tests.benchmarks.verdict_probability [--count 8] [--seed 11] [--write]`
 """
 
 import argparse
 import json
 import platform
-import sys
 from itertools import pairwise
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import numpy as np
-from adversarial import CORRUPTIONS, photograph
 from scipy.optimize import minimize
 
 from procedures.outcome import Check, Outcome, Verdict, verdict_of
 from procedures.pattern import Chart
 from procedures.pattern_psf import estimate, probability
+from tests.benchmarks.adversarial import CORRUPTIONS, photograph
 
 Array = np.ndarray
 Case = tuple[int, str, Verdict, dict[str, float], bool]

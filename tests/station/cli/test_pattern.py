@@ -1,18 +1,18 @@
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import DEFAULT_SEED, Chart
 from procedures.pattern_print.formats import bitmap
 from station.cli.pattern import pattern
+from tests.program import run
 
-
-def _run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(pattern, [str(argument) for argument in arguments])
+_run = partial(run, "pattern")
 
 
 @pytest.mark.slow
