@@ -1,7 +1,5 @@
 """RAW files of a body: which names count, their exposure metadata, and its comparison with the request."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections.abc import Callable
@@ -102,7 +100,7 @@ class OneFrame:
         self._lock = threading.Lock()
         self._stops = self._since = 0
 
-    def __enter__(self) -> OneFrame:
+    def __enter__(self) -> "OneFrame":
         if not self._lock.acquire(blocking=False):
             raise Rejected(f"{self._address()} is already exposing", "wait for the frame")
         self._since = self._stops

@@ -71,7 +71,6 @@ class RpicamCamera:
 
     @property
     def address(self) -> str:
-        """The camera's number and its program."""
         return f"camera {self._number} of {self._program or PROGRAMS[0]}"
 
     def connect(self) -> Identity:

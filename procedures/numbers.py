@@ -191,7 +191,7 @@ RESIDUAL_STD = _estimate(
 )  # fmt: skip
 PROBABILITY = _estimate(
     "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
-    "probability, by the statistics of all checks, that MTF50 along rows lies within two stated uncertainties, as "
+    "probability, by the statistics of all checks, that MTF50 (along rows) lies within two stated uncertainties, as "
     "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
     _H, _L, _C, _U, short="P(within 2 u)",
 )  # fmt: skip

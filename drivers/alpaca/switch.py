@@ -155,7 +155,6 @@ class SwitchOptions(NumberedOptions):
 
     @property
     def line(self) -> AlpacaSwitch:
-        """The switch."""
         return AlpacaSwitch(self.at, self.device, self.switch)
 
 

@@ -16,9 +16,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.corruption.family import threshold
+from procedures.corruption.family import SHARPENED, SMOOTHED, threshold
 from procedures.numerics import transforms
 from procedures.numerics.arrays import Array
+from procedures.outcome import Check
 
 MAX_LAG = 5
 """Greatest distance of a pair, in pixels."""
@@ -26,6 +27,10 @@ RADII = (0.5, 0.7, 1.0, 1.4, 2.0)
 """Radii of the masks tried, in pixels; wider ones have hardly any effect within the reach."""
 AMOUNTS = np.concatenate([np.arange(0.01, 0.3, 0.01), np.geomspace(0.3, 2.0, 20)])
 REFERENCE_RADIUS = RADII.index(1.0)
+MASK_RADII, SMOOTHING_RADII = (0.6, 1.0, 2.0), (0.5, 0.7)
+"""Radii of the unsharp masks that tests search for in the noise, and of the negative ones that show smoothing."""
+TEXTURES = (1.0, 2.0)
+"""Textures of paper and walls: exponents of the frequency by which their spectra fall."""
 MIN_PAIRS = 500
 """Least number of pairs at one distance."""
 COARSEST = 0.02
@@ -156,6 +161,14 @@ def mask_scores(
         covariance = np.linalg.pinv(normal[np.ix_(used, used)])
         scores.append(MaskScore(radius, float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
     return scores
+
+
+def noise_checks(masks: Sequence[MaskScore], smoothing: Sequence[MaskScore], *, raw: bool) -> list[Check]:
+    """Tests of sharpening and of smoothing by the noise: the largest score of all radii counts."""
+    return [
+        SHARPENED.check(max(one.score for one in masks), raw=raw, places=len(masks)),
+        SMOOTHED.check(max(-one.score for one in smoothing), raw=raw, places=len(smoothing)),
+    ]
 
 
 def _first_order(radius_px: float) -> Array:

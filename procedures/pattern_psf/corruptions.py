@@ -12,16 +12,15 @@ from procedures.corruption.family import (
     FILTERED,
     GHOSTED,
     SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
     VEILED,
     WIDE,
     nuisance,
 )
+from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
+from procedures.pattern_psf.evidence import ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
@@ -50,8 +49,7 @@ def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -
         one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
     ]
     checks = [
-        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
-        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
+        *noise_checks(evidence.masks, evidence.textured, raw=raw),
         FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
         SELECTIVE.check(scores[THRESHOLD], raw=raw),
         *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),

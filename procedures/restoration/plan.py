@@ -38,6 +38,7 @@ from procedures.restoration.facts import (
     COLOUR,
     MOTIONS,
     NO,
+    ORDER,
     PLANE,
     SEARCH,
     TRUTH,
@@ -62,6 +63,7 @@ from procedures.restoration.known_blur import (
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.photograph_blur import blur_of
 from procedures.restoration.plan_checks import Check, checks
+from procedures.restoration.progress import progress
 
 PICTURE = "picture"
 """Name of the outcome."""
@@ -143,7 +145,14 @@ def level_of(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: 
 
 def enough(which: str) -> Any:
     """One photograph is enough."""
-    return lambda results, facts: Advice(bool(results), f"The {which} photograph is taken.")
+
+    def check(results: Sequence[Outcomes], facts: Facts) -> Advice:
+        known = facts_as(RestorationFacts, facts)
+        taken = known.photographs if which == TRUTH else ORDER.index(which)
+        goal = progress(taken + bool(results), known, lambda one: path(one, facts) if shaken(facts) else None)
+        return Advice(bool(results), f"The {which} photograph is taken.", goal=goal)
+
+    return check
 
 
 def path(which: str, facts: Facts) -> Shake | None:

@@ -14,22 +14,28 @@ from procedures.corruption.family import (
     FILTERED,
     GHOSTED,
     SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
     SampleGroup,
     Strength,
     nuisance,
     strengths,
 )
-from procedures.corruption.noise import DRIFT, MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.corruption.noise import (
+    DRIFT,
+    MASK_RADII,
+    SMOOTHING_RADII,
+    TEXTURES,
+    MaskScore,
+    Variogram,
+    mask_scores,
+    noise_checks,
+    texture_correlation,
+)
 from procedures.outcome import SYMPTOM, Check
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-MASK_RADII, SMOOTHING_RADII, TEXTURES = (0.6, 1.0, 2.0), (0.5, 0.7), (1.0, 2.0)
-"""Values of `pattern_psf.evidence` hold here too."""
 MASK_PRIOR, WIDE_PRIOR, WIDE_PX = 0.08, 0.06, 3.0
 """Prior amounts of unsharp masks of 1 and 3 pixels in pictures that are no RAW files; no frame shows the wider one."""
 CONTRAST = 4.0
@@ -48,8 +54,7 @@ class PairEvidence:
         """Tests of the corruptions; what the pair shows by itself names the cause better."""
         scores = {name: one.score for name, one in self.strengths.items()}
         checks = [
-            SHARPENED.check(max(one.score for one in self.masks), raw=raw, places=len(MASK_RADII)),
-            SMOOTHED.check(max(-one.score for one in self.textured), raw=raw, places=len(SMOOTHING_RADII)),
+            *noise_checks(self.masks, self.textured, raw=raw),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
             SELECTIVE.check(scores[THRESHOLD], raw=raw),
             GHOSTED.check(scores[GHOST], raw=raw),

@@ -109,7 +109,6 @@ class ZaberMotor:
             self.busy_until_s, self.homing = self.halt(now_s, None), False
 
     def ended(self, now_s: float) -> None:
-        """End the movement."""
         self.busy_until_s = NEVER
         if self.stalls:
             self.stalls, self.homing = False, False

@@ -62,7 +62,6 @@ class Batch:
 
     @property
     def failed(self) -> Iterator[ItemRow]:
-        """The items that are not usable."""
         return (self.rows[place] for place in self.tally.failed)
 
 

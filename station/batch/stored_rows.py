@@ -3,8 +3,6 @@
 A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from array import array
@@ -43,7 +41,6 @@ class StoredRows(Sequence[ItemRow]):
         self._sorted: list[int] | None = None
 
     def add(self, number: int, row: ItemRow) -> None:
-        """Write the row of an item."""
         data = line_of(row)
         self._out.write(data)
         self._out.flush()
@@ -129,7 +126,7 @@ class Tally:
     series: dict[GROUP, NumberSeries] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, rows: Iterable[ItemRow]) -> Tally:
+    def of(cls, rows: Iterable[ItemRow]) -> "Tally":
         """The tally of rows, in one pass."""
         tally = cls()
         for place, row in enumerate(rows):

@@ -98,7 +98,6 @@ class SimulatedSurroundings(Surroundings):
 
     @property
     def hands(self) -> OperatorActions:
-        """The simulated operator."""
         return self._truth.hands
 
     def stand_before(self, subject: str) -> None:

@@ -1,7 +1,5 @@
 """`station psf ...` and `station mtf ...`: procedures in groups."""
 
-from __future__ import annotations
-
 import click
 
 from station.cli.terminal.lazy import LazyGroup

@@ -1,7 +1,5 @@
 """`station init`: commented template files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

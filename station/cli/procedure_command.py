@@ -48,7 +48,6 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
 
 
 def __getattr__(name: str) -> click.Command:
-    """The command of the procedure of that name."""
     if name.startswith("_") or name not in procedure_names():
         raise AttributeError(name)
     return command_for(procedure_named(name))

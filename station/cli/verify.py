@@ -1,7 +1,5 @@
 """`station verify`: a certificate compared with its record and its originals."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

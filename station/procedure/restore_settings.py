@@ -33,7 +33,7 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     shape: Annotated[
         Texts,
         setting(
-            "pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
+            "pillbox, gaussian[:K], polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
             "result, or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for "
             "each image. With --prototype-region whole, kernels from an earlier result."
         ),
@@ -47,16 +47,14 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         setting("w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]"),
     ] = ()
     offset: Annotated[
-        tuple[float, ...],
-        setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]"),
+        tuple[float, ...], setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]")
     ] = ()
     defocus_shape: Annotated[
         Texts,
         setting("With --blur both, where --shape is that of motion: the aperture's shape, one or one for each image."),
     ] = ()
     defocus_ratio: Annotated[
-        tuple[float, ...],
-        setting("Half-width of that defocus in pixels per unit of w, one or one for each image."),
+        tuple[float, ...], setting("Half-width of that defocus in pixels per unit of w, one or one for each image.")
     ] = ()
     defocus_offset: Annotated[
         tuple[float, ...],
@@ -115,8 +113,7 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     )
     exposure_s: Annotated[tuple[float, ...], setting("Exposure time, for --imu.  [default: as recorded]")] = ()
     imu_within_s: Annotated[
-        float,
-        setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0),
+        float, setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0)
     ] = 0.0
     metres: Annotated[
         Literal["front", "behind"] | None,
@@ -246,9 +243,11 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
             if self.f_number or self.focus_m or self.focal_length_mm or self.pixel_pitch_um:
                 raise _unfit("--f-number, --focus-m, --focal-length-mm and --pixel-pitch-um go with --metres")
             return
-        if self.blur != "defocus" or any(one != "pillbox" for one in self.shape):
+        models = {one.partition(":")[0] for one in self.shape}
+        if self.blur != "defocus" or len(set(self.shape)) > 1 or models - {"pillbox", "gaussian"}:
             raise _unfit(
-                "--metres goes with --blur defocus --shape pillbox: there w is the radius of the lens's blur circle"
+                "--metres goes with --blur defocus and --shape pillbox or gaussian:K: there w follows from the radius "
+                "of the lens's blur circle"
             )
         if self.ratio or self.offset:
             raise _unfit("--metres takes ratio and offset of the blurs from the camera's data")
@@ -272,7 +271,7 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         if len(self.shape) not in (1, images):
             raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shape)}")
         for name in self.shape:
-            if self.blur != "defocus" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
+            if self.blur != "defocus" and name.partition(":")[0] in ("pillbox", "gaussian", "polygon"):
                 raise _unfit(
                     f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
                 )

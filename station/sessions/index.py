@@ -69,7 +69,6 @@ class IndexEntry:
     damage: str
 
     def record(self) -> dict[str, Any]:
-        """For programs."""
         return {**asdict(self), "folder": str(self.folder)}
 
 

@@ -17,8 +17,6 @@ hash, copied, read back, given an unused name in originals/, and then confirmed:
 after a crash completes what was announced and not confirmed.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading
@@ -116,7 +114,7 @@ class Session:
         seed: int = 0,
         today: Today = utc_now,
         disk: Disk | None = None,
-    ) -> Session:
+    ) -> "Session":
         """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
@@ -151,7 +149,7 @@ class Session:
         today: Today = utc_now,
         disk: Disk | None = None,
         without: Collection[int] = (),
-    ) -> Session:
+    ) -> "Session":
         """Open the session in a folder, and complete everything that a crash interrupted.
 
         `state.notices` lists what was repaired and which exposures must be repeated.

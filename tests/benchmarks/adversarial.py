@@ -534,7 +534,8 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`."""
+    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
+    probability that MTF50 lies within two uncertainties."""
 
     verdict: str
     reason: str
@@ -542,6 +543,7 @@ class Answer:
     uncertainty: float = np.nan
     curve: Array | None = None
     curve_uncertainty: Array | None = None
+    probability: float = np.nan
 
 
 def by_edge(plane: Plane, seed: int) -> Answer:
@@ -552,7 +554,8 @@ def by_edge(plane: Plane, seed: int) -> Answer:
         return Answer(str(outcome.verdict), outcome.reason)
     number = edge.numbers["mtf50"]
     values, spreads = (np.interp(CURVE, edge.frequencies, part) for part in (edge.mtf, edge.uncertainty))
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_chart(plane: Plane, seed: int) -> Answer:
@@ -563,7 +566,8 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     quality = outcome.value.quality
     number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_wall(near: Plane, far: Plane) -> Answer:
@@ -576,7 +580,8 @@ def by_wall(near: Plane, far: Plane) -> Answer:
     values, spreads = (
         np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     )
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}

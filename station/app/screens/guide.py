@@ -234,7 +234,9 @@ class GuideScreen(StationScreen):
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
-        self._show_curve(partial(drawn, event.diagram))
+        if event.diagram.drawing:
+            self.query_one(Picture).show_words(event.diagram.drawing)
+        self._show_curve(None if event.diagram.drawing else partial(drawn, event.diagram))
 
     @show.register
     def _(self, problem: ProblemEvent) -> None:

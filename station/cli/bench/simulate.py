@@ -1,7 +1,5 @@
 """`station simulate`: the simulated bench on pseudo-terminals and TCP, for other programs."""
 
-from __future__ import annotations
-
 import json
 import threading
 from pathlib import Path

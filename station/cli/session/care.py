@@ -1,7 +1,5 @@
 """`station session delete`, `report` and `index`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

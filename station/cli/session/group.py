@@ -1,7 +1,5 @@
 """`station session ...`: the commands, and options that select a session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

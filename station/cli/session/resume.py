@@ -1,7 +1,5 @@
 """`station session resume`: continue a session, as plain lines on stdin and stdout."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

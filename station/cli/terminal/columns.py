@@ -1,7 +1,5 @@
 """Rows of words in columns, with control characters escaped."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from station.common.sanitise import printable

@@ -1,7 +1,5 @@
 """The class of all commands: its options in groups, and those that every command has; options of several commands."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import click
@@ -49,7 +47,6 @@ class StationCommand(click.Command):
         quiet_option(self)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options, group by group."""
         headings = {name: heading for heading, names in GROUPS.items() for name in names}
         groups: dict[str, list[tuple[str, str]]] = {"Options": [], **{heading: [] for heading in GROUPS}}
         for one in self.get_params(ctx):

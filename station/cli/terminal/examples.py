@@ -1,7 +1,5 @@
 """An example of every command, for its help and for the manual."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 EXAMPLES: Mapping[str, str] = {

@@ -1,7 +1,5 @@
 """The option `--force`: overwrite files of other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

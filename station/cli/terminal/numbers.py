@@ -1,7 +1,5 @@
 """Numbers on the command line: finite, and within bounds. click accepts NaN, which compares with no bound."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -14,7 +12,6 @@ class FiniteNumber(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to a number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)

@@ -144,7 +144,6 @@ class FilteredRender:
 
     @property
     def outcome(self) -> Outcome[FilteredFilm]:
-        """With the verdict."""
         dropped, cast, similar = int(self.film.dropped.sum()), int(self.film.count.sum()), self.filtered.median_similar
         if dropped:
             share = f"{dropped} of {cast + dropped} samples"
@@ -204,7 +203,6 @@ class FilteredRender:
         }
 
     def page(self) -> bytes:
-        """The page with the rendered and the filtered picture."""
         from station.reports.ray_page import RenderRow, ray_page  # here: it draws, which is slow to load
 
         film, result = self.film, self.filtered
@@ -286,11 +284,9 @@ class Rays(Procedure[RaysSettings]):
         )
 
     def page(self, measurement: Measurement) -> bytes:
-        """The page with the rendered and the filtered picture."""
         return FilteredRender.page(measurement.result)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The number of similar patches at each scale."""
         similar = ", ".join(f"{n:.0f}" for n in measurement.entries["similar_median"])
         return [f"similar patches in the median, finest scale first: {similar}"]
 

@@ -119,11 +119,9 @@ class Sharpen(Procedure[SharpenSettings]):
         return choose(frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way)
 
     def page(self, measurement: Measurement) -> bytes:
-        """The page of the procedure that was chosen."""
         return procedure_named(measurement.head.procedure).page(measurement)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The reasons of the choice, and the lines of the procedure."""
         reasons = measurement.entries["choice_of_procedure"]["reasons"]
         return [*reasons, *procedure_named(measurement.head.procedure).lines(measurement)]
 
