@@ -348,7 +348,7 @@ def _slopes(samples: FarSamples, u: Array32, kernel: Array32, s: int) -> Array:
     The photograph is differentiated, not the kernel, which need not end at 0.
     """
     extra = tail_border(len(kernel)) - len(kernel) // 2
-    down, across = (np.ascontiguousarray(one[extra:-extra, extra:-extra]) for one in np.gradient(u))
+    down, across = (np.ascontiguousarray(np.gradient(u, axis=axis)[extra:-extra, extra:-extra]) for axis in (0, 1))
     both = [loops.convolve_at(one, samples.rows, samples.columns, kernel, s) for one in (across, down)]
     return np.stack(both, axis=-1).astype(np.float64) * s
 
