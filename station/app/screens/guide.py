@@ -335,7 +335,7 @@ class GuideScreen(StationScreen):
         elif self._coached is not None and (outline := self._coached.picture.outline) is not None:
             words = way_words(outline, (1, 1)) if outline.present else ""
             sign = " ".join(SIGNS[arrow] for arrow, _ in ways(outline, (1, 1))) if outline.present else ""
-            words = words and f"Bring the outline to its place: {self.glyphs.spelt(words)}"
+            words = words and f"To its place: {self.glyphs.spelt(words)}"
         self.query_one("#coach", Part).say(words, "bold")
         big = self.query_one("#sign", BigText)
         if big.text != sign:
