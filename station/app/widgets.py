@@ -114,7 +114,9 @@ class Drawn(Widget):
         """One of the lines."""
         strip = self._strips[y] if y < len(self._strips) else _text_strip("")
         ground = self.rich_style
-        return strip.adjust_cell_length(self.size.width, ground).apply_style(Style(bgcolor=ground.bgcolor))
+        return strip.adjust_cell_length(self.size.width, ground).apply_style(
+            Style(color=ground.color, bgcolor=ground.bgcolor)
+        )
 
 
 class Picture(Drawn):
