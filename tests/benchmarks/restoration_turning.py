@@ -58,7 +58,7 @@ def take(turn: float, rows: int, columns: int, seed: int = 3) -> Taken:
         still = view.photograph(Opening(0.5, OPEN_S, 1)).plane("G1")
         rest = world.pose(np.array([0.5]))
         found = Taken(still, [], [], [], view.camera.projection(rest.z_mm[0]).principal_px / 2)
-        for n, drives in enumerate(bench.motions, start=1):
+        for n, drives in enumerate(bench.motions[:2], start=1):
             world.drive(
                 tuple(replace(d, amplitude=turn * d.amplitude) if "deg" in d.axis else d for d in drives), 2.0 * n
             )
