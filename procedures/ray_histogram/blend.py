@@ -182,7 +182,8 @@ def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) ->
     wide = _around(noise * scale, ERROR_PX) / total
     chance = _around(((error - noise) * scale) ** 2, ERROR_PX / np.sqrt(2)) / (4 * np.pi * ERROR_PX**2) / total**2
     bias2 = np.maximum(_around(error * scale, ERROR_PX) / total - wide - CHANCE * np.sqrt(chance), 0)
-    return np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    sigma = np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    return np.maximum(sigma, np.spacing(np.abs(a + b).astype(np.float32)))  # a light without noise is still rounded
 
 
 def _around(values: Doubles, sigma_px: float) -> Doubles:

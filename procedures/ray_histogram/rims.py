@@ -39,9 +39,9 @@ LEAST_HITS = 0.25
 """Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
 LEAST = 0.02
 """Smallest part, and smallest rest, of a shape that is compared with the parts seen."""
-LEAST_PART = 0.02
+LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
-SHOWN = 1.0
+SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
 RADII = 1.3, 1.7, 2.2, 3.0, 4.5, 8.0
 """Radii of round rims, pixels."""

