@@ -44,8 +44,7 @@ from station.common.durable_files import (
     write_errors,
 )
 from station.common.toml_text import toml_text
-from station.sessions.journal import Contents, Journal, JournalLine
-from station.sessions.journal_head import machine
+from station.sessions.journal import Contents, Journal, JournalLine, machine
 from station.sessions.layout import (
     CONFIG,
     DERIVED,

@@ -63,9 +63,8 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "stop path": (
         (
             "station/common/stop_signals.py",
-            "station/bench/stopping.py",
-            "station/bench/stage_watch.py",
             "station/bench/motions.py",
+            "station/bench/stage_watch.py",
             "drivers/transport.py",
             "drivers/grbl.py",
             "drivers/protocols/grbl.py",

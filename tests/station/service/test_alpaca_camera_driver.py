@@ -19,7 +19,7 @@ from drivers.errors import (
 from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
-from station.service.alpaca.image import image_bytes, sensor_image
+from station.service.alpaca.protocol import image_bytes, sensor_image
 
 from .alpaca_clients import beside
 
