@@ -230,6 +230,22 @@ NOISE = _estimate(
     "noise", "1", "Noise, of the scale from black to white", "standard deviation of a pixel's noise, white = 1"
 )
 
+_STABLE = "the largest region of frequencies above one value of the MTF in which repeated PSFs agree to a limit"
+SENSITIVITY = _estimate(
+    "sensitivity", "1", "Relative sensitivity of the MTF",
+    "mean over all frequencies of the MTF's standard deviation from result to result, over the mean of the MTF", _H, _L,
+    symbol="s(Ω)",
+)  # fmt: skip
+SENSITIVITY_AT_5 = _estimate(
+    "sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
+    "relative sensitivity of the MTF over the frequencies at which it is 5 % or more", _H, _L,
+)  # fmt: skip
+STABLE_MTF = _estimate("stable_mtf", "1", "Least MTF of the stable domain", f"least MTF of {_STABLE}", _H)
+STABLE_HORIZONTAL, STABLE_VERTICAL = (
+    _estimate(f"stable_frequency_{way}", CYCLES, f"End of the stable domain {words}", f"end, {words}, of {_STABLE}", _H)
+    for way, words in (("horizontal", "along rows"), ("vertical", "along columns"))
+)
+
 # --- across an edge --------------------------------------------------------------------------------------------------
 
 _edge = NumberSection("Across an edge")

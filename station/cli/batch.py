@@ -165,7 +165,7 @@ def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[
     suffixes, inputs = procedure.suffixes, procedure.inputs
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
     if batch.pairs is not None:
-        return in_rows(frames, batch.pairs, most=None if inputs is Inputs.SCENE else 2) + missed
+        return in_rows(frames, batch.pairs, most=2 if inputs is Inputs.PAIR else None) + missed
     if inputs in IN_PAIRS:
         return _without_files(in_pairs(frames, batch.endings), batch) + missed
     if inputs is Inputs.FOLDER:

@@ -67,7 +67,8 @@ def export(
 
 
 def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> None:
-    from station.calibration.exports.geometry import export_camera, read_camera
+    from station.calibration.exports.geometry import export_camera
+    from station.calibration.stored_cameras import read_camera
     from station.common.durable_files import write_whole
 
     export = export_camera(read_camera(result, plane), form)
@@ -93,9 +94,9 @@ def _export_lensfun(
 ) -> None:
     from procedures.field.field_file import read_camera as read_exposure
     from procedures.field.field_file import read_colours
-    from station.calibration.exports.geometry import read_camera
     from station.calibration.exports.lensfun import export_lensfun
     from station.calibration.exports.psf import field_path
+    from station.calibration.stored_cameras import read_camera
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.durable_files import write_whole
 
@@ -117,7 +118,7 @@ def _export_dng(
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
     from station.calibration.exports.dng import export_dng
-    from station.calibration.exports.geometry import read_camera
+    from station.calibration.stored_cameras import read_camera
     from station.calibration.stored_results import procedure_of
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.durable_files import write_whole
