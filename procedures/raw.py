@@ -458,14 +458,9 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 
 
 def _scaled_plane(
-    name: str,
-    levels: Samples,
-    black: npt.NDArray[np.float32],
-    white: float,
-    position: tuple[int, int] | None = None,
-    *,
-    raw: bool = True,
-) -> Plane:
+    name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
+    *, raw: bool = True,
+) -> Plane:  # fmt: skip
     """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)
