@@ -33,20 +33,9 @@ from procedures.reading.tiff_tags import (
 )
 
 __all__ = [
-    "GREY_PLANE",
-    "MOSAIC_PLANES",
-    "Exposure",
-    "ImuRecord",
-    "Plane",
-    "RawFrame",
-    "ShakerPath",
-    "ShakerResponse",
-    "default_plane",
-    "measured_path",
-    "read_frame",
-    "read_photograph",
-    "read_planes",
-]
+    "GREY_PLANE", "MOSAIC_PLANES", "Exposure", "ImuRecord", "Plane", "RawFrame", "ShakerPath", "ShakerResponse",
+    "default_plane", "measured_path", "read_frame", "read_photograph", "read_planes",
+]  # fmt: skip
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """Planes of a 2 x 2 mosaic; G1 lies on the red rows."""

@@ -21,14 +21,9 @@ INVALID_OPERATION, ACTION_NOT_IMPLEMENTED, DRIVER = 0x40B, 0x40C, 0x500
 HELD = 0x501
 """The driver's own error number of a stage that a person has paused: the action Resume continues."""
 KINDS: tuple[tuple[type[Exception], int], ...] = (
-    (OutsideTravel, INVALID_VALUE),
-    (BadConfiguration, INVALID_VALUE),
-    (NotHomed, INVALID_OPERATION),
-    (InUse, INVALID_OPERATION),
-    (LineLost, NOT_CONNECTED),
-    (NotConnected, NOT_CONNECTED),
-    (Held, HELD),
-)
+    (OutsideTravel, INVALID_VALUE), (BadConfiguration, INVALID_VALUE), (NotHomed, INVALID_OPERATION),
+    (InUse, INVALID_OPERATION), (LineLost, NOT_CONNECTED), (NotConnected, NOT_CONNECTED), (Held, HELD),
+)  # fmt: skip
 """Errors for which the standard has a number; all others are the driver's own."""
 
 
