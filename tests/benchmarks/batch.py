@@ -71,9 +71,10 @@ def spoil(folder: Path, camera, scene: Scene, chart: Chart, rng: np.random.Gener
 def children(pid: int) -> list[int]:
     """All processes below a process (Linux)."""
     found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found += [child, *children(child)]
+    with contextlib.suppress(OSError):  # it has ended
+        for task in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in map(int, task.read_text().split()):
+                found += [child, *children(child)]
     return found
 
 

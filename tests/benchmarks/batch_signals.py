@@ -28,6 +28,7 @@ from typing import NoReturn
 import numpy as np
 
 from tests.benchmarks import ROOT
+from tests.benchmarks.batch import children, is_worker
 
 PHOTOGRAPHS, JOBS, ENDED_S, LONGEST_S = 6, 2, 10.0, 600.0
 FROM_NOTHING = 0.2
@@ -108,23 +109,6 @@ def rows(out: Path) -> list[Row]:
     """File, verdict and hash of every photograph."""
     found = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
     return [(Path(row["files"][0]).name, row["verdict"], row["sha256"][0]) for row in found]
-
-
-def children(process: int) -> list[int]:
-    """All processes below one."""
-    try:
-        direct = [int(one) for one in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
-    except OSError:
-        return []
-    return direct + [below for one in direct for below in children(one)]
-
-
-def is_worker(process: int) -> bool:
-    """Whether it computes: multiprocessing has a process beside these that counts what they share."""
-    try:
-        return b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
-    except OSError:
-        return False
 
 
 def disturb(batch: Started, target: str, name: str, rng: random.Random) -> None:
