@@ -50,7 +50,7 @@ from procedures.restoration.unknown_motion.recorded_paths import read_path, reco
 from procedures.slanted_edge.estimate import estimate_edges
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
-from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
+from station.calibration.exports.geometry import FORMATS, export_camera
 from station.calibration.field_photographs import focus_positions
 from station.calibration.restoration.inputs import (
     COLUMNS,
@@ -64,8 +64,8 @@ from station.calibration.restoration.inputs import (
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import Shots, find_shots
 from station.calibration.sensor_models import read_sensor
+from station.calibration.stored_cameras import read_camera, read_rig_camera
 from station.calibration.vignetting import measure_flats, read_joint_formula, read_vignetting
-from station.procedure.builtin.rig import read_rig_camera
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.reader import read_result

@@ -112,9 +112,9 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
         print(f"{name:15s} {draws} draws, {views} views; {', '.join(f'{m} {models.count(m)}' for m in set(models))}")
         print(f"  z rms of {', '.join(f'{p} {rms(z):.2f}' for p, z in of_parameters.items())}")
         for where, z in of_pixels.items():
-            by_draw = ", ".join(f"{rms(one):.1f}" for one in z)
-            z_rms = rms(np.concatenate(z))
-            print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, z rms {z_rms:.2f}, by draw {by_draw}")
+            by_draw, every = ", ".join(f"{rms(one):.1f}" for one in z), np.concatenate(z)
+            shares = f"z rms {rms(every):.2f}, {np.mean(every < 1):.0%} below 1, by draw {by_draw}"
+            print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, {shares}", flush=True)
 
 
 def rig(draws: int, views: int, noise: float) -> None:

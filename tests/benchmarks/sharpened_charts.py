@@ -68,7 +68,7 @@ def main() -> None:
             bits, noise = (14, 0.008) if seed % 2 else (8, 0.015)
             plane = exposed(picture, np.random.default_rng([7, seed]), bits=bits, noise=noise)
             value, _, reason = found(plane)
-            sigmas.append(value.diagnostics["sharpened_sigmas"])
+            sigmas.append(value.diagnostics["sharpened_by"] / value.diagnostics["sharpening_uncertainty"])
             alarms += "sharpened" in reason
     print(
         f"as they are: {alarms} of {len(sigmas)} doubted as sharpened; by noise {max(sigmas):.2f} standard "

@@ -75,9 +75,9 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
         ({"clipped": Reading("clipped", 5.0, "%")}, "White is clipped in this pose", {}),
         ({"yaw_deg": -27.9}, "Turn the chart about its upright axis by 7°, its left edge nearer", None),
         ({"yaw_deg": -42.1}, "Turn the chart about its upright axis by 7°, its right edge nearer", None),
-        ({"pitch_deg": 7.1}, "Turn the chart its lower edge nearer, by 7°", None),
-        ({"pitch_deg": -7.1}, "Turn the chart its upper edge nearer, by 7°", None),
-        (WRONG, "its left edge nearer and its lower edge nearer, by 7°", None),
+        ({"pitch_deg": 7.1}, "Turn the chart about its level axis by 7°, its lower edge nearer", None),
+        ({"pitch_deg": -7.1}, "Turn the chart about its level axis by 7°, its upper edge nearer", None),
+        (WRONG, "its left edge nearer; then about its level axis by 7°, its lower", None),
         ({"off": 0.3, "pitch_deg": 7.1}, "its lower edge nearer", None),  # turned first: a turn moves it
     ],
 )

@@ -21,6 +21,7 @@ from station.procedure.schema import BUILTIN, procedure_named, schema_of
 from tests.golden import cases
 from tests.program import run
 from tests.station.cli.test_refocus import write_restored
+from tests.station.cli.test_stability import write_results
 
 pytestmark = pytest.mark.slow
 PLANE = 'planes = ["G1"]\n'
@@ -75,6 +76,12 @@ def rig(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return 'pairs = { table = "rigs.csv" }\n'
 
 
+def stability(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    names = [f"{one.name}/result.json" for one in write_results(folder)]
+    (folder.parent / "results.csv").write_text(",".join(names) + "\n")
+    return 'pairs = { table = "results.csv" }\n'
+
+
 def refocus(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     write_restored(folder)
     return "[settings]\nf_number = 2\nfocus_m = 0.5\n"
@@ -98,6 +105,7 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "sensor": (made(cases.sensor, '[settings]\nplane = "G1"\n'), "system_gain"),
     "series": (made(pattern, PLANE), "mtf50_horizontal"),
     "sharpen": (sharpen, "noise_gain"),
+    "stability": (stability, "sensitivity"),
     "tilt": (tilt, "tilt_horizontal"),
     "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
     "witnessed": (made(cases.witnessed, "[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),

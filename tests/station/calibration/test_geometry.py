@@ -1,6 +1,7 @@
 import ast
 import csv
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +14,17 @@ import yaml
 from procedures import BadInput, BadParameter, GeometryParameters, Outcome, Verdict
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.spline_camera import SplineCamera
+from procedures.geometry.uncertainty import enclosed
 from procedures.geometry.views import ChartView
+from procedures.numbers import projection_at
 from station.batch.item import Job, work
 from station.batch.procedure_file import read_procedure
-from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
+from station.calibration.exports.geometry import export_camera
 from station.calibration.folder_photographs import by_folder, find_frames
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
+from station.calibration.stored_cameras import StoredCamera, read_camera, read_rig_camera
 from station.procedure.builtin.geometry import PROCEDURE
-from station.procedure.builtin.rig import read_rig_camera
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
@@ -163,6 +166,40 @@ def test_mrcals_model_is_a_python_literal_with_its_keys(result):
     np.testing.assert_allclose(
         opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], distortion, directions), pixels, atol=1e-5
     )
+
+
+MRCAL = """
+import json, sys
+import mrcal, numpy
+model = mrcal.cameramodel(sys.argv[1])
+pixels, distance_m = json.load(sys.stdin)
+rays = distance_m * mrcal.unproject(numpy.array(pixels), *model.intrinsics(), normalize=True)
+found = [mrcal.projection_uncertainty(rays, model, atinfinity=far, what="rms-stdev") for far in (False, True)]
+print(json.dumps(numpy.sqrt(2 * numpy.mean(numpy.square(found), axis=1)).tolist()))
+"""
+SYSTEM = Path("/usr/bin/python3")
+
+
+@pytest.fixture(scope="module")
+def mrcals_python() -> Path:
+    """The system's Python with Debian's python3-mrcal."""
+    if not SYSTEM.exists() or subprocess.run([SYSTEM, "-I", "-c", "import mrcal"], capture_output=True).returncode:
+        pytest.skip("python3-mrcal is not installed")
+    return SYSTEM
+
+
+def test_mrcals_own_uncertainty_of_the_file_is_the_stated_one(result, outcome, tmp_path, mrcals_python):
+    stored, found = read_camera(result), outcome.value
+    (tmp_path / "a.cameramodel").write_text(export_camera(stored, "mrcal").text)
+    pixels = stored.camera.frame_grid(15, 11)
+    pixels = pixels[enclosed(stored.region, pixels)]
+    at_charts = found.maps[0].distance_mm
+    answer = subprocess.run(
+        [mrcals_python, "-I", "-c", MRCAL, tmp_path / "a.cameramodel"],
+        input=json.dumps([pixels.tolist(), at_charts / 1000]), capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    stated = [found.numbers()[projection_at(distance)].value for distance in (at_charts, np.inf)]
+    np.testing.assert_allclose(json.loads(answer.stdout), stated, rtol=0.1)
 
 
 def test_the_error_of_a_format_is_stated_in_pixels(result):

@@ -20,8 +20,8 @@ from procedures.psf_field import in_half_diagonals
 from procedures.reading.dng_opcodes import OPCODE_LIST_2, fix_vignette_radial, with_opcodes
 from procedures.vignetting.surface import LightSurface
 from station.calibration.exports.dng import export_dng, farthest
-from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import GivenNames, LensNames, best_radial, export_lensfun, unit_px
+from station.calibration.stored_cameras import StoredCamera
 from station.calibration.vignetting import StoredVignetting
 from tests.program import run
 from tests.station.calibration.opcodes import doubles_of, gain_map, opcodes_in

@@ -13,6 +13,7 @@ from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.outcome import Refused
+from procedures.reading.development import named_curve
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
@@ -60,6 +61,25 @@ def stored(out, shape):
     """The TIFF's samples (rows, columns, channels): its strips lie in order at its end."""
     data = (out / "corrected.tiff").read_bytes()
     return np.frombuffer(data[-2 * int(np.prod(shape)) :], dtype="<u2").reshape(shape) / 65535
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["picture.jpg", "picture.png"])
+def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_path, name):
+    folder, seen, _ = files
+    curve = named_curve("srgb")
+    through = curve.encoded(np.stack([seen.light[plane] for plane in ("B", "G1", "R")])).transpose(1, 2, 0)
+    depth = 65535 if name.endswith("png") else 255
+    levels = np.rint(depth * through).astype(np.uint16 if depth > 255 else np.uint8)
+    cv2.imwrite(str(tmp_path / name), levels, [cv2.IMWRITE_JPEG_QUALITY, 97])
+    result = run(tmp_path / name, "--field", folder / "field.h5", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())["result"]
+    assert record["verdict"] == "doubtful"
+    assert "developed" in record["reason"] + str(record["other_causes"])
+    picture = cv2.imread(str(tmp_path / "out" / name), cv2.IMREAD_UNCHANGED)
+    light = curve.decoded(picture / depth).transpose(2, 0, 1)[::-1]
+    assert seen.psnr(light) > seen.psnr(curve.decoded(through).transpose(2, 0, 1)[::-1]) + 1
 
 
 @pytest.fixture(scope="module")

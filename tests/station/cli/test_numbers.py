@@ -4,8 +4,8 @@ import click
 import pytest
 
 from station.__main__ import COMMANDS, main
+from station.cli.terminal.command import FiniteNumber
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import FiniteNumber
 from tests.program import run
 
 
