@@ -10,7 +10,6 @@ has cores, and as many times. A batch is disturbed one to three times, is then r
 rows.
 """
 
-import argparse
 import importlib
 import json
 import os
@@ -27,7 +26,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from tests.benchmarks import ROOT
+from tests.benchmarks import ROOT, options
 from tests.benchmarks.batch import children, is_worker
 
 PHOTOGRAPHS, JOBS, ENDED_S, LONGEST_S = 6, 2, 10.0, 600.0
@@ -178,11 +177,7 @@ def once(folder: Path, mark: str, kind: str, length_s: float, expected: list[Row
 
 def main() -> None:
     """Disturb, resume, compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--batches", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kinds", default="pool,local")
-    given = parser.parse_args()
+    given = options(__doc__, batches=200, seed=1, kinds="pool,local")
     load()
     kinds = given.kinds.split(",")
     with tempfile.TemporaryDirectory(prefix="signals-") as raw:
