@@ -171,8 +171,7 @@ class AdjustmentProblem:
         """Indices of a view's camera, shape terms and pose among the unknowns."""
         p, shared = len(state.camera.params), len(state.camera.params) + len(state.terms_mm)
         first = shared + POSE * i
-        own = state.camera.part(self.views[i].camera)[1]
-        return np.concatenate([own, np.arange(p, shared), np.arange(first, first + POSE)])
+        return np.asarray(np.r_[state.camera.part(self.views[i].camera)[1], p:shared, first : first + POSE])
 
     def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
