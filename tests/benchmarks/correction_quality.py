@@ -9,18 +9,13 @@ linear light, balanced, in nine tiles. `--chart` takes a black-and-white chart o
 undershoot, with LibRaw's AHD.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import cv2
 import numpy as np

@@ -6,7 +6,6 @@ keeps the films there and writes a page that shows noisy, filtered and converged
 Errors are against a render with another seed, less what that render's own noise adds to them.
 """
 
-import argparse
 import os
 import platform
 import time
@@ -24,6 +23,7 @@ from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.rays.path_tracer import RayScene, ThinLensCamera, cast
 from simulators.rays.ray_scenes import SCENES
 from station.reports.ray_page import RenderRow, ray_page
+from tests.benchmarks import options
 from tests.benchmarks.ray_histograms import nl_means
 
 SAMPLES = (16, 64, 256)
@@ -98,18 +98,13 @@ def adapt(scene: RayScene, camera: ThinLensCamera, reference: Film) -> None:
 
 def main() -> None:
     """Print environment, then every scene."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES))
-    parser.add_argument("--columns", type=int, default=320)
-    parser.add_argument("--reference", type=int, default=512)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
+    given = options(__doc__, "scenes", scenes=list(SCENES), columns=320, reference=512, out=None)
     print(f"Python {platform.python_version()}, {platform.machine()}, {THREADS} cores, load {os.getloadavg()[0]:.1f}")
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
-    rows = tuple(measure(name, options.columns, options.reference, options.out) for name in options.scenes)
-    if options.out is not None:
-        (options.out / "rays.html").write_bytes(ray_page("Renders of the simulated bench", rows))
+    if given.out is not None:
+        given.out.mkdir(parents=True, exist_ok=True)
+    rows = tuple(measure(name, given.columns, given.reference, given.out) for name in given.scenes)
+    if given.out is not None:
+        (given.out / "rays.html").write_bytes(ray_page("Renders of the simulated bench", rows))
 
 
 if __name__ == "__main__":
