@@ -142,7 +142,7 @@ def _seen(camera: OpenCvCamera, points: Array, pose: Pose) -> tuple[Array, Array
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     given = np.ascontiguousarray(points)[:, None]
     pixels, derivatives = cv2.projectPoints(given, _turn(pose), pose.t, K, camera.distortion)
-    return pixels[:, 0], derivatives.reshape(len(points), 2, -1)
+    return np.asarray(pixels[:, 0], dtype=np.float64), derivatives.reshape(len(points), 2, -1).astype(np.float64)
 
 
 def _sigma(covariance: Array) -> Array:
