@@ -14,7 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import cv2
@@ -75,11 +74,9 @@ from station.results.result_files import ResultFolder, damage
 from station.results.specification_file import read_specification
 from station.sessions.index import Index
 from station.sessions.reader import check_whole, read_session, verify, verify_results
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessions"))
-from faulty_disk import FaultyDisk
-from work import Camera as SessionCamera
-from work import Work
+from tests.station.sessions.faulty_disk import FaultyDisk
+from tests.station.sessions.work import Camera as SessionCamera
+from tests.station.sessions.work import Work
 
 SIZE = (40, 60)
 

@@ -11,18 +11,17 @@ rig     errors of a second camera's pose over stated uncertainties, six a draw
 """
 
 import argparse
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
-
-from simulated_views import (  # noqa: E402
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+from procedures.geometry.rig import estimate_rig, rig_camera
+from procedures.geometry.uncertainty import enclosed, projection_uncertainty
+from procedures.geometry.views import Pose
+from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
     Taken,
@@ -33,11 +32,6 @@ from simulated_views import (  # noqa: E402
     seen,
     true_poses,
 )
-
-from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.rig import estimate_rig, rig_camera  # noqa: E402
-from procedures.geometry.uncertainty import enclosed, projection_uncertainty  # noqa: E402
-from procedures.geometry.views import Pose  # noqa: E402
 
 SIZE = (3000, 2000)
 

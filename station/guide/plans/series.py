@@ -207,7 +207,7 @@ def _numbers(one: Outcome[Any]) -> Mapping[str, Any]:
 
 def _sharpness(one: Outcome[Any]) -> float:
     numbers = _numbers(one)
-    return sum(numbers[name]["value"] for name in ("mtf50_horizontal", "mtf50_vertical") if name in numbers)
+    return float(sum(numbers[name]["value"] for name in ("mtf50_horizontal", "mtf50_vertical") if name in numbers))
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
