@@ -110,7 +110,8 @@ def lenses(names: list[str], draws: range, views: int, noise: float) -> None:
                 stated = projection_uncertainty(found.adjustment, pixels, distance)
                 of_pixels.setdefault(where, []).append(error / stated)
                 sizes.setdefault(where, []).append(rms(error))
-        print(f"{name:15s} {len(draws)} draws, {views} views; {', '.join(f'{m} {models.count(m)}' for m in set(models))}")
+        counts = ", ".join(f"{model} {models.count(model)}" for model in set(models))
+        print(f"{name:15s} {len(draws)} draws from {draws[0]}, {views} views; {counts}")
         print(f"  z rms of {', '.join(f'{p} {rms(z):.2f}' for p, z in of_parameters.items())}")
         for where, z in of_pixels.items():
             by_draw, every = ", ".join(f"{rms(one):.1f}" for one in z), np.concatenate(z)
