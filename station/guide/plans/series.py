@@ -186,8 +186,13 @@ def estimate(setting: str, frames: Sequence[RawFrame], facts: Facts, known: Know
         noted = {"iso": frame.exposure.iso, "f_number": frame.exposure.f_number, setting: at}
         rows.append(SimpleNamespace(noted=noted, planes=planes))
     points = points_of(rows)
-    found: Sequence[Best | BestFocus] = best_apertures(points) if setting == "f_number" else best_focuses(points)
-    lines, words = [one.words for one in found], next((one.short for one in found if one.plane in ("G1", "Y")), "")
+    best_settings: Sequence[Best | BestFocus] = (
+        best_apertures(points) if setting == "f_number" else best_focuses(points)
+    )
+    lines, words = (
+        [one.words for one in best_settings],
+        next((one.short for one in found if one.plane in ("G1", "Y")), ""),
+    )
     best = max(range(len(shots)), key=lambda i: sum(map(_sharpness, shots[i].values())), default=0)
     return {
         name: one.of_value(None if one.value is None else SeriesPsf(one.value, points, lines, best, words))
@@ -207,7 +212,7 @@ def _numbers(one: Outcome[Any]) -> Mapping[str, Any]:
 
 def _sharpness(one: Outcome[Any]) -> float:
     numbers = _numbers(one)
-    return sum(numbers[name]["value"] for name in ("mtf50_horizontal", "mtf50_vertical") if name in numbers)
+    return sum(float(numbers[name]["value"]) for name in ("mtf50_horizontal", "mtf50_vertical") if name in numbers)
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
