@@ -290,11 +290,11 @@ def _estimate(
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
-    diagnostics = diagnose(
-        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
-    )
     curve = quality.frequencies, quality.mtf_radial
     evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
+    diagnostics = diagnose(
+        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise, evidence.fine
+    )
     print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
     modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
     quality = with_modes(quality, psf, modes)

@@ -52,6 +52,11 @@ class ChartEvidence:
     textured: list[MaskScore]
     strengths: Mapping[str, Strength]
 
+    @property
+    def fine(self) -> MaskScore:
+        """The mask of one pixel."""
+        return self.masks[MASK_RADII.index(1.0)]
+
 
 def examine(
     fit: ChartFit,

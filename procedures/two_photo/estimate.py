@@ -22,7 +22,7 @@ from procedures.outcome import Check, Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
-from procedures.two_photo.diagnostics import diagnose
+from procedures.two_photo.diagnostics import diagnose, relative_uncertainty
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.evidence import examine
 from procedures.two_photo.inter_image import PairFit, fit_kernel
@@ -30,7 +30,7 @@ from procedures.two_photo.near_noise import InterImageKernel, noise_at_most, wit
 from procedures.two_photo.pair_consistency import pair_consistency
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import PairSighting, register
-from procedures.two_photo.trust import check_distance, check_light, checks_of, most_samples_per_pixel
+from procedures.two_photo.trust import MAX_UNCERTAINTY, check_distance, check_light, checks_of, most_samples_per_pixel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -275,12 +275,15 @@ def _chosen(
     def chosen_from(start_s: int) -> tuple[_PairAttempt, tuple[Trial, ...]]:
         return choose(attempt, lambda one: one.psf, samples, most_s, start_s=start_s, s=parameters.s, k=parameters.k)
 
+    coarser = parameters.s is None and most_s > 2  # for a wall with little fine detail
     try:
-        return chosen_from(START_S)
+        best, tried = chosen_from(START_S)
     except (Refused, np.linalg.LinAlgError):
-        if parameters.s is not None or most_s <= 2:
+        if not coarser:
             raise
-        return chosen_from(2)  # a wall with little fine detail
+        return chosen_from(2)
+    noisy = relative_uncertainty(best.psf) > MAX_UNCERTAINTY
+    return chosen_from(2) if coarser and noisy else (best, tried)
 
 
 def solved_psf(p: Array, covariance: Array, k: int, s: int, solver: str) -> Psf:

@@ -348,7 +348,8 @@ def _slopes(samples: FarSamples, u: Array32, kernel: Array32, s: int) -> Array:
     The photograph is differentiated, not the kernel, which need not end at 0.
     """
     extra = tail_border(len(kernel)) - len(kernel) // 2
-    down, across = (np.ascontiguousarray(np.gradient(u, axis=axis)[extra:-extra, extra:-extra]) for axis in (0, 1))
+    by_axis = (np.asarray(np.gradient(u, axis=axis)) for axis in (1, 0))
+    across, down = (np.ascontiguousarray(one[extra:-extra, extra:-extra]) for one in by_axis)
     both = [loops.convolve_at(one, samples.rows, samples.columns, kernel, s) for one in (across, down)]
     return np.stack(both, axis=-1).astype(np.float64) * s
 

@@ -18,13 +18,9 @@ from station.results.terms import USUAL, Terms
 class SeriesSettings(PatternSettings, frozen=True, kw_only=True):
     """The settings of each photograph."""
 
-    physics: Annotated[
-        bool | None,
-        setting(
-            "Also explain each PSF by photosites, low-pass filter, diffraction and aberrations, for the wavefront's "
-            "error.  [default: where the pixel pitch is given]"
-        ),
-    ] = None
+    physics: Annotated[bool | None, setting(
+        "Also explain each PSF by photosites, low-pass filter, diffraction and aberrations, for the wavefront's "
+        "error.  [default: where the pixel pitch is given]")] = None  # fmt: skip
 
 
 class Series(Pattern):
