@@ -93,7 +93,8 @@ def report_page(
         if own or plane.unavailable:
             name = plane_name(plane.name, tag(plane.verdict))
             words = [sentence(one) for one in plane.unavailable]
-            sections.append(Section(name, [*words, *own], new_page=bool(blocks), anchor=f"plane-{plane.name}"))
+            new_page = bool(blocks) and plane is shown[0][0]  # the first page stands alone
+            sections.append(Section(name, [*words, *own], new_page=new_page, anchor=f"plane-{plane.name}"))
     if report.drift:
         rows = [[one.name, one.per_hour, one.per_kelvin] for one in report.drift]
         sections.append(Section("Drift over the session", [Table(rows, ["", "per hour", "per kelvin"]), Note(DRIFT)]))
