@@ -368,12 +368,12 @@ COMMANDS = (
     ("witnessed", "psf witnessed --help"),
     ("series", "psf series --help"),
     ("rig", "rig --help"),
-    ("profile-add", "profile add field"),
-    ("profile-find", "profile find charts.pgm"),
-    ("profile-export", "profile export field --out filters"),
-    ("sharpen", "sharpen blurred_1.pgm --out sharp"),
-    ("refocus", "refocus restored --out refocused"),
-    ("explain", "explain dump"),
+    ("profile-add", "profile add field --library library --camera Simulated --lens Wide --f-number 4"),
+    ("profile-find", "profile find --library library --camera Simulated --lens Wide --f-number 4"),
+    ("profile-export", "profile export field --to gmic filters"),
+    ("sharpen", "sharpen charts.pgm --field field/field.h5 --out sharp"),
+    ("refocus", "refocus --help"),
+    ("explain", "explain certified"),
     ("verify", "verify certified/certificate.html"),
     ("session-list", "session list --sessions edge"),
     ("session-show", "session show SESSION --sessions edge"),
@@ -395,7 +395,8 @@ ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
 def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
     """What every command of `COMMANDS` writes, as a terminal shows it."""
     printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
-    session, pictures = next(one.name for one in (folder / "edge").iterdir() if one.is_dir()), {}
+    session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
+    pictures: Pictures = {}
     for name, command in COMMANDS:
         words = command.replace("SESSION", session).split()
         lines = [line[:COLUMNS_SHOWN] for line in printed(words).splitlines()]
