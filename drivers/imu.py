@@ -142,7 +142,6 @@ class StreamingImu(LineDevice[Transport[E]], Generic[E]):
 
     @property
     def _word(self) -> str:
-        """The rate at which it streams."""
         return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
 
     def read_block(self, duration_s: float) -> ImuBlock:
@@ -299,7 +298,6 @@ class StrigImu(BoxDevice):
 
     @property
     def _word(self) -> str:
-        """The rate at which it streams."""
         return f"{self._rate_hz:g} Hz" if self._rate_hz else "ready"
 
     def start(self, rate_hz: float) -> None:

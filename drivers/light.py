@@ -118,7 +118,6 @@ class Lamp(LineDevice[L]):
 
     @property
     def _word(self) -> str:
-        """The level, and whether it has warmed up."""
         return f"{100 * self.level():.0f} %" + ("" if self.steady() else ", warming up")
 
 

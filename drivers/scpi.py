@@ -164,7 +164,6 @@ class InstrumentOptions(LineOptions):
     visa_library: Annotated[str, text('"@py"', "pyvisa's name of a VISA library in quotes")] = "@py"
 
     def line(self, parts: MakerContext) -> Transport[str]:
-        """The line, with its transcript."""
         if not self.port.lower().startswith(VISA):
             return parts.wire(self.port, ScpiParser, baud=self.baud)
         transcript = parts.transcript()

@@ -186,15 +186,17 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
-    "processing": "sharpening that noise and frame do not exclude",
+    "processing": "sharpening that the noise does not exclude",
+    "wide mask": "sharpening over several pixels that the frame does not exclude",
+    "ghost": "a reflection of the picture that it does not exclude",
     "variation": "variation of the PSF over the chart",
     "print blur": "blur of the print",
     "focus": "focus at either distance",
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-UNSEEN = ("processing", "variation", PRINT_BLUR)
-"""Terms by corruptions that a photograph of the chart does not exclude."""
+UNSEEN = ("processing", "wide mask", "ghost", "variation", PRINT_BLUR)
+"""Terms by corruptions that a photograph does not exclude."""
 COMMON = ("mismatch", *UNSEEN)
 """Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)

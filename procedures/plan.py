@@ -375,7 +375,6 @@ class Plan:
     facts: type[Any] | None = None
 
     def asks(self) -> dict[str, Ask]:
-        """All questions by key."""
         requests = (request for step in self.steps for request in step.requests)
         return {request.key: request for request in requests if isinstance(request, Ask)}
 
@@ -419,7 +418,6 @@ class AxisTravel:
 
     @property
     def middle(self) -> float | None:
-        """Middle of the travel."""
         return None if self.low is None or self.high is None else (self.low + self.high) / 2
 
 
@@ -523,7 +521,6 @@ def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
 
 
 def _plain(hint: Any) -> Any:
-    """The type without None."""
     return next((one for one in get_args(hint) if one is not NoneType), hint) if NoneType in get_args(hint) else hint
 
 

@@ -1,7 +1,5 @@
 """Cubic B-splines of band-limited images, computed in Fourier space, evaluated through a smooth map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +23,7 @@ class CellSpectra:
     upper: Complex64
 
     @classmethod
-    def of(cls, cells: npt.NDArray[np.floating]) -> CellSpectra:
+    def of(cls, cells: npt.NDArray[np.floating]) -> "CellSpectra":
         """From the values of the cells (n, n), [row, column]: one period of an image."""
         left = np.abs(cells - np.roll(cells, 1, axis=1))
         upper = np.abs(cells - np.roll(cells, 1, axis=0))

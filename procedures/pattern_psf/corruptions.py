@@ -7,32 +7,42 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
+from procedures.corruption.directions import (
+    FLOW,
+    GHOST,
+    GHOST_PX,
+    MEDIAN,
+    RIM,
+    THRESHOLD,
+    VEIL,
+    WIDE_NAMES,
+    WIDE_PX,
+    ZOOM,
+)
 from procedures.corruption.family import (
     FILTERED,
     GHOSTED,
     SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
     VEILED,
     WIDE,
     nuisance,
 )
+from procedures.corruption.noise import noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
+from procedures.pattern_psf.evidence import ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
-MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
-"""Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
+MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
+"""Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 WIDE_MODEL = 0.01
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
-WIDE_PRESENT = 0.5
-"""Prior probability that such a picture was sharpened by a wide mask at all."""
+PRESENT = 0.5
+"""Prior probability that there is a wide mask, or a ghost, at all."""
 PRINT_UNKNOWN = 0.36
 """Prior standard deviation of the print's blur, in cells, where nothing is known of the print."""
 PRINTED_DOTS = 1.44
@@ -50,8 +60,7 @@ def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -
         one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
     ]
     checks = [
-        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
-        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
+        *noise_checks(evidence.masks, evidence.textured, raw=raw),
         FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
         SELECTIVE.check(scores[THRESHOLD], raw=raw),
         *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
@@ -87,14 +96,18 @@ def modes_of(
         PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
         "variation": square * varied,
     }
+    ghost = evidence.strengths[GHOST]
+    modes["ghost"] = nuisance(ghost.unseen, ghost.uncertainty, GHOST_PRIOR, PRESENT) * _mask(square, GHOST_PX)
     if raw:
         return modes
-    fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]
-    parts = [
-        nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0),
-        nuisance(wide.unseen, wide.uncertainty, WIDE_PRIOR, WIDE_PRESENT) * _mask(square, WIDE_PX[0]),
+    wide = [
+        nuisance(one.unseen, one.uncertainty, WIDE_PRIOR, PRESENT / len(WIDE_PX)) * _mask(square, radius)
+        for one, radius in (
+            (evidence.strengths[name], radius) for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
+        )
     ]
-    return modes | {"processing": np.hypot(*parts)}
+    processing = nuisance(evidence.fine.unseen, evidence.fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0)
+    return modes | {"processing": processing, "wide mask": np.hypot(*wide)}
 
 
 def _mask(square: Array, radius_px: float) -> Array:

@@ -13,7 +13,17 @@ import numpy.typing as npt
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
 from procedures.corruption.family import SampleGroup, Strength, strengths
-from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_scores, mask_scores, texture_correlation
+from procedures.corruption.noise import (
+    DRIFT,
+    MASK_RADII,
+    SMOOTHING_RADII,
+    TEXTURES,
+    MaskScore,
+    Variogram,
+    combined_scores,
+    mask_scores,
+    texture_correlation,
+)
 from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
@@ -25,14 +35,8 @@ from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
 from procedures.pattern_psf.refine import TAIL, TILES, ChartFit, linear_system
 from procedures.pattern_psf.registration import block_size_px
 
-MASK_RADII = (0.6, 1.0, 2.0)
-"""Radii of the unsharp masks that are searched for in the noise, in pixels."""
 AMOUNT_ABSORBED = 2.0
 """Amount of a mask that clean residuals show, per part of their noise that the fit has absorbed: 1.5 to 2.5."""
-SMOOTHING_RADII = (0.5, 0.7)
-"""Radii of negative masks by which smoothing is searched for."""
-TEXTURES = (1.0, 2.0)
-"""Textures of paper: exponents of the frequency by which their spectra fall."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,11 @@ class ChartEvidence:
     masks: list[MaskScore]
     textured: list[MaskScore]
     strengths: Mapping[str, Strength]
+
+    @property
+    def fine(self) -> MaskScore:
+        """The mask of one pixel."""
+        return self.masks[MASK_RADII.index(1.0)]
 
 
 def examine(

@@ -10,15 +10,14 @@ from procedures.corruption.family import (
     PERIODIC,
     SCATTER,
     SHARPENED,
-    SMOOTHED,
     TONE_CURVE,
     VEILED,
     nuisance,
 )
-from procedures.corruption.noise import MaskScore
+from procedures.corruption.noise import MASK_RADII, MaskScore, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
-from procedures.slanted_edge.evidence import HALO_PX, MASK_RADII, Evidence
+from procedures.slanted_edge.evidence import HALO_PX, Evidence
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
 
@@ -46,14 +45,12 @@ TONE_STEP = 0.05
 
 def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
     """Tests of the corruptions that an edge shows."""
-    places = len(MASK_RADII)
     fall = f"the edge overshoots its plains by {evidence.fall:.1f} standard uncertainties"
     halo = (
         f"{evidence.halo.amount:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
     )
     return [
-        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=places),
-        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=places),
+        *noise_checks(evidence.masks, evidence.textured, raw=raw),
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.clipping import step_of
 from procedures.corruption.directions import GHOST_PX
-from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.corruption.noise import MASK_RADII, MaskScore, Variogram, mask_scores, texture_correlation
 from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, EdgeProfile, filled, rebinned, steepness, values_of
@@ -20,8 +20,6 @@ from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
 
-MASK_RADII = (0.6, 1.0, 2.0)
-"""Radii of the unsharp masks that are searched for in the noise, in pixels."""
 HALO_PX = 3.0
 """Radius of the unsharp mask that is searched for beside the edge: narrower ones hide in the edge, wider ones in its
 tail."""

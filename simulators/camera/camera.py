@@ -99,7 +99,6 @@ class ChartTruth:
         return np.asarray(self.projection.distort(points) + self.colour_shift.at(WAVELENGTHS_UM[colour]))
 
     def psf(self, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
-        """The true PSF at this chart in one colour."""
         return true_psf(self.optics, s, k, colour=colour, pitch=pitch)
 
 

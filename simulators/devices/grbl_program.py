@@ -46,12 +46,10 @@ class Program:
 
     @property
     def letters(self) -> str:
-        """Letters of its axes."""
         return "".join(self.motion.axes)
 
     @property
     def inches(self) -> bool:
-        """Whether it reports in inches."""
         return self.settings[13] == 1
 
     def work_zero(self) -> tuple[float, ...]:

@@ -98,11 +98,7 @@ def turned(turn: Vector, share: float, v: Vector) -> Vector:
     c, s = np.cos(angle), np.sin(angle)
     w = cross(axis, v)
     k = dot(axis, v) * (1.0 - c)
-    return (
-        c * v[0] + s * w[0] + k * axis[0],
-        c * v[1] + s * w[1] + k * axis[1],
-        c * v[2] + s * w[2] + k * axis[2],
-    )
+    return (c * v[0] + s * w[0] + k * axis[0], c * v[1] + s * w[1] + k * axis[1], c * v[2] + s * w[2] + k * axis[2])
 
 
 @compiled

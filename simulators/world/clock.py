@@ -97,7 +97,6 @@ class VirtualClock:
             self._sources.append(source)
 
     def detach(self, source: EventSource) -> None:
-        """Remove a source."""
         with self._book:
             self._sources.remove(source)
 

@@ -111,7 +111,6 @@ class Stop:
     asked: bool = False
 
     def ask(self) -> None:
-        """Stop soon."""
         self.asked = True
 
 

@@ -3,8 +3,6 @@
 The pictures are drawn when the manual is written for a browser, so that they show what the program does today.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import re

@@ -60,7 +60,6 @@ class DepthPlan:
         return Sensor(rows=self.rows, columns=self.columns)
 
     def camera(self, f_number: float) -> ThinLensCamera:
-        """Camera at one aperture."""
         return leaves_in_depth(self.rows, self.columns, f_number)[1]
 
     @property

@@ -1,7 +1,5 @@
 """State of the bench for its clients: devices, axes, run, newest picture; and its emergency stop."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """An operator reached over the network: events of a run are kept for clients, and questions wait for an answer."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -81,12 +79,10 @@ class RemoteOperator:
 
     @property
     def status(self) -> RunStatus:
-        """The present status of the run."""
         with self._lock:
             return self._status
 
     def notify(self, event: Event) -> None:
-        """Update the status by an event."""
         if isinstance(event, FrameEvent):
             self._show(event.plane)
         with self._lock:

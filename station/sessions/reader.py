@@ -60,7 +60,6 @@ class SessionRecord:
         return "" if self.contents.torn and self.gap.lines == 1 else self.gap.words
 
     def record(self) -> dict[str, Any]:
-        """For programs."""
         from station.results.result_files import plain  # here, because its imports are slow
 
         return {"schema": "station/session/1", "folder": str(self.folder), "state": plain(asdict(self.state))}

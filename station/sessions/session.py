@@ -17,8 +17,6 @@ hash, copied, read back, given an unused name in originals/, and then confirmed:
 after a crash completes what was announced and not confirmed.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading
@@ -27,7 +25,6 @@ from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from drivers.errors import Clock
@@ -116,7 +113,7 @@ class Session:
         seed: int = 0,
         today: Today = utc_now,
         disk: Disk | None = None,
-    ) -> Session:
+    ) -> "Session":
         """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
@@ -151,7 +148,7 @@ class Session:
         today: Today = utc_now,
         disk: Disk | None = None,
         without: Collection[int] = (),
-    ) -> Session:
+    ) -> "Session":
         """Open the session in a folder, and complete everything that a crash interrupted.
 
         `state.notices` lists what was repaired and which exposures must be repeated.
@@ -191,9 +188,7 @@ class Session:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # --- the journal ---------------------------------------------------------------------------------------------

@@ -129,7 +129,6 @@ class SessionState:
 
     @property
     def next_number(self) -> int:
-        """The number of the next shot."""
         return max((shot.number for shot in self.shots), default=0) + 1
 
 

@@ -1,7 +1,5 @@
 """Ten thousand random keys in each of twenty seeds over all screens: `python -m tests.benchmarks.random_keys`."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

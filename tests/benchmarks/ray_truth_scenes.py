@@ -4,8 +4,6 @@ Requires `pip install mitsuba`. Renders are kept in a folder, as they take minut
 times as fast where Mitsuba finds LLVM (DRJIT_LIBLLVM_PATH).
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from dataclasses import dataclass

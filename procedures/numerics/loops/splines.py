@@ -26,9 +26,7 @@ def add_band(
 
 
 @vectorised
-def _cubic_weights(
-    t: np.float32,
-) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """The four values of the cubic B-spline at -1 - t, -t, 1 - t, 2 - t."""
     a = np.float32(1) - t
     w0 = a * a * a * np.float32(1 / 6)

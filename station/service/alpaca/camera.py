@@ -1,7 +1,5 @@
 """The bench's camera as an Alpaca camera: full sensor or a subframe, unbinned, numbers as in the RAW file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -48,7 +46,6 @@ class BenchCamera(AlpacaDevice):
     # --- members
 
     def readable(self) -> Mapping[str, Member]:
-        """ICameraV4."""
         members: dict[str, Member] = {
             "bayeroffsetx": lambda given: self._red[0],
             "bayeroffsety": lambda given: self._red[1],
@@ -73,7 +70,6 @@ class BenchCamera(AlpacaDevice):
         return {**members, **CONSTANTS, **absent(*NEITHER, *ONLY_READ)}
 
     def writable(self) -> Mapping[str, Member]:
-        """ICameraV4."""
         members: dict[str, Member] = {
             "abortexposure": lambda given: self._abort(),
             "binx": lambda given: only(given, "BinX", 1),
@@ -88,7 +84,6 @@ class BenchCamera(AlpacaDevice):
         return members | absent(*NEITHER, "pulseguide", "stopexposure")
 
     def state(self) -> Mapping[str, Any]:
-        """Camera state, and whether there is an image."""
         return {"CameraState": self._state(), "ImageReady": self._ready}
 
     # --- exposures
@@ -208,29 +203,15 @@ class BenchCamera(AlpacaDevice):
 
 
 CONSTANTS: Mapping[str, Member] = {
-    name: constant(value)
-    for name, value in {
-        "binx": 1,
-        "biny": 1,
-        "canabortexposure": True,
-        "canasymmetricbin": False,
-        "canfastreadout": False,
-        "cangetcoolerpower": False,
-        "canpulseguide": False,
-        "cansetccdtemperature": False,
-        "canstopexposure": False,
-        "exposuremax": LONGEST_S,
-        "exposuremin": 0.0,
-        "exposureresolution": 0.0,
-        "hasshutter": False,
-        "ispulseguiding": False,
-        "maxbinx": 1,
-        "maxbiny": 1,
-        "readoutmode": 0,
-        "readoutmodes": ["RAW"],
-        "sensorname": "",
-    }.items()
-}
+    **dict.fromkeys(("binx", "biny", "maxbinx", "maxbiny"), constant(1)),
+    **dict.fromkeys(("exposuremin", "exposureresolution"), constant(0.0)),
+    **dict.fromkeys(
+        ("canasymmetricbin", "canfastreadout", "cangetcoolerpower", "canpulseguide", "cansetccdtemperature",
+         "canstopexposure", "hasshutter", "ispulseguiding"), constant(False),
+    ),
+    "canabortexposure": constant(True), "exposuremax": constant(LONGEST_S), "readoutmode": constant(0),
+    "readoutmodes": constant(["RAW"]), "sensorname": constant(""),
+}  # fmt: skip
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
 """Members that can be neither read nor written."""
 ONLY_READ = (

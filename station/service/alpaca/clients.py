@@ -1,7 +1,5 @@
 """The clients: which of them are connected to a device, and all that have sent requests, with their rights."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """A probe of the bench as an Alpaca device for conditions: temperature, humidity, pressure, and the dew point."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, cast
@@ -35,7 +33,6 @@ class ProbeConditions(AlpacaDevice):
         super().__init__(served, "observingconditions", number, probe, {probe: self._probe})
 
     def readable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {
             **{name: (lambda given, name=name: self._value(name)) for name in MEASURED},  # type: ignore[misc]
             "averageperiod": constant(0.0),
@@ -46,7 +43,6 @@ class ProbeConditions(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {"averageperiod": self._average, "refresh": constant(None)}
 
     def state(self) -> Mapping[str, Any]:

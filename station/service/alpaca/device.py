@@ -1,7 +1,5 @@
 """Common members of all Alpaca devices: names, versions, connections; and dispatch of members by name."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from collections.abc import Callable, Mapping
@@ -201,7 +199,6 @@ class Task:
 
     @property
     def running(self) -> bool:
-        """Whether it is in progress."""
         return self._thread is not None and self._thread.is_alive()
 
     def check(self) -> None:

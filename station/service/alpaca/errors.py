@@ -1,7 +1,5 @@
 """Errors of Alpaca devices, by the standard's numbers; an invalid request is an HTTP error."""
 
-from __future__ import annotations
-
 from drivers.errors import BadConfiguration, DeviceError, Held, LineLost, NotConnected, NotHomed, OutsideTravel
 from procedures.outcome import ProcedureError
 from station.service.tenancy import InUse

@@ -1,7 +1,5 @@
 """An axis of a stage as an Alpaca focuser: positions are whole micrometres from the low end of its travel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -28,7 +26,6 @@ class AxisFocuser(AlpacaDevice):
         super().__init__(served, "focuser", number, f"{stage} {axis}", {stage: self._stage})
 
     def readable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
         return {
             "absolute": constant(True),
             "ismoving": lambda given: self._is_moving(),
@@ -42,12 +39,7 @@ class AxisFocuser(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
-        return {
-            "halt": lambda given: self._halt(),
-            "move": self._move,
-            **absent("tempcomp"),
-        }
+        return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:
         """Position, if known, and whether it moves."""

@@ -1,7 +1,5 @@
 """A photograph in Alpaca's form: the sensor's numbers, columns first, as JSON or as bytes (ImageBytes, version 1)."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass

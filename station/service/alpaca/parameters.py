@@ -1,7 +1,5 @@
 """The parameters of a request: names are case-insensitive in a query, case-sensitive in a form (the standard, 2.2)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,13 +18,11 @@ class Parameters:
     any_case: bool
 
     @staticmethod
-    def of_query(text: str) -> Parameters:
-        """Parameters of a GET."""
+    def of_query(text: str) -> "Parameters":
         return Parameters({name.lower(): value for name, value in parse_qsl(text, keep_blank_values=True)}, True)
 
     @staticmethod
-    def of_form(data: bytes) -> Parameters:
-        """Parameters of a PUT."""
+    def of_form(data: bytes) -> "Parameters":
         return Parameters(dict(parse_qsl(data.decode("utf-8", "replace"), keep_blank_values=True)), False)
 
     def text(self, name: str) -> str:

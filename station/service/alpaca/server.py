@@ -1,7 +1,5 @@
 """Alpaca over HTTP: `/api/v1/KIND/NUMBER/MEMBER` and `/management`, transactions numbered, errors by number."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json
@@ -61,7 +59,6 @@ class AlpacaServer:
         served.clients = self.clients
 
     def routes(self) -> list[Route]:
-        """The routes of the interface."""
         return [
             Route("/management/apiversions", self._constant([1])),
             Route("/management/v1/description", self._constant(DESCRIPTION)),

@@ -1,7 +1,5 @@
 """Turns of the chart in the guided geometry: in steps robust to distortion, by hand or by the bench."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -63,12 +61,8 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
     assert (advice.good, advice.say, advice.marks) == (True, "View 4 counts.", ((1.0, 2.0),))
     assert facts_as(GeometryFacts, advice.facts).poses == (ViewPose(4, seen["pose"]),)
     assert [reading.name for reading in advice.readings] == [
-        "off its place",
-        "yaw off",
-        "pitch off",
-        "white",
-        "clipped",
-    ]
+        "off its place", "yaw off", "pitch off", "white", "clipped",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

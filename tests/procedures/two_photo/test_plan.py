@@ -1,7 +1,5 @@
 """Plan of the two photographs: checks of wall and light, and the resulting PSF."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Driving the application with keys, and its screen as plain text."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import threading

@@ -1,7 +1,5 @@
 """What holds on every screen: the emergency stop, help, commands by name, strings that mean harm."""
 
-from __future__ import annotations
-
 import threading
 import time
 

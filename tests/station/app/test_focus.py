@@ -1,7 +1,5 @@
 """Live focus, driven by keys."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 

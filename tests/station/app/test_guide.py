@@ -1,7 +1,5 @@
 """The guide, driven by keys, with runs that are scripts."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path

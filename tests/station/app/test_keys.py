@@ -1,7 +1,5 @@
 """Effects of keys: no accidental move, no second run, no dialog twice, no lost key."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from functools import partial

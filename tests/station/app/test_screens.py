@@ -1,7 +1,5 @@
 """The bench and the results, driven by keys."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The coach: previews while a person corrects a pose, a question that the photographs answer, and the progress."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass, field
 from math import inf

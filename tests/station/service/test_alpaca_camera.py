@@ -1,7 +1,5 @@
 """The ASCOM Initiative's own client photographs with the bench's camera."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 
