@@ -73,8 +73,8 @@ def test_the_progress_before_an_estimate():
 def test_the_screws_of_a_sensor_are_shown_with_their_turns():
     lines = screws_drawing((0.0, 90.0, 180.0, 270.0), (0.5, -0.25, 0.0, 1.0)).splitlines()
     assert lines[0].split() == ["1", "|0", "1", "turn|"]
-    assert lines[1].split() == ["1|=====>", "|", "0.50", "away"]
-    assert lines[2].split() == ["2|==<", "|", "0.25", "nearer"]
+    assert lines[1].split() == ["1|====>", "|", "0.50", "away"]
+    assert lines[2].split() == ["2|=<", "|", "0.25", "nearer"]
     assert {"4", "2"} <= set(lines[5].split())
 
 
