@@ -36,13 +36,12 @@ from .vignetting.estimate import estimate_vignetting
 from .whole_camera.camera_file import read_camera_numbers
 
 __all__ = [
-    "BadInput", "BadParameter", "BlurSpec", "CameraSetting", "Chart", "CorrectionParameters", "Diffraction", "DumpLayout",
-    "FilterParameters", "GeometryParameters", "KnownShapes", "Outcome", "PatternParameters", "Plane",
-    "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi",
-    "Scheme", "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of",
-    "calibrate_geometry", "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges",
-    "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall",
-    "estimate_vignetting", "filter_film",
-    "gaussian", "gaussian_constant", "measure_level", "measure_stack", "otf", "pillbox", "poses_at", "read_camera_numbers", "read_field",
-    "read_film", "read_frame", "restore", "stacks_of", "view_of", "write_field",
+    "BadInput", "BadParameter", "BlurSpec", "CameraSetting", "Chart", "CorrectionParameters", "Diffraction",
+    "DumpLayout", "FilterParameters", "GeometryParameters", "KnownShapes", "Outcome", "PatternParameters", "Plane",
+    "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi", "Scheme",
+    "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of", "calibrate_geometry",
+    "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges", "estimate_field",
+    "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall", "estimate_vignetting",
+    "filter_film", "gaussian", "gaussian_constant", "measure_level", "measure_stack", "otf", "pillbox", "poses_at",
+    "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "stacks_of", "view_of", "write_field",
 ]  # fmt: skip

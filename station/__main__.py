@@ -10,13 +10,13 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.command import SEED, UNITS, FiniteNumber
 from station.common.namesakes import check_namesakes
 
 check_namesakes()  # before the imports that would fail in a foreign package
 
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import SEED, UNITS, FiniteNumber
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {

@@ -15,7 +15,7 @@ from drivers.errors import BadConfiguration, MoveFailed, Rejected, WasReset
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.making import LineOptions
 from drivers.move_checks import HOME
-from drivers.options import ENABLED_STAGE, AxisName, Baud, Patience, PollInterval, axes, interval, option, positive
+from drivers.options import ENABLED_STAGE, AxisName, Baud, PollInterval, TimeLimit, axes, interval, option, positive
 from drivers.polled_stage import AxisStage, AxisState
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, TmclParser, stop_bytes
 from drivers.wire.connection import anything, roll_call
@@ -203,7 +203,7 @@ class TmclOptions(LineOptions):
     axes: Annotated[tuple[TmclAxis, ...], axes("module", "motor")]
     baud: Baud = 9600
     poll_s: PollInterval = 0.1
-    patience_s: Patience = 60.0
+    patience_s: TimeLimit = 60.0
     variable: Annotated[int, option("55", least=0, most=255)] = 55
 
 

@@ -20,10 +20,19 @@ it falls by a half over two decades of light."""
 RESOLVED_NOISE = 0.6
 """Least standard deviation of the noise, in steps of the digital numbers, for its shape to be estimated."""
 MOST_CLIPPED = 0.05
+MOST_CROPPED = 0.03
+"""Fraction of a side by which a developed picture may be smaller than the sensor."""
 
 
-def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) -> None:
+def _whole(shape: tuple[int, ...], field: tuple[int, int]) -> bool:
+    """Whether planes are of the size of a mosaic's whole frame, or a little smaller."""
+    return all(0 <= 1 - n / (2 * m) <= MOST_CROPPED for n, m in zip(shape, field, strict=True))
+
+
+def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], *, developed: bool = False) -> None:
     """Refuse a field of other planes or of another sensor.
+
+    developed : whether the planes may have twice the pixels of a mosaic's field along each side.
 
     Raises BadInput if a plane has no field, or one of another size, Refused if the photograph has no contrast.
     """
@@ -33,8 +42,8 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
                 f"the photograph has the plane {name}, the field has {', '.join(fields)}",
                 "measure the field from photographs of the same kind, with all planes (--plane all)",
             )
-        if tuple(fields[name].shape) != plane.samples.shape:
-            rows, columns = fields[name].shape
+        rows, columns = fields[name].shape
+        if (rows, columns) != plane.samples.shape and not (developed and _whole(plane.samples.shape, (rows, columns))):
             raise BadInput(
                 f"plane {name} of the field has {columns} x {rows} pixels, the photograph's has "
                 f"{plane.samples.shape[1]} x {plane.samples.shape[0]}",
@@ -104,14 +113,19 @@ def _check_focus(photograph: Exposure, field: Exposure) -> list[str]:
     return []
 
 
-def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> list[Check]:
-    """Checks for linear, unprocessed samples; each has the worst plane's number."""
+def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise], *, developed: bool = False) -> list[Check]:
+    """Checks for linear, unprocessed samples; each has the worst plane's number. A developed picture is processed."""
     noises = [estimate for name, estimate in noise.items() if _resolved(planes[name], estimate)]
     whiteness = min((estimate.whiteness for estimate in noises), default=1.0)
     rise = min((estimate.rise for estimate in noises), default=1.0)
     clipped = max(float((plane.samples >= 0.998).mean()) for plane in planes.values())
     raw = all(plane.raw for plane in planes.values())
     linear = unprocessed(raw, "give the RAW file, or export it without a tone curve")
+    clipping = Check(
+        "clipping", clipped, MOST_CLIPPED, Verdict.DOUBTFUL, f"{clipped:.0%} of the samples are clipped", "expose less"
+    )
+    if developed:
+        return [clipping]
     return [
         Check("noise correlation", whiteness, LEAST_WHITE, Verdict.REFUSED,
               f"the photograph was processed: its noise at the finest scale is {whiteness:.0%} of a sensor's, at "
@@ -124,8 +138,7 @@ def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> list[C
         Check("linearity", rise, USUAL_RISE, Verdict.DOUBTFUL,
               f"the noise does not grow with light, its variance is {rise:.2f} times as large in bright parts: the "
               "photograph may have a tone curve", linear, least=True),
-        Check("clipping", clipped, MOST_CLIPPED, Verdict.DOUBTFUL,
-              f"{clipped:.0%} of the samples are clipped", "expose less"),
+        clipping,
     ]  # fmt: skip
 
 

@@ -30,13 +30,15 @@ Spectrum = npt.NDArray[np.complex64]
 class Splitting:
     """Parameters of the solver: number of iterations, and penalties that tie the copies to their originals.
 
-    data : relative to weights of 1, which is their mean over all samples.
+    data : largest, relative to weights of 1, which is their mean over all samples.
     prior : relative to the strength tau over the picture's mean difference.
+    ratio : largest of data over prior: more, and few iterations amplify what demosaicking could not determine.
     """
 
     iterations: int = 8
     data: float = 0.1
     prior: float = 0.7
+    ratio: float = 70.0
 
     @classmethod
     def usual(cls, photographs: int) -> Splitting:
@@ -85,20 +87,22 @@ def deconvolve(
     """The picture (C, n, n) of minimal cost.
 
     start : (C, n, n) float32
-        Initial picture.
+        Initial picture, blurred as the samples are.
     tau : float
         Strength of the prior.
     gradient : float
         Mean length of the picture's differences, which scales the penalty.
     """
     penalty = np.float32(settings.prior * tau / gradient)
-    solver = _Solver.of(tile, prior, settings.data, float(penalty))
+    rho = min(np.float32(settings.data), np.float32(settings.ratio) * penalty)
+    solver = _Solver.of(tile, prior, float(rho), float(penalty))
     M = prior.mixing(tile.channels).astype(np.float32)
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
-    predicted = tile.blurred(scipy.fft.rfft2(start))
-    for _ in range(settings.iterations):
-        agree(predicted, tile.z, tile.weight, data_dual, np.float32(settings.data))
+    predicted = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
+    for k in range(settings.iterations):
+        if k > 0:
+            agree(predicted, tile.z, tile.weight, data_dual, rho)
         gradients = differences(mixed(M, u), prior.second)
         shrink(gradients, prior_dual, np.float32(tau / penalty))
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))

@@ -15,13 +15,13 @@ from procedures.correction.checks import check_fields, check_scale, checks_of
 from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
-from procedures.correction.noise import Noise, noise_of
+from procedures.correction.noise import Noise, noise_of, with_coding
 from procedures.correction.optics import PlaneFields, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import TileGrid
 from procedures.display import summary
-from procedures.outcome import Check, Outcome, Verdict, checked_type, verdict_of
+from procedures.outcome import BadInput, Check, Outcome, Verdict, checked_type, verdict_of
 from procedures.psf_field import PsfField
 from procedures.raw import FrameLike, as_frame
 
@@ -119,7 +119,8 @@ def correct(
 
     Parameters
     ----------
-    frame : the photograph, linear: a grey plane, also as an array (rows, columns), or the four of a mosaic
+    frame : the photograph, linear: a grey plane, also as an array (rows, columns), the four of a mosaic, or a developed
+        picture's, of which green is named G1
     fields : by plane
     shifts : by plane, its lateral colour relative to the reference plane, which is corrected
     progress : called with the numbers of tiles done and in total
@@ -134,10 +135,16 @@ def correct(
     p, frame, further = parameters or CorrectionParameters(), as_frame(frame), [as_frame(one) for one in others]
     for one in fields.values():
         checked_type(one, PsfField, "pass a field by plane, as read_field gives, or outcome.result() of each")
-    check_fields(frame.planes, fields)
+    development = frame.development
+    if development and further:
+        reason = "several photographs are combined from RAW files; this one is developed"
+        raise BadInput(reason, "give RAW files, or one photograph")
+    check_fields(frame.planes, fields, developed=development is not None)
     check_scale(frame.planes, fields, p.scale)
     noise = {name: noise_of(plane) for name, plane in frame.planes.items()}
-    checks = checks_of(frame.planes, noise)
+    if development:
+        noise = {name: with_coding(one, development) for name, one in noise.items()}
+    checks = checks_of(frame.planes, noise, developed=development is not None)
     outcome: Outcome[Correction] = verdict_of(checks)
     if outcome.verdict is Verdict.REFUSED:
         return outcome

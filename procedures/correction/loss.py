@@ -62,7 +62,7 @@ def field_error(
     y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for size, n in zip((rows, columns), PLACES, strict=True))
     lightness = 1 if mosaic.channels > 1 else 0
     every = [key for key, colour in zip(optics.fields, optics.channel, strict=True) if colour == lightness]
-    density = len(every) / optics.pitch**2
+    density = len(every) / mosaic.pitch**2
     # all photographs share the fields and their errors
     planes = every[: len(every) // optics.photographs]
     responses = {name: optics.responses(name, SIDE) for name in planes}

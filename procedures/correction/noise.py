@@ -4,13 +4,14 @@ In flat parts of a scene the variation is noise: variance = a + b level, of read
 differences eliminate slopes (Immerkaer 1996); of the blocks at one level the quietest are used.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
 from procedures.raw import Plane
+from procedures.reading.development import Development
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
@@ -54,6 +55,15 @@ class Noise:
     def variance_at(self, level: npt.NDArray[np.floating]) -> Single:
         """Variance at given levels."""
         return np.asarray(self.read + self.slope * np.maximum(level, 0), dtype=np.float32)
+
+
+def with_coding(noise: Noise, development: Development) -> Noise:
+    """The noise of a developed picture's samples with the error of rounding and coding, a line over the levels."""
+    levels = np.linspace(0.02, 0.9, BANDS)
+    error = development.light_error(levels).astype(np.float64) ** 2
+    design = np.column_stack([np.ones_like(levels), levels]) / error[:, None]
+    read, slope = nnls(design, np.ones_like(levels))[0]
+    return replace(noise, read=noise.read + float(read), slope=noise.slope + float(slope))
 
 
 def noise_of(plane: Plane) -> Noise:

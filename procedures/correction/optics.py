@@ -35,15 +35,15 @@ class PlaneFields:
     fields : by plane, in the order of the photographs
     channel : (P,), index of the picture's colour for each plane
     photographs : their number; each has the same planes
-    origins : (x, y) of each plane's first pixel
-    pitch : pixels of the picture per pixel of a plane
+    origins : (x, y) of the first pixel of each field's plane
+    pitch : pixels of the picture per pixel of a field's plane
     shifts : of displaced planes: lateral colour, movement between photographs
     """
 
     fields: Mapping[str, PsfField]
     channel: Sequence[int]
     photographs: int
-    origins: Mapping[str, tuple[int, int]]
+    origins: Mapping[str, tuple[float, float]]
     pitch: int
     shifts: Mapping[str, Shift]
 
@@ -51,10 +51,18 @@ class PlaneFields:
     def of(
         cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]
     ) -> PlaneFields:
-        """The optics of planes, with the fields of their names."""
-        pitch = next(iter(planes.values())).pitch
-        origins = {key: plane.origin for key, plane in planes.items()}
+        """The optics of planes, with the fields of their names.
+
+        Planes of a developed picture have all pixels of the sensor, less a rim, where a mosaic's field has every other.
+        """
         of_planes = {key: fields[plane.name] for key, plane in planes.items()}
+        first, field = next(iter(planes.values())), next(iter(of_planes.values()))
+        finer = round(first.samples.shape[0] / field.shape[0])
+        pitch = finer * first.pitch
+        origins = {
+            key: plane.origin if finer == 1 else _centred(plane.samples.shape, of_planes[key].shape, finer)
+            for key, plane in planes.items()
+        }
         photographs = len(planes) // len({plane.name for plane in planes.values()})
         return cls(of_planes, [COLOURS[plane.name] for plane in planes.values()], photographs, origins, pitch, shifts)
 
@@ -134,6 +142,12 @@ class PlaneFields:
             here, *moved = (shift(self.in_plane(name, places)) for places in _places(shape, reach / 2))
             most = max(most, *(float(np.abs(other - here).max()) for other in moved))
         return most
+
+
+def _centred(shape: tuple[int, ...], coarse: tuple[int, int], finer: int) -> tuple[float, float]:
+    """(x, y) of the first pixel of a coarser plane whose middle is that of a plane."""
+    rows, columns = ((n - 1 - finer * (m - 1)) / 2 for n, m in zip(shape, coarse, strict=True))
+    return columns, rows
 
 
 def _mean_tail(field: PsfField, place: Array) -> float:

@@ -54,7 +54,7 @@ def predict(optics: PlaneFields, mosaic: Mosaic, prior: Prior, tau: float, diffe
     y, x = np.linspace(0, rows - 1, PLACES[0]), np.linspace(0, columns - 1, PLACES[1])
     lightness = 1 if mosaic.channels > 1 else 0
     planes = [p for p, colour in enumerate(optics.channel) if colour == lightness]
-    density = len(planes) / optics.pitch**2
+    density = len(planes) / mosaic.pitch**2
     power = prior.power(SIDE)
     maps = np.empty((3, len(y), len(x)))
     for i, j in np.ndindex(maps.shape[1:]):

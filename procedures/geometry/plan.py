@@ -265,8 +265,8 @@ def turn_chart(
     if not readings[1].good:
         parts.append(f"about its upright axis by {abs(yaw):.0f}°, its {'right' if yaw > 0 else 'left'} edge nearer")
     if not readings[2].good:
-        parts.append(f"its {'upper' if pitch > 0 else 'lower'} edge nearer, by {abs(pitch):.0f}°")
-    say = f"Turn the chart {' and '.join(parts)}."
+        parts.append(f"about its level axis by {abs(pitch):.0f}°, its {'upper' if pitch > 0 else 'lower'} edge nearer")
+    say = f"Turn the chart {'; then '.join(parts)}."
     turns = {"chart_yaw_deg": yaw, "chart_pitch_deg": pitch}
     return Advice(False, say, readings, moves=turns, by_hand=turns, marks=marks)
 

@@ -16,12 +16,7 @@ from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
-from procedures.pattern_psf.distance.ranging import (
-    LASER_REACH_MM,
-    look_now,
-    range_facts,
-    range_readings,
-)
+from procedures.pattern_psf.distance.ranging import LASER_REACH_MM, look_now, range_facts, range_readings
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.outline import SHEET, frontal_outline, present_outline

@@ -19,13 +19,7 @@ from scipy.ndimage import uniform_filter
 from procedures.choice import with_modes
 from procedures.corruption.family import nuisance, threshold
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores
-from procedures.numbers import (
-    WITNESS_BLACK,
-    WITNESS_CURVATURE,
-    WITNESS_PRINT_BLUR,
-    WITNESS_RATIO,
-    WITNESS_SHARPENING,
-)
+from procedures.numbers import WITNESS_BLACK, WITNESS_CURVATURE, WITNESS_PRINT_BLUR, WITNESS_RATIO, WITNESS_SHARPENING
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
 from procedures.pattern import CELLS, Chart

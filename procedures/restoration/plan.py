@@ -189,7 +189,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
     try:
         parameters = parameters_of(answers)
         blur = blur_of(blur_spec(blurred, answers, read), pictures)
-        outcome = blur.restored(pictures, parameters)
+        report, rounds = getattr(frames, "progress", None), parameters.scheme.rounds + 1
+        each = None if report is None else lambda done: report(min(done.n, rounds), rounds)
+        outcome = blur.restored(pictures, parameters, each)
         if is_mosaic(planes[0]):
             outcome = blur.coloured(outcome, planes)
         return {PICTURE: outcome if truth is None else compared_to_truth(outcome, planes, planes_of(truth, answers))}

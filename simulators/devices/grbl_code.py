@@ -22,15 +22,9 @@ _GROUPS = {
     61: "path",
 }
 _M_GROUPS = {
-    0: "flow",
-    1: "flow",
-    2: "flow",
-    30: "flow",
-    3: "spindle",
-    4: "spindle",
-    5: "spindle",
-    8: "flood",
-    9: "flood",
+    **dict.fromkeys((0, 1, 2, 30), "flow"),
+    **dict.fromkeys((3, 4, 5), "spindle"),
+    **dict.fromkeys((8, 9), "flood"),
 }
 _FRACTIONS = {(28, 10), (30, 10), (92, 10), (91, 10), (43, 10)}
 _TAKES_AXES = {10, 28, 30, 92, 43, 49, 0, 1, 2, 3}

@@ -12,26 +12,7 @@ from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
 SPEED_UNIT = 1.6384
-FAULT_FLAGS = [
-    "FF",
-    "FN",
-    "FZ",
-    "FH",
-    "FV",
-    "FO",
-    "FC",
-    "FM",
-    "FD",
-    "FQ",
-    "FI",
-    "FA",
-    "FR",
-    "FS",
-    "FB",
-    "FP",
-    "FE",
-    "FT",
-]
+FAULT_FLAGS = [f"F{letter}" for letter in "FNZHVOCMDQIARSBPET"]
 PRIORITY = [*FAULT_FLAGS, "WL", "WV", "WT", "WS", "WM", "WP", "WR", "WH", "NC", "NI"]
 
 

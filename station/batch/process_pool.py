@@ -4,6 +4,8 @@ Processes are spawned: a fork would copy locks that other threads hold. Each com
 use all cores without waiting for each other.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
@@ -38,7 +40,7 @@ class Allowance:
     time_s: float | None = None
 
     @classmethod
-    def fair(cls, jobs: int) -> "Allowance":
+    def fair(cls, jobs: int) -> Allowance:
         """The share of the machine's memory for one of `jobs` processes, and an hour."""
         try:
             whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

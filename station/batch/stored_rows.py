@@ -3,6 +3,8 @@
 A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised.
 """
 
+from __future__ import annotations
+
 import csv
 import json
 from array import array
@@ -126,7 +128,7 @@ class Tally:
     series: dict[GROUP, NumberSeries] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, rows: Iterable[ItemRow]) -> "Tally":
+    def of(cls, rows: Iterable[ItemRow]) -> Tally:
         """The tally of rows, in one pass."""
         tally = cls()
         for place, row in enumerate(rows):
@@ -173,17 +175,8 @@ class Tally:
 # --- The summary of a batch, one line for each plane: as CSV, and as Parquet with typed columns; rows are streamed ---
 
 HEAD = (
-    "files",
-    "verdict",
-    "plane",
-    "plane_verdict",
-    "reason",
-    "remedy",
-    "specification",
-    "against",
-    "folder",
-    "sha256",
-)
+    "files", "verdict", "plane", "plane_verdict", "reason", "remedy", "specification", "against", "folder", "sha256",
+)  # fmt: skip
 """First columns of the summary."""
 NOTED = (
     ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),

@@ -15,10 +15,10 @@ from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
 from procedures.numbers import CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
 from procedures.outcome import Outcome, Refused, with_doubt
-from procedures.raw import Exposure, RawFrame, read_frame, read_photograph
-from procedures.reading.sensor_dump import DumpLayout
+from procedures.raw import Exposure, RawFrame, read_photograph
 from station.calibration.camera_metadata import CameraMetadata, read_metadata
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
+from station.calibration.restoration.developed import picture_file, unknown_of, wrong_curve
 from station.results.exports import csv_columns
 from station.results.record_head import verdict_entry
 
@@ -42,28 +42,25 @@ class Corrected:
 
 
 def correct_photographs(
-    photos: Sequence[Path],
+    photographs: Sequence[RawFrame],
     field: Path,
     parameters: CorrectionParameters,
-    layout: DumpLayout | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
     *,
     insisted: bool = False,
 ) -> Corrected:
-    """Read all photographs, check that they match the field, and correct them.
+    """Check that photographs match the field, and correct them.
 
-    Raises BadInput, Refused if one cannot be read, or the field is of another camera, lens, aperture or focus.
+    Raises BadInput, Refused if the field cannot be read, or is of another camera, lens, aperture or focus.
 
-    photos : the first defines the frame of the picture; the others are registered to it
+    photographs : the first defines the frame of the picture; the others are registered to it
     insisted : the field is used for any camera, and the result flagged as doubtful
     """
-    data = read_photograph(photos[0])
-    frame = read_frame(photos[0], layout=layout, data=data)
-    others = tuple(read_frame(photo, layout=layout) for photo in photos[1:])
+    frame, *others = (_with_green(one) for one in photographs)
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
-    known = read_lights(field)
+    known = {} if frame.development else read_lights(field)
     lights = {name: known[name].at for name in frame.planes if name in known}
     outcome = correct(frame, fields, shifts, parameters, progress, others)
     if lights and outcome.value is not None:
@@ -72,8 +69,30 @@ def correct_photographs(
         reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
         remedy = "compare them yourself, or measure the field from files with the camera's metadata"
         outcome = with_doubt(outcome, reason, remedy)
-    metadata = read_metadata(data, frame.exposure)
-    return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), others)
+    outcome = _judged(outcome, frame)
+    metadata = read_metadata(read_photograph(frame.path), frame.exposure)
+    return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), tuple(others))
+
+
+def _with_green(frame: RawFrame) -> RawFrame:
+    """The photograph; green of a developed picture under the name of a mosaic's."""
+    planes = {("G1" if name == "G" else name): plane for name, plane in frame.planes.items()}
+    return replace(frame, planes={name: replace(plane, name=name) for name, plane in planes.items()})
+
+
+def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction]:
+    """The outcome, doubtful where the development is not known."""
+    if frame.development is None or outcome.value is None:
+        return outcome
+    for doubt in (wrong_curve([frame]), unknown_of([frame.development])):
+        outcome = with_doubt(outcome, *doubt) if doubt else outcome
+    return with_doubt(outcome, *_DEMOSAICKED)
+
+
+_DEMOSAICKED = (
+    "a developed picture is corrected as if its pixels were the sensor's: demosaicking, sharpening and lens "
+    "corrections of its development remain", "give the RAW file",
+)  # fmt: skip
 
 
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
@@ -91,11 +110,15 @@ def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
     return list(dict.fromkeys(unknown))
 
 
-def correction_files(value: Correction, metadata: CameraMetadata) -> dict[str, bytes | Callable[[Path], None]]:
-    """The picture in both formats, written strip by strip, and the maps."""
+def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path], None]]:
+    """The picture, written strip by strip, and the maps: TIFF and DNG, or the format of a developed photograph."""
+    value, metadata = corrected.outcome.value, corrected.metadata
+    if value is None:
+        return {}
+    pictures = picture_file(corrected.frame, value.picture, words="corrected picture")
     return {
         TIFF: lambda path: write_tiff(path, value.picture, metadata, DESCRIPTION),
-        DNG: lambda path: write_linear_dng(path, value.picture, metadata),
+        **(pictures or {DNG: lambda path: write_linear_dng(path, value.picture, metadata)}),
         MAPS: _maps(value),
     }
 
@@ -116,13 +139,15 @@ def correction_entries(corrected: Corrected) -> dict[str, Any]:
     value = corrected.outcome.value
     if value is None:
         return verdict_entry(corrected.outcome)
+    development = corrected.frame.development
     predicted, noise = value.prediction, float(np.sqrt(np.mean(value.field_error.noise)))
     return {
         **verdict_entry(corrected.outcome),
         "encodings": {
             TIFF: {"encoding": "linear", "black": 0, "white": 65535},
-            DNG: {"encoding": "linear", "black": BLACK, "white": WHITE},
+            **({} if development else {DNG: {"encoding": "linear", "black": BLACK, "white": WHITE}}),
         },
+        **({"encoding": development.curve.name} if development else {}),
         "noise": {name: asdict(one) for name, one in value.noise.items()},
         "prior": {"tau": value.tau, "mean_difference": value.difference},
         "tile_px": value.side,

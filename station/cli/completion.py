@@ -3,12 +3,12 @@
 import click
 from click.shell_completion import get_completion_class
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import command
 
 VARIABLE = "_STATION_COMPLETE"
 
 
-@click.command("completion", cls=StationCommand)
+@command("completion", log_json=False)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(ctx: click.Context, shell: str) -> None:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import StationCommand, json_option, strict_option
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress
-from station.common.errors import log_json_option
 
 if TYPE_CHECKING:
     from station.results.explanation import CauseCount, PlaneExplanation
@@ -21,12 +20,9 @@ if TYPE_CHECKING:
 MOST_TERMS = 3
 
 
-@click.command("explain", cls=StationCommand)
+@command("explain", strict=True, as_json=True)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
-@strict_option
-@json_option
-@log_json_option
 def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
     """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
     from station.results.explanation import explain_batch, explain_result, is_batch, read_explained, result_folder

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import command
 
 EXAMPLES = {
     "station.toml": "station.bench",
@@ -15,7 +15,7 @@ EXAMPLES = {
 """The files, and the packages with their `example.toml`."""
 
 
-@click.command("init", cls=StationCommand)
+@command("init", log_json=False)
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 @click.option(
     "--key", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -25,15 +25,12 @@ MOST_HITS = 20
 """Sections that a search lists."""
 
 
-@click.command("manual", cls=StationCommand)
+@command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
 @click.option(
-    "--html",
-    "folder",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
+    "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",
-)
+)  # fmt: skip
 @click.option(
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )

@@ -21,9 +21,7 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
-from station.cli.terminal.command import StationCommand, json_option, strict_option
-from station.cli.terminal.force import force_option, forced
-from station.cli.terminal.numbers import FiniteNumber
+from station.cli.terminal.command import FiniteNumber, StationCommand, force_option, json_option, options, strict_option
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
@@ -68,7 +66,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         run(procedure, paths, chosen, given)
 
     command: Any = click.pass_context(lambda context, **given: measure(**given))
-    options = [
+    of_result = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
@@ -78,11 +76,8 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         json_option,
         log_json_option,
     ]  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    command = terms_options(command) if procedure.has_mtf else specification_option(force_option(command))
-    for one in reversed(settings):
-        command = _option(one)(command)
+    of_terms = [terms_options] if procedure.has_mtf else [specification_option, force_option]
+    command = options(*map(_option, settings), *of_terms, *of_result)(command)
     argument = click.argument(
         "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
         metavar=procedure.argument or metavar,
@@ -205,7 +200,7 @@ def _results(
         results = procedure.measurements(paths, settings, terms, shown)
         for place in procedure.places(paths):
             start = time.perf_counter()
-            with ResultFolder(out / place, force=forced()) as folder:
+            with ResultFolder(out / place, force=force_option.given()) as folder:
                 measurement = next(results)
                 taken = round(time.perf_counter() - start, 3)
                 given_settings = measurement.head.settings or to_record(settings)

@@ -8,12 +8,12 @@ import click
 
 from procedures.outcome import BadInput
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import StationCommand, json_option, strict_option
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import awaited
-from station.common.errors import log, log_json_option
+from station.common.errors import log
 
 
-@click.command("verify", cls=StationCommand)
+@command("verify", strict=True, as_json=True)
 @click.argument("certificate", type=click.Path(path_type=Path))
 @click.option(
     "--originals", type=click.Path(path_type=Path, exists=True, file_okay=False),
@@ -23,9 +23,6 @@ from station.common.errors import log, log_json_option
     "--signer", type=click.Path(path_type=Path, exists=True),
     help="File with the public key of the expected signer, or folder of such files (.pub).",
 )  # fmt: skip
-@strict_option
-@json_option
-@log_json_option
 def verify(certificate: Path, originals: Path | None, signer: Path | None, strict: bool, as_json: bool) -> None:
     """Compare CERTIFICATE, a page or a PDF, with its signature and its record, and compute its numbers again.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -99,13 +99,9 @@ def upper_plane(name: str | None) -> str | None:
 class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
-    raw: Annotated[
-        str | None,
-        setting(
-            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-            metavar="WxH,RGGB,u16le,BLACK,WHITE",
-        ),
-    ] = None
+    raw: Annotated[str | None, setting(
+        "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+        metavar="WxH,RGGB,u16le,BLACK,WHITE")] = None  # fmt: skip
 
     @property
     def layout(self) -> DumpLayout | None:
@@ -135,21 +131,30 @@ class PlaneSettings(RawLayout, frozen=True, kw_only=True):
         return read_frame(path, None if chosen == "all" else chosen.split(","), self.layout)
 
 
+Encoding = Annotated[
+    Literal["linear", "srgb"] | None,
+    setting("Of files in colour, JPEG, WebP and HEIC.  [default: by the ICC profile, or sRGB]"),
+]
+
+
+def read_picture(path: Path, encoding: str | None, read: Callable[[Path], RawFrame]) -> RawFrame:
+    """A photograph as `read` gives it, or a developed picture: in colour, or where an encoding is stated. Raises
+    ProcedureError."""
+    data = read_photograph(path)
+    if not encoding and not is_developed(data):
+        with suppress(ColourInput):
+            return read(path)
+    return read_developed(path, encoding, data=data)
+
+
 class PictureSettings(PlaneSettings, frozen=True, kw_only=True):
     """Settings of procedures that also take developed pictures, as JPEG files."""
 
-    encoding: Annotated[
-        Literal["linear", "srgb"] | None,
-        setting("Of files in colour, JPEG, WebP and HEIC.  [default: by the ICC profile, or sRGB]"),
-    ] = None
+    encoding: Encoding = None
 
     def read(self, path: Path) -> RawFrame:
         """The plane, or all of a picture in colour. Raises ProcedureError."""
-        data = read_photograph(path)
-        if not self.encoding and not is_developed(data):
-            with suppress(ColourInput):
-                return super().read(path)
-        return read_developed(path, self.encoding, data=data)
+        return read_picture(path, self.encoding, super().read)
 
 
 ChartBits = Annotated[Path, setting("The chart's 256 x 256 cells as a grey image.")] | None

@@ -30,14 +30,10 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     """The cause of the blur, the descent, and what is known of the camera."""
 
     blur: Annotated[Literal["defocus", "motion", "both"], setting("Cause of the blur.")]
-    shape: Annotated[
-        Texts,
-        setting(
-            "pillbox, gaussian[:K], polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
-            "result, or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for "
-            "each image. With --prototype-region whole, kernels from an earlier result."
-        ),
-    ] = ()
+    shape: Annotated[Texts, setting(
+        "pillbox, gaussian[:K], polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
+        "result, or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for "
+        "each image. With --prototype-region whole, kernels from an earlier result.")] = ()  # fmt: skip
     samples_per_pixel: (
         Annotated[int, setting("Sampling if the shapes are PSFs, not on [-1, 1].", least=1, most=1000)]
         | Literal["auto"]
@@ -56,12 +52,9 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     defocus_ratio: Annotated[
         tuple[float, ...], setting("Half-width of that defocus in pixels per unit of w, one or one for each image.")
     ] = ()
-    defocus_offset: Annotated[
-        tuple[float, ...],
-        setting(
-            "Half-width of that defocus at w = 0, pixels; negative for a plane of focus within the scene.  [default: 0]"
-        ),
-    ] = ()
+    defocus_offset: Annotated[tuple[float, ...], setting(
+        "Half-width of that defocus at w = 0, pixels; negative for a plane of focus within the scene.  [default: 0]"
+    )] = ()  # fmt: skip
     max_w: Annotated[
         float | None,
         setting("Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's plus one]"),
@@ -76,21 +69,13 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     ] = "both"
     total_variation: Annotated[bool, setting("Picture prior by total variation instead of Tikhonov.")] = False
     depth_total_variation: Annotated[bool, setting("Prior of w by total variation.")] = False
-    prototype_region: Annotated[
-        str | None,
-        setting(
-            "Flat part for the estimation of unknown motion; auto searches for one; whole is a flat scene, whose "
-            "motions may be of any form, in two images or more.",
-            metavar="X,Y,W,H",
-        ),
-    ] = None
-    recorded_path: Annotated[
-        Texts,
-        setting(
-            "Path of the rig during each exposure, two columns x y at equal times: starts the search of its shape.",
-            metavar="FILE",
-        ),
-    ] = ()
+    prototype_region: Annotated[str | None, setting(
+        "Flat part for the estimation of unknown motion; auto searches for one; whole is a flat scene, whose "
+        "motions may be of any form, in two images or more.",
+        metavar="X,Y,W,H")] = None  # fmt: skip
+    recorded_path: Annotated[Texts, setting(
+        "Path of the rig during each exposure, two columns x y at equal times: starts the search of its shape.",
+        metavar="FILE")] = ()  # fmt: skip
     imu: Annotated[
         Texts,
         setting(
@@ -99,14 +84,10 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
             metavar="FILE",
         ),
     ] = ()
-    poses: Annotated[
-        Texts,
-        setting(
-            "Poses of the camera during each exposure, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as "
-            "--imu.",
-            metavar="FILE",
-        ),
-    ] = ()
+    poses: Annotated[Texts, setting(
+        "Poses of the camera during each exposure, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as "
+        "--imu.",
+        metavar="FILE")] = ()  # fmt: skip
     focal_px: Annotated[float | None, setting("Focal length in pixels of the plane, for --imu and --poses.")] = None
     max_inverse_depth: Annotated[float | None, setting("1 / the smallest distance in the scene, 1/m, for these.")] = (
         None
@@ -115,13 +96,9 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     imu_within_s: Annotated[
         float, setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0)
     ] = 0.0
-    metres: Annotated[
-        Literal["front", "behind"] | None,
-        setting(
-            "Give depth in metres: the scene is in front of the plane of focus, or behind it. --ratio and --offset "
-            "come from the camera's data."
-        ),
-    ] = None
+    metres: Annotated[Literal["front", "behind"] | None, setting(
+        "Give depth in metres: the scene is in front of the plane of focus, or behind it. --ratio and --offset "
+        "come from the camera's data.")] = None  # fmt: skip
     f_number: tuple[
         Annotated[
             float, setting("For --metres, one or one for each image.  [default: as recorded]", least=0.5, most=100)
@@ -140,15 +117,10 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     ] = ()
     focal_length_mm: Annotated[float, setting("For --metres.  [default: as recorded]", least=0.1)] | None = None
     pixel_pitch_um: Annotated[float, setting("For --metres: of the sensor's pixels.", least=0.1)] | None = None
-    camera_uncertainty: Annotated[
-        float,
-        setting(
-            "For --metres: relative standard uncertainty of the focus distance, and of focal length over f-number and "
-            "pixel pitch; 0 for calibrated values.",
-            least=0,
-            most=0.5,
-        ),
-    ] = 0.01
+    camera_uncertainty: Annotated[float, setting(
+        "For --metres: relative standard uncertainty of the focus distance, and of focal length over f-number and "
+        "pixel pitch; 0 for calibrated values.",
+        least=0, most=0.5)] = 0.01  # fmt: skip
     reference: Annotated[
         Path | None,
         setting("A sharp photograph of the same scene from the same place, with which the result is compared."),

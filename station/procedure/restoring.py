@@ -94,7 +94,8 @@ def restored(
     head = RecordHead(name, files_read(frames), given)
     whole = Restored(outcome, photographs, distances)
     measurement = restoration_measurement("+".join(frames[0].planes), whole, head)
-    files = {**measurement.files, **developed.picture_file(frames[0], outcome.value)}
+    picture = None if outcome.value is None else outcome.value.sharp
+    files = {**measurement.files, **developed.picture_file(frames[0], picture, words="restored picture")}
     return replace(measurement, files=files, exposure=frames[0].exposure).compared(terms)
 
 

@@ -50,9 +50,10 @@ def correction_page(report: Report) -> str:
         )
         return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
 
+    developed = corrected.frame.development is not None
     captions = (
-        "Before: colours of the mosaic spread linearly.",
-        "After: `corrected.dng`, `corrected.tiff`. Balanced to grey here, not in the files.",
+        "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
+        f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced here, not in files.",
     )
     whole, compared = pair(_small, captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:
@@ -93,8 +94,8 @@ def _summary(corrected: Corrected, value: Correction) -> list[Block]:
 def _before(frame: RawFrame) -> Single:
     """The photograph as it came, (H, W, C), each colour of a mosaic spread over the pixels between."""
     planes = list(frame.planes.values())
-    if len(planes) == 1:
-        return planes[0].samples[..., None]
+    if planes[0].pitch == 1:
+        return np.stack([plane.samples for plane in planes], axis=-1)
     rows, columns = (2 * size for size in planes[0].samples.shape)
     out = np.empty((rows, columns, 3), dtype=np.float32)
     for c, names in enumerate((("R",), ("G1", "G2"), ("B",))):

@@ -8,36 +8,29 @@ Each corruption prints its mean shift of MTF50, the verdicts, and P(pass and |z|
 Clopper-Pearson interval (95 %, one-sided); z is the error over the stated standard uncertainty. Clean photographs print
 P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 and of the curve.
 
-`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
+`python -m tests.benchmarks.adversarial [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
 corruptions whose names hold one of the words.
 """
 
 import argparse
-import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
+from scipy.stats import beta
 
-import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy as np  # noqa: E402
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter  # noqa: E402
-from scipy.stats import beta  # noqa: E402
-
-from procedures.pattern import CELLS, Chart  # noqa: E402
-from procedures.pattern_print.formats import bitmap  # noqa: E402
-from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
-from procedures.two_photo.estimate import estimate_psf_of_pair  # noqa: E402
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_print.formats import bitmap
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
+from procedures.slanted_edge.strip import Roi
+from procedures.two_photo.estimate import estimate_psf_of_pair
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -386,12 +379,9 @@ def resampled(scale: float, shift_px: float, how: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         y, column = np.indices(x.shape).astype(np.float32)
         return cv2.remap(
-            x,
-            column * np.float32(scale) + np.float32(shift_px),
-            y * np.float32(scale) + np.float32(shift_px),
-            how,
+            x, column * np.float32(scale) + np.float32(shift_px), y * np.float32(scale) + np.float32(shift_px), how,
             borderMode=cv2.BORDER_REFLECT,
-        )
+        )  # fmt: skip
 
     return Corruption(process=process)
 

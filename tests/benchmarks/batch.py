@@ -1,6 +1,6 @@
 """400 photographs, 12 of them broken, through `station batch`: one process, two, a Dask cluster that loses a worker.
 
-python tests/benchmarks/batch.py [photographs, default 400] [--keep FOLDER]
+python -m tests.benchmarks.batch [photographs, default 400] [--keep FOLDER]
 """
 
 import argparse
@@ -17,16 +17,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-
-from procedures.pattern import Chart  # noqa: E402
-from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage  # noqa: E402
-from simulators.camera.camera import pixels_at  # noqa: E402
-from simulators.world.scene import Scene  # noqa: E402
+from procedures.pattern import Chart
+from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage
+from simulators.camera.camera import pixels_at
+from simulators.world.scene import Scene
+from tests.benchmarks import ROOT
 
 BOUND_MB, BOUND_RATIO = 600, 1.8
 PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal = { min = 0.4 }\n'

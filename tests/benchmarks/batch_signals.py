@@ -1,6 +1,6 @@
 """Disturbs batches with signals at random moments, resumes them, and holds their rows against an undisturbed batch's.
 
-    python tests/benchmarks/batch_signals.py [--batches 200] [--seed 1] [--kinds pool,local]
+    python -m tests.benchmarks.batch_signals [--batches 200] [--seed 1] [--kinds pool,local]
 
 Each batch is `station batch` over a few small photographs, in a group of processes of its own: mostly a fork with the
 program loaded, at times an interpreter that begins from nothing. At a random moment the parent, one of its children or
@@ -27,7 +27,8 @@ from typing import NoReturn
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.benchmarks import ROOT
+
 PHOTOGRAPHS, JOBS, ENDED_S, LONGEST_S = 6, 2, 10.0, 600.0
 FROM_NOTHING = 0.2
 """Of the disturbed batches begin with the interpreter's start."""

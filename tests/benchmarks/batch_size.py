@@ -1,6 +1,6 @@
 """Memory, processor time and size of a batch's files over its number of photographs, with made-up rows.
 
-    python tests/benchmarks/batch_size.py [ROWS ..., default 1000 10000 100000]
+    python -m tests.benchmarks.batch_size [ROWS ..., default 1000 10000 100000]
 
 Each size runs in a process of its own: rows of two planes with eight numbers each go through the writer of `station
 batch` into results.jsonl, then the summary as CSV and Parquet, the page and the record are written. The memory is the
@@ -17,16 +17,13 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402
-
-from procedures.numbers import NUMBERS  # noqa: E402
-from station.batch.item import ItemRow, Job, PlaneRow  # noqa: E402
-from station.batch.procedure_file import read_procedure  # noqa: E402
-from station.batch.run import Batch, _write  # noqa: E402
-from station.batch.stored_rows import StoredRows  # noqa: E402
+from procedures.numbers import NUMBERS
+from station.batch.item import ItemRow, Job, PlaneRow
+from station.batch.procedure_file import read_procedure
+from station.batch.run import Batch, _write
+from station.batch.stored_rows import StoredRows
 
 NAMES = [name for name in NUMBERS if name.startswith("mtf")][:8]
 FILES = ("results.jsonl", "summary.csv", "summary.parquet", "report.html", "result.json")
@@ -92,7 +89,7 @@ def main() -> None:
     head = ("rows", "memory MB", "rows s", "files s", *FILES)
     print("  ".join(f"{one:>15}" for one in head))
     for count in given.rows:
-        command = [sys.executable, __file__, str(count), "--here"]
+        command = [sys.executable, "-m", "tests.benchmarks.batch_size", str(count), "--here"]
         done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ})
         print("  ".join(f"{value:15.4g}" for value in json.loads(done.stdout).values()), flush=True)
 

@@ -11,19 +11,14 @@ import argparse
 import os
 import platform
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-from station.batch.item import ItemRow, Job  # noqa: E402
-from station.batch.procedure_file import read_procedure  # noqa: E402
-from station.batch.run import run_batch  # noqa: E402
-from station.calibration.folder_photographs import Item, singly  # noqa: E402
+from station.batch.item import ItemRow, Job
+from station.batch.procedure_file import read_procedure
+from station.batch.run import run_batch
+from station.calibration.folder_photographs import Item, singly
 
 WORK_S = "STATION_BENCHMARK_WORK_S"
 

@@ -10,8 +10,6 @@ import sys
 import time
 from collections.abc import Callable
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import cv2
 import numpy as np
 

@@ -11,18 +11,17 @@ rig     errors of a second camera's pose over stated uncertainties, six a draw
 """
 
 import argparse
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
-
-from simulated_views import (  # noqa: E402
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+from procedures.geometry.rig import estimate_rig, rig_camera
+from procedures.geometry.uncertainty import enclosed, projection_uncertainty
+from procedures.geometry.views import Pose
+from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
     Taken,
@@ -33,11 +32,6 @@ from simulated_views import (  # noqa: E402
     seen,
     true_poses,
 )
-
-from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.rig import estimate_rig, rig_camera  # noqa: E402
-from procedures.geometry.uncertainty import enclosed, projection_uncertainty  # noqa: E402
-from procedures.geometry.views import Pose  # noqa: E402
 
 SIZE = (3000, 2000)
 
@@ -118,9 +112,9 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
         print(f"{name:15s} {draws} draws, {views} views; {', '.join(f'{m} {models.count(m)}' for m in set(models))}")
         print(f"  z rms of {', '.join(f'{p} {rms(z):.2f}' for p, z in of_parameters.items())}")
         for where, z in of_pixels.items():
-            by_draw = ", ".join(f"{rms(one):.1f}" for one in z)
-            z_rms = rms(np.concatenate(z))
-            print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, z rms {z_rms:.2f}, by draw {by_draw}")
+            by_draw, every = ", ".join(f"{rms(one):.1f}" for one in z), np.concatenate(z)
+            shares = f"z rms {rms(every):.2f}, {np.mean(every < 1):.0%} below 1, by draw {by_draw}"
+            print(f"  projection at {where}: error {rms(sizes[where]):.4f} px, {shares}", flush=True)
 
 
 def rig(draws: int, views: int, noise: float) -> None:

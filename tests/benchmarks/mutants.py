@@ -62,16 +62,9 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("station/batch",), ("tests/station/batch",)),
     "stop path": (
         (
-            "station/common/stop_signals.py",
-            "station/bench/stopping.py",
-            "station/bench/stage_watch.py",
-            "station/bench/motions.py",
-            "drivers/transport.py",
-            "drivers/grbl.py",
-            "drivers/protocols/grbl.py",
-            "drivers/move_checks.py",
-            "drivers/watchdog.py",
-            "drivers/zaber.py",
+            "station/common/stop_signals.py", "station/bench/stopping.py", "station/bench/stage_watch.py",
+            "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
+            "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),
         ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
@@ -83,7 +76,7 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
         ("tests/procedures/corruption", "tests/procedures/slanted_edge"),
     ),
-}
+}  # fmt: skip
 """Area -> its sources and its tests."""
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,

@@ -1,6 +1,6 @@
 """The project's own renders, filtered: gain over the same samples unfiltered, and its slope as samples grow.
 
-python tests/benchmarks/ray_scenes.py [--columns 320] [--reference 512] [--out FOLDER] [scene ...]; with a folder it
+python -m tests.benchmarks.ray_scenes [--columns 320] [--reference 512] [--out FOLDER] [scene ...]; with a folder it
 keeps the films there and writes a page that shows noisy, filtered and converged side by side.
 
 Errors are against a render with another seed, less what that render's own noise adds to them.
@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from ray_histograms import nl_means  # the script beside this one
 
 from procedures.ray_histogram.adaptive import allot
 from procedures.ray_histogram.comparison import decibels, shown_error
@@ -25,6 +24,7 @@ from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.rays.path_tracer import RayScene, ThinLensCamera, cast
 from simulators.rays.ray_scenes import SCENES
 from station.reports.ray_page import RenderRow, ray_page
+from tests.benchmarks.ray_histograms import nl_means
 
 SAMPLES = (16, 64, 256)
 SHOWN = 64

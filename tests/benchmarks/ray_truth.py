@@ -1,6 +1,6 @@
 """Filters on scenes of an independent renderer, Mitsuba 3: relative error, PSNR, coverage of the uncertainty.
 
-python tests/benchmarks/ray_truth.py FOLDER [scene ...] [--converged 2048]; FOLDER keeps the renders. Requires the
+python -m tests.benchmarks.ray_truth FOLDER [scene ...] [--converged 2048]; FOLDER keeps the renders. Requires the
 packages mitsuba and, for the columns of Open Image Denoise, pyoidn. relMSE is the mean of (x - t)^2 / (t^2 + 0.01)
 less the converged picture's own noise; PSNR is of values clipped to [0, 1]. The bilateral filter is the best by PSNR of
 36 settings, chosen by the truth.
@@ -15,8 +15,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-from ray_histograms import nl_means  # the scripts beside this one
-from ray_truth_scenes import SCENES, Render, render
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.blend import blend, open_image_denoise
@@ -24,6 +22,8 @@ from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.render_files import Halves, halves_of_pictures, halves_of_samples
 from procedures.ray_histogram.uncertainty import standard_uncertainty
+from tests.benchmarks.ray_histograms import nl_means
+from tests.benchmarks.ray_truth_scenes import SCENES, Render, render
 
 Picture = npt.NDArray[np.floating]
 Result = tuple[str, Picture, npt.NDArray[np.float32] | None]

@@ -1,6 +1,6 @@
 """Unknown motion: shapes from a flat part of 150 x 150, and the restoration with them against that with the true ones.
 
-`python tests/benchmarks/restoration_blind.py [--recorded] [--pairs N] [--noise DB] [--large]`
+`python -m tests.benchmarks.restoration_blind [--recorded] [--pairs N] [--noise DB] [--large]`
 
 `--recorded` begins the search from both paths as a unit with errors of 3 % records them; `--pairs` takes the first N;
 `--noise` is told below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
@@ -12,7 +12,6 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_scenes import MAX_W, RIM, Scene, scene, wandering, with_errors
 from scipy.ndimage import shift
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
@@ -23,6 +22,7 @@ from procedures.restoration.unknown_motion import motion_splines
 from procedures.restoration.unknown_motion.blind import prototype_shapes
 from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
+from tests.benchmarks.restoration_scenes import MAX_W, RIM, Scene, scene, wandering, with_errors
 
 Array = NDArray[np.floating]
 FLAT = slice(5, 155)

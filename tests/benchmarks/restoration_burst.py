@@ -1,6 +1,6 @@
 """A burst of frames held by hand, restored by `station restore` as its user would, against their registered mean.
 
-`python tests/benchmarks/restoration_burst.py [--frames 100] [--side 200] [--max-w 5]`. The scene is matplotlib's sample
+`python -m tests.benchmarks.restoration_burst [--frames 100] [--side 200] [--max-w 5]`. The scene is matplotlib's sample
 of Grace Hopper (of the U.S. Navy), at half its size. Each frame lies otherwise (some pixels, some tenths of a degree),
 is blurred by the lens and by a shake of its own, and has noise and 8 bits: drawn by splines and the path's points in
 Fourier, sharing no code with the restoration. The first frame is the one that is not moved. The mean is that of all
@@ -18,11 +18,11 @@ import cv2
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
-from restoration_measured_shake import score
-from restoration_shaken import Shaken
 from scipy.ndimage import affine_transform, gaussian_filter, gaussian_filter1d
 
 from station.__main__ import main as station
+from tests.benchmarks.restoration_measured_shake import score
+from tests.benchmarks.restoration_shaken import Shaken
 
 Array = NDArray[np.float64]
 LENS_PX, SHAKE_PX, NOISE = 0.6, 1.5, 0.01

@@ -1,6 +1,6 @@
 """Real shake through unknown kernels where the second photograph lies otherwise, or is of other light or scene.
 
-`python tests/benchmarks/restoration_odd_pairs.py FOLDER [--group 1] [CASE ...]`. FOLDER as `restoration_measured_shake`
+`python -m tests.benchmarks.restoration_odd_pairs FOLDER [--group 1] [CASE ...]`. FOLDER as `restoration_measured_shake`
 takes it, of whose eight pairs one is chosen. PSNR after registration, the verdict, and what was taken up.
 """
 
@@ -13,11 +13,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from restoration_measured_shake import Array, group, groups, score
-from restoration_shaken import Shaken
 
 from procedures.outcome import ProcedureError
 from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
+from tests.benchmarks.restoration_measured_shake import Array, group, groups, score
+from tests.benchmarks.restoration_shaken import Shaken
 
 
 def turned(z: Array, degrees: float, zoom: float) -> Array:

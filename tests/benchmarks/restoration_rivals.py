@@ -1,6 +1,6 @@
 """Restoration against its rivals on the same photographs: RMSE in grey levels of 255, rim of 16 left out.
 
-`python tests/benchmarks/restoration_rivals.py FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
+`python -m tests.benchmarks.restoration_rivals FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
 synthetic/restoration. Rivals get the parameters, and where they take one depth the depth, that bring them nearest to
 the truth; the station finds its own. `--descent` also runs Algorithm I as published. Wiener and Richardson-Lucy need
 scikit-image.
@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_baseline import descent
 
 from procedures.raw import read_frame
 from procedures.restoration.first_depth import initial_depth
@@ -24,6 +23,7 @@ from procedures.restoration.joint.estimate import RestorationParameters, noise_o
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import gaussian, mask_stack, pillbox, read_shape
 from procedures.restoration.masks.blur_operator import MaskStack
+from tests.benchmarks.restoration_baseline import descent
 
 Array = NDArray[np.float64]
 # grids on which rivals are tuned: depths as percentiles of the true w, Wiener's balance, iterations

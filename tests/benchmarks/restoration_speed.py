@@ -1,6 +1,6 @@
 """Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop; a whole scheme.
 
-`python tests/benchmarks/restoration_speed.py [--scheme] [--memory MEGAPIXELS]`
+`python -m tests.benchmarks.restoration_speed [--scheme] [--memory MEGAPIXELS]`
 """
 
 import os

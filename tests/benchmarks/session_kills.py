@@ -1,6 +1,6 @@
 """Kills simulated sessions at random moments and resumes them: nothing may be lost, and the result must be the same.
 
-    python tests/benchmarks/session_kills.py [--kills 500] [--seed 1]
+    python -m tests.benchmarks.session_kills [--kills 500] [--seed 1]
 
 Each session is a run of a small plan on the simulated bench (homing, a look, two shots that count, the estimate) in a
 process of its own, which is killed (SIGKILL) or gets a full disk until it may go to its end. Then its files are held
@@ -34,8 +34,6 @@ from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
-
 from procedures.outcome import ProcedureError
 from procedures.raw import read_frame
 from simulators.bench.body import Opening
@@ -49,10 +47,8 @@ from station.guide.scripted import ScriptedOperator
 from station.results.result_files import RECORD, SEAL
 from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessions"))
-import short_plan
-from short_plan import ENTRY, SHOTS, photographs, plan
+from tests.station.sessions import short_plan
+from tests.station.sessions.short_plan import ENTRY, SHOTS, photographs, plan
 
 catalogue.PLANS |= ENTRY
 session_report.session_page = lambda folder, computed: "no part of this: it takes longer than all the rest"

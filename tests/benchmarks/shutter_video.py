@@ -10,7 +10,6 @@ readout time, its error in per cent and in stated uncertainties, and what the pr
 import argparse
 
 import numpy as np
-from fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.chart_bins.photographs import views_of
@@ -18,6 +17,7 @@ from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
 from procedures.pattern import Chart
 from procedures.raw import Plane
+from tests.benchmarks.fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 
 SIZE, RATE_HZ = (1280, 960), 30.0
 LENS = polynomial(SIZE, 1000.0, (643.0, 477.0), (-0.012, 0.004, -0.0015, 0.0002))

@@ -1,6 +1,6 @@
 """Milliseconds from a signal or a key to the stop bytes at the other ends of the wires.
 
-    python tests/benchmarks/stops.py [--tries 200] [--only WAY[,WAY]] [--where WHERE[,WHERE]]
+    python -m tests.benchmarks.stops [--tries 200] [--only WAY[,WAY]] [--where WHERE[,WHERE]]
 
 The simulated bench stands in this process behind pseudo-terminals. The program under test (`stops_program.py`: the
 plain guide and the application, with their own signal handling, run, drivers and session) is another process that knows
@@ -39,12 +39,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from stops_lateness import Control, halves, keep_its_priority, spent, threads_ms
-
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.ports import PtyPort
 from station.bench.opening import simulated_tables
 from station.common.toml_text import toml_text
+from tests.benchmarks.stops_lateness import Control, halves, keep_its_priority, spent, threads_ms
 
 BOUND_MS = 20.0
 SPEED = 20.0

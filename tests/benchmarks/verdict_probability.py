@@ -7,27 +7,24 @@ probability the share that lies within. With --write the models of all seeds are
 `procedures.corruption.probability` reads. A photograph of a chart counts twice: with the print's blur unknown, and
 stated as none.
 
-`python tests/benchmarks/verdict_probability.py collect FILE --scene edge [--count 8] [--seed 11]`
-`python tests/benchmarks/verdict_probability.py fit FILE [--write]`
+`python -m tests.benchmarks.verdict_probability collect FILE --scene edge [--count 8] [--seed 11]`
+`python -m tests.benchmarks.verdict_probability fit FILE [--write]`
 """
 
 import argparse
 import json
 import platform
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import numpy as np
-from adversarial import CORRUPTIONS, CURVE, ESTIMATORS, by_wall, pair, photograph
 from scipy.optimize import minimize
 
 from procedures.corruption import probability
 from procedures.outcome import Check, Verdict
+from tests.benchmarks.adversarial import CORRUPTIONS, CURVE, ESTIMATORS, by_wall, pair, photograph
 
 Array = np.ndarray
 Row = dict[str, Any]

@@ -87,13 +87,10 @@ def test_our_messages_are_those_of_the_published_protocol():
         thorlabs.header(thorlabs.MOVE, 0x50, 1),
     ]
     assert ours == [
-        apt.mot_move_home(**ends),
-        apt.mot_move_stop(**ends, stop_mode=2),
-        apt.mot_req_dcstatusupdate(**ends),
+        apt.mot_move_home(**ends), apt.mot_move_stop(**ends, stop_mode=2), apt.mot_req_dcstatusupdate(**ends),
         apt.mod_set_chanenablestate(**ends, enable_state=1),
-        apt.mot_set_moveabsparams(**ends, absolute_position=204800),
-        apt.mot_move_absolute(**ends),
-    ]
+        apt.mot_set_moveabsparams(**ends, absolute_position=204800), apt.mot_move_absolute(**ends),
+    ]  # fmt: skip
 
 
 # --- PI --------------------------------------------------------------------------------------------------------------

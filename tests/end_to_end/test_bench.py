@@ -4,9 +4,7 @@ from functools import partial
 
 import pytest
 
-from procedures.outcome import Verdict
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import read_frame
+from procedures import Verdict, estimate_psf, read_frame
 from station.bench.opening import simulated_bench
 from station.demo.digital_twin import compare
 

@@ -8,13 +8,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from drivers.dng import Shot, write_dng
-from station.__main__ import main
 from station.results.reader import read_result
 from tests.procedures.pattern_psf.conftest import photograph
 from tests.procedures.pattern_psf.damage import picture
+from tests.program import run
 
 pytestmark = pytest.mark.slow
 
@@ -34,8 +33,7 @@ def estimated(file: Path) -> tuple[str, dict[str, Any], str, Path]:
     """Output in terminal, record and page."""
     out = file.parent / "out"
     words = ["psf", "pattern", str(file), "--plane", "Y", "--report", "--out", str(out)]
-    done = CliRunner().invoke(main, words, prog_name="station")
-    assert done.exit_code == 0, done.output
+    done = run(*words)
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "doubtful"
     return done.stderr, plane, (out / "report.html").read_text(), out

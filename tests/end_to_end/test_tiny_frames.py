@@ -3,9 +3,8 @@
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
+from tests.program import run
 
 SIZES = [(1, 1), (1, 5), (64, 1), (2, 2), (3, 3)]
 COMMANDS = {
@@ -40,6 +39,6 @@ def folder(request, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_tiny_photographs_are_refused(folder, command):
-    done = CliRunner().invoke(main, [*COMMANDS[command].split(), "--out", "out"])
+    done = run(*COMMANDS[command].split(), "--out", "out", code=None)
     assert isinstance(done.exception, SystemExit | click.exceptions.Exit)
     assert done.exit_code in (2, 4, 5), done.output

@@ -15,8 +15,9 @@ from procedures.outcome import BadParameter
 
 @dataclass(frozen=True)
 class CameraSetting:
-    """Focal length, f-number, distance of the plane of focus (may be infinite), pixel pitch; `spread` is the half-width
-    of the blur over the radius of the blur circle, 3 k for a Gaussian of sigma = k r. Raises BadParameter if impossible.
+    """Focal length, f-number, distance of the plane of focus (may be infinite), pixel pitch. Raises BadParameter.
+
+    `spread` is the half-width of the blur over the radius of the blur circle: 3 k for a Gaussian of sigma = k r.
     """
 
     focal_length_mm: float

@@ -1,4 +1,4 @@
-"""Restorations of developed pictures: their error, what is not known of them, and the result in their format."""
+"""Developed pictures: the error of what is made of them, what is not known of them, and the result in their format."""
 
 from __future__ import annotations
 
@@ -40,13 +40,14 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
     error = np.max([one.light_error(light) for one in developments], axis=0)
     gain = max(1.0, outcome.value.diagnostics.noise_gain)
     outcome = replace(outcome, value=outcome.value.with_added_error(gain * error))
-    if curve := _wrong_curve(frames):
+    if curve := wrong_curve(frames):
         outcome = with_doubt(outcome, *curve)
-    unknown = _unknown(developments)
+    unknown = unknown_of(developments)
     return with_doubt(outcome, *unknown) if unknown else outcome
 
 
-def _unknown(developments: Sequence[Development]) -> tuple[str, str] | None:
+def unknown_of(developments: Sequence[Development]) -> tuple[str, str] | None:
+    """What is not known of the pictures' development, with the remedy; None where all of it is stated."""
     if any(one.format == RAW for one in developments):
         return "the photographs have no 2 x 2 mosaic: they were demosaicked, which is part of their blur", _BAYER
     lossy = any(one.format in LOSSY for one in developments)
@@ -68,7 +69,7 @@ def _words(development: Development) -> str:
     return f"their tone curve is that of {development.curve.name}"
 
 
-def _wrong_curve(frames: Sequence[RawFrame]) -> tuple[str, str] | None:
+def wrong_curve(frames: Sequence[RawFrame]) -> tuple[str, str] | None:
     """Doubt where the noise contradicts the tone curve; block coding replaces the noise by its own."""
     lossless = [one for one in frames if one.development and not one.development.coding]
     growths = [noise_of(plane).growth for frame in lossless for plane in frame.planes.values()]
@@ -84,14 +85,18 @@ def _wrong_curve(frames: Sequence[RawFrame]) -> tuple[str, str] | None:
     return None
 
 
-def picture_file(frame: RawFrame, restoration: Restoration | None) -> dict[str, Callable[[Path], None]]:
-    """The picture in the format of a developed photograph by its name, generated when it is written; else nothing."""
+def picture_file(
+    frame: RawFrame, picture: npt.NDArray[np.floating] | None, *, words: str
+) -> dict[str, Callable[[Path], None]]:
+    """The picture (C, H, W) in the format of a developed photograph by its name, generated when it is written; nothing
+    without a picture or for other photographs. `words` describe it in a TIFF."""
     development = frame.development
-    if development is None or restoration is None:
+    if development is None or picture is None:
         return {}
-    levels, name = development.curve.encoded(restoration.sharp), f"picture{SUFFIXES[development.format]}"
+    levels, name = development.curve.encoded(picture), f"picture{SUFFIXES[development.format]}"
+    words = f"{words}; tone curve: {development.curve.name}"
     if development.format in ("TIFF", RAW):
-        return {name: lambda path: _write_tiff(path, development, frame, levels)}
+        return {name: lambda path: _write_tiff(path, development, frame, levels, words)}
     encode = _png_16 if development.bits == 16 else _picture_8
     return {name: lambda path: _write(path, encode(development, levels))}
 
@@ -100,10 +105,11 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _write_tiff(path: Path, development: Development, frame: RawFrame, levels: npt.NDArray[np.float32]) -> None:
+def _write_tiff(
+    path: Path, development: Development, frame: RawFrame, levels: npt.NDArray[np.float32], words: str
+) -> None:
     metadata = read_metadata(b"", frame.exposure)
     profile = {ICC_PROFILE: (7, len(development.icc), development.icc)} if development.icc else {}
-    words = f"restored picture; tone curve: {development.curve.name}"
     write_tiff(path, levels, replace(metadata, picture={**metadata.picture, **profile}), words)
 
 

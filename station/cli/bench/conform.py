@@ -15,16 +15,14 @@ from drivers.errors import BadConfiguration, DeviceError
 from procedures.outcome import BadInput
 from station.cli.bench.devices import FAILED, interrupt
 from station.cli.terminal.bench_options import CONFIG, config_option
-from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import SEED, columns, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED
 
 if TYPE_CHECKING:
     from station.bench.conform import TrialResult
 
 
-@click.command(cls=StationCommand)
+@command("conform", as_json=True, log_json=False)
 @click.argument("driver", required=False)
 @click.option("--port", help="Try it at this port; the stage moves along its whole travel.  [default: its twin]")
 @click.option("--device", help="Try the device of this name in station.toml instead of a DRIVER.")
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Check record, page, signature and driver of this folder instead.",
 )
-@json_option
 def conform(
     driver: str | None, port: str | None, device: str | None, config: Path | None, operations: int, seed: int,
     out: Path | None, key: Path | None, verify: Path | None, as_json: bool,

@@ -17,9 +17,8 @@ from station.cli.terminal.bench_options import (
     shaker_option,
     simulate_option,
 )
-from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
-from station.common.errors import log, log_json_option
+from station.cli.terminal.command import columns, command
+from station.common.errors import log
 
 if TYPE_CHECKING:
     from drivers.interfaces import Stage
@@ -29,21 +28,19 @@ FAILED = 3
 """The exit code of device errors."""
 
 
-@click.command(cls=StationCommand)
+@command("devices", as_json=True)
 @config_option
 @simulate_option
 @shaker_option
 @seed_option
 @click.option("--faults", is_flag=True, help="Inject faults into the simulated bench.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
-@json_option
 @click.option(
     "--commission", is_flag=True,
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
 @click.option("--tap", is_flag=True, help="Measure the delay of the IMU's cable by taps that the box's unit feels too.")
 @click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
-@log_json_option
 def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
     commission: bool, tap: bool, output: Path | None,

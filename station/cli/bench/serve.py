@@ -20,10 +20,9 @@ from station.cli.terminal.bench_options import (
     simulate_option,
     speed_option,
 )
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import UNITS, FiniteNumber, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import UNITS, FiniteNumber
-from station.common.errors import log, log_json_option
+from station.common.errors import log
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab
@@ -37,7 +36,7 @@ PATIENCE_S = 3.0
 """Timeout for a run to write its last line."""
 
 
-@click.command(cls=StationCommand)
+@command("serve")
 @config_option
 @inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @simulate_option
@@ -53,7 +52,6 @@ PATIENCE_S = 3.0
 @click.option("--discovery", is_flag=True, help="Answer Alpaca's discovery (UDP 32227).")
 @click.option("--for-s", type=FiniteNumber(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
-@log_json_option
 def serve(
     host: str, port: int, token: str | None, no_token: bool, discovery: bool, for_s: float | None, as_json: bool,
     **options: Any,

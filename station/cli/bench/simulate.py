@@ -6,12 +6,11 @@ from pathlib import Path
 
 import click
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import SEED, FiniteNumber, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED, FiniteNumber
 
 
-@click.command(cls=StationCommand)
+@command("simulate", log_json=False)
 @inherited("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
 @click.option("--faults", is_flag=True, help="Lose, change and duplicate bytes at random, and stop answering.")
 @click.option(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.command import SEED, FiniteNumber
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from station.common.progress import Progress, silent
-from station.procedure.base import Inputs, Procedure, RawLayout, setting, to_record
+from station.procedure.base import Encoding, Inputs, Procedure, RawLayout, read_picture, setting, to_record
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
@@ -15,6 +15,7 @@ from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.correction.estimate import CorrectionParameters
+    from procedures.raw import RawFrame
     from station.calibration.correction import Corrected
 
 
@@ -31,23 +32,23 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
         Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
         | None
     ) = None
-    field: (
-        Annotated[
-            Path,
-            setting(
-                "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of "
-                "`station profile find PHOTO`]"
-            ),
-        ]
-        | None
-    ) = None
+    field: Annotated[Path, setting(
+        "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of `station "
+        "profile find PHOTO`]")] | None = None  # fmt: skip
     scale: Annotated[
         int,
         setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "
                 "photographs.", least=1, most=4),
     ] = 1  # fmt: skip
     tile_px: Annotated[Literal[128, 192, 256, 384, 512] | None, setting("[default: as the field varies]")] = None
+    encoding: Encoding = None
     insist: Annotated[bool, setting("Take a field whatever camera, lens, aperture and focus it is of.")] = False
+
+    def read(self, path: Path) -> RawFrame:
+        """All planes of a photograph, or of a developed picture. Raises ProcedureError."""
+        from procedures.raw import read_frame
+
+        return read_picture(path, self.encoding, lambda one: read_frame(one, layout=self.layout))
 
     @property
     def parameters(self) -> CorrectionParameters:
@@ -66,11 +67,11 @@ class Correct(Procedure[CorrectSettings]):
 
     name = "correct"
     title = "correction by the lens's PSF field"
-    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, or one linear grey plane.
+    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, linear grey, or a developed picture.
 
     Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
-    Several photographs of one scene, moved by some pixels, become one picture, with --scale 2 of twice as many
-    pixels."""
+    JPEG, HEIC, WebP, PNG and TIFF in colour are decoded to light, and the result is doubtful. Several photographs of
+    one scene, moved by some pixels, become one picture, with --scale 2 of twice as many pixels."""
     inputs = Inputs.SEVERAL
     Settings = CorrectSettings
     results_key = "result"
@@ -96,10 +97,10 @@ class Correct(Procedure[CorrectSettings]):
         )
 
         field = _field(paths, settings)
+        frames = [settings.read(path) for path in paths]
         results = correct_photographs(
-            paths, field, settings.parameters, settings.layout, _by_hundredths(progress),
-            insisted=settings.insist,
-        )  # fmt: skip
+            frames, field, settings.parameters, _by_hundredths(progress), insisted=settings.insist
+        )
         used = settings.parameters.splitting or Splitting.usual(len(paths))
         given = {
             **to_record(settings),
@@ -107,7 +108,7 @@ class Correct(Procedure[CorrectSettings]):
             "iterations": used.iterations,
             "tile_px": str(settings.tile_px or "auto"),
         }
-        given = {name: one for name, one in given.items() if (name, one) not in (("scale", 1), ("insist", False))}
+        given = {name: one for name, one in given.items() if (name, one) not in _USUAL}
         value = results.outcome.value
         head = RecordHead(self.name, files_read((results.frame, *results.others)), given)
         plane = PlaneResult.of_outcome(
@@ -115,7 +116,7 @@ class Correct(Procedure[CorrectSettings]):
         )
         return Measurement(
             self.schema, head, (plane,), entries=correction_entries(results), results_key=self.results_key,
-            files={} if value is None else correction_files(value, results.metadata), exposure=results.frame.exposure,
+            files=correction_files(results), exposure=results.frame.exposure,
             result=results,
         ).compared(terms)  # fmt: skip
 
@@ -130,15 +131,18 @@ class Correct(Procedure[CorrectSettings]):
         ]
 
 
+_USUAL = (("scale", 1), ("insist", False), ("encoding", None))
+"""Settings that are not recorded."""
+
+
 def _field(paths: Sequence[Path], settings: CorrectSettings) -> Path:
     """The field's file: the one that was given, else that of the library for the first photograph."""
-    from procedures.raw import read_frame
     from station.calibration.exports.psf import field_path
     from station.calibration.profiles import profile_for
 
     if settings.field is not None:
         return field_path(settings.field)
-    return profile_for(read_frame(paths[0], layout=settings.layout).exposure)
+    return profile_for(settings.read(paths[0]).exposure)
 
 
 def _by_hundredths(progress: Progress) -> Callable[[int, int], None]:

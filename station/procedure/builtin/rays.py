@@ -74,12 +74,9 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
     ] = False
     oidn: Annotated[bool, setting("Open Image Denoise as one more candidate of the blend.")] = False
     exr: Annotated[bool, setting("Write filtered.exr too, with the uncertainty as a layer.")] = False
-    budget: (
-        Annotated[
-            int, setting("Samples to cast next: writes how many each pixel needs to more.npy.", least=0, most=2**63 - 1)
-        ]
-        | None
-    ) = None
+    budget: Annotated[int, setting(
+        "Samples to cast next: writes how many each pixel needs to more.npy.", least=0, most=2**63 - 1
+    )] | None = None  # fmt: skip
     threads: Annotated[int, setting("Threads.  [default: one for each processor]", least=1, most=1024)] | None = None
 
     @property

@@ -27,16 +27,9 @@ SCENES = {"flat": "whole", "deep": "auto"}
 class SharpenSettings(PictureSettings, frozen=True, kw_only=True):
     """Knowledge besides the photographs, and decisions that are not left to the program."""
 
-    field: (
-        Annotated[
-            Path,
-            setting(
-                "What `station psf field` wrote of the lens: its folder, or field.h5 in it.  [default: of one "
-                "photograph, the best one of `station profile find`]"
-            ),
-        ]
-        | None
-    ) = None
+    field: Annotated[Path, setting(
+        "What `station psf field` wrote of the lens: its folder, or field.h5 in it.  [default: of one photograph, "
+        "the best one of `station profile find`]")] | None = None  # fmt: skip
     way: Annotated[
         Literal["field", "finer", "defocus", "shaken"] | None, setting("How they are sharpened.  [default: chosen]")
     ] = None

@@ -203,29 +203,15 @@ class BenchCamera(AlpacaDevice):
 
 
 CONSTANTS: Mapping[str, Member] = {
-    name: constant(value)
-    for name, value in {
-        "binx": 1,
-        "biny": 1,
-        "canabortexposure": True,
-        "canasymmetricbin": False,
-        "canfastreadout": False,
-        "cangetcoolerpower": False,
-        "canpulseguide": False,
-        "cansetccdtemperature": False,
-        "canstopexposure": False,
-        "exposuremax": LONGEST_S,
-        "exposuremin": 0.0,
-        "exposureresolution": 0.0,
-        "hasshutter": False,
-        "ispulseguiding": False,
-        "maxbinx": 1,
-        "maxbiny": 1,
-        "readoutmode": 0,
-        "readoutmodes": ["RAW"],
-        "sensorname": "",
-    }.items()
-}
+    **dict.fromkeys(("binx", "biny", "maxbinx", "maxbiny"), constant(1)),
+    **dict.fromkeys(("exposuremin", "exposureresolution"), constant(0.0)),
+    **dict.fromkeys(
+        ("canasymmetricbin", "canfastreadout", "cangetcoolerpower", "canpulseguide", "cansetccdtemperature",
+         "canstopexposure", "hasshutter", "ispulseguiding"), constant(False),
+    ),
+    "canabortexposure": constant(True), "exposuremax": constant(LONGEST_S), "readoutmode": constant(0),
+    "readoutmodes": constant(["RAW"]), "sensorname": constant(""),
+}  # fmt: skip
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
 """Members that can be neither read nor written."""
 ONLY_READ = (

@@ -49,7 +49,7 @@ def test_a_move_is_awaited_at_the_modules_own_pace(homed, module, bench):
 
 
 def test_a_module_without_dividers_reports_microsteps_a_second(make, module):
-    for motor in module.motors:
+    for motor in module.motors.values():
         del motor.settings[153], motor.settings[154]
     stage = make()
     stage.connect()
@@ -104,9 +104,9 @@ def test_an_emergency_stop_ends_a_search_that_a_stop_of_the_motor_does_not(homed
     def emergency():
         bench.clock.sleep(0.3)
         bench.cables["stage"].happen(lambda now_s: module.receive(datagram(1, MST), now_s))
-        assert module.motors[0].searching
+        assert module.motors[0].homing
         homed.emergency_stop()
-        assert not any(motor.searching for motor in module.motors)
+        assert not any(motor.homing for motor in module.motors.values())
 
     ended, done = bench.clock.together(homed.home, emergency)
     assert isinstance(ended, EmergencyStopped)

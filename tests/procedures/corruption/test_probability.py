@@ -15,12 +15,9 @@ def check(name: str, statistic: float, threshold: float = 2.0, **more: bool) -> 
 
 def test_features_are_statistics_over_thresholds_by_name():
     checks = [
-        check("a", 1.0),
-        check("a", 3.0),
-        check("b", 4.0, least=True),
-        check("c", 100.0),
+        check("a", 1.0), check("a", 3.0), check("b", 4.0, least=True), check("c", 100.0),
         check("d", 9.0, given=False),
-    ]
+    ]  # fmt: skip
     known = features(checks, 0.02, 0.0003**0.5, raw=True)
     assert (known["a"], known["b"], known["c"]) == (1.5, 0.5, LARGEST)
     assert "d" not in known

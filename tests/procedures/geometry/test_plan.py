@@ -61,12 +61,8 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
     assert (advice.good, advice.say, advice.marks) == (True, "View 4 counts.", ((1.0, 2.0),))
     assert facts_as(GeometryFacts, advice.facts).poses == (ViewPose(4, seen["pose"]),)
     assert [reading.name for reading in advice.readings] == [
-        "off its place",
-        "yaw off",
-        "pitch off",
-        "white",
-        "clipped",
-    ]
+        "off its place", "yaw off", "pitch off", "white", "clipped",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -79,9 +75,9 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
         ({"clipped": Reading("clipped", 5.0, "%")}, "White is clipped in this pose", {}),
         ({"yaw_deg": -27.9}, "Turn the chart about its upright axis by 7°, its left edge nearer", None),
         ({"yaw_deg": -42.1}, "Turn the chart about its upright axis by 7°, its right edge nearer", None),
-        ({"pitch_deg": 7.1}, "Turn the chart its lower edge nearer, by 7°", None),
-        ({"pitch_deg": -7.1}, "Turn the chart its upper edge nearer, by 7°", None),
-        (WRONG, "its left edge nearer and its lower edge nearer, by 7°", None),
+        ({"pitch_deg": 7.1}, "Turn the chart about its level axis by 7°, its lower edge nearer", None),
+        ({"pitch_deg": -7.1}, "Turn the chart about its level axis by 7°, its upper edge nearer", None),
+        (WRONG, "its left edge nearer; then about its level axis by 7°, its lower", None),
         ({"off": 0.3, "pitch_deg": 7.1}, "its lower edge nearer", None),  # turned first: a turn moves it
     ],
 )

@@ -260,11 +260,7 @@ def test_maps_of_another_size_are_refused(scene, wrong, says):
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
-    [
-        ({"focus_mm": 40.0}, "cannot focus at 40"),
-        ({"rows": 0}, "0 x 10 pixels"),
-        ({"f_number": 0.0}, "f/0"),
-    ],
+    [({"focus_mm": 40.0}, "cannot focus at 40"), ({"rows": 0}, "0 x 10 pixels"), ({"f_number": 0.0}, "f/0")],
 )
 def test_cameras_that_cannot_be_are_refused(wrong, says):
     with pytest.raises(ValueError, match=says):

@@ -12,6 +12,7 @@ from procedures.plan import Ask
 from station.app.app import Palette, StationApp
 from station.app.screens import parts
 from station.app.screens.parts import MIN_READ_S
+from station.app.stopping_driver import PASTED_S, stopping_first
 from station.guide.frontend import MOVE, RunEnded
 
 from .driving import Driver, drive
@@ -246,3 +247,21 @@ def test_what_moves_is_shown_with_target_place_and_time_left_and_position_from_t
         await driver.until("last position: z 130.5 mm")
 
     drive(StationApp(lab), use, (120, 40))
+
+
+def test_enter_in_a_pasted_text_answers_nothing():
+    passed = []
+
+    class Base:
+        def process_message(self, message):
+            passed.append(message.key)
+
+    driver = stopping_first(Base, stop=lambda: passed.append("stop"), moving=lambda: False)()
+    times_s = {"at once": PASTED_S / 10, "typed": 10 * PASTED_S}
+    now_s = 0.0
+    for key, pause in (("1", "typed"), ("enter", "at once"), ("enter", "at once"), ("2", "at once"),
+                       ("enter", "typed"), ("enter", "typed"), ("left", "typed"), ("enter", "at once")):  # fmt: skip
+        event = Key(key, key if len(key) == 1 else None)
+        event.time = now_s = now_s + times_s[pause]
+        driver.process_message(event)
+    assert passed == ["1", "2", "enter", "enter", "left", "enter"], "only what no finger can type is dropped"

@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
+from procedures import BadParameter, read_frame
 from station.__main__ import main
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import owned, run_batch
 from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
+from tests.program import run
 
 SLOW_FIXTURES = {"done", "interrupted"}
 ROOT = Path(__file__).parents[3]
@@ -272,8 +272,7 @@ def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_p
     (source / os.fsdecode(b"\xff\xfe.dng")).write_bytes(b"x")
     (tmp_path / "p.toml").write_text("")
     words = [source, "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1, "--reports"]
-    result = CliRunner().invoke(main, ["batch", *map(str, words)], prog_name="station")
-    assert result.exit_code == 1, result.output
+    result = run("batch", *words, code=1)
     assert len(rows_of(out)) == len(HOSTILE) + 1
     assert {path.name for path in tmp_path.iterdir()} == {"good.dng", "in", "out", "p.toml"}
     folders = {path.name for path in (out / "results").iterdir()}
@@ -334,7 +333,7 @@ def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_p
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--json"]
     codes = {}
     for more in ((), ("--strict",)):
-        done = CliRunner().invoke(main, [*map(str, words), "--log-json", *more], prog_name="station")
+        done = run(*words, "--log-json", *more, code=None)
         codes[more] = done.exit_code
         record = json.loads(done.stdout)
         assert (record["verdicts"], record["specification_verdicts"]) == ({"pass": 1}, {"undecided": 1})
@@ -356,7 +355,7 @@ def test_usage_is_exit_2_and_leaves_nothing(tmp_path, monkeypatch, words, senten
     monkeypatch.chdir(tmp_path)
     (tmp_path / "in").mkdir()
     (tmp_path / "p.toml").touch()
-    done = CliRunner().invoke(main, ["batch", *words, "--out", "out"], prog_name="station")
+    done = run("batch", *words, "--out", "out", code=None)
     assert (done.exit_code, Path("out").exists()) == (2, False)
     assert sentence in done.stderr
 

@@ -54,21 +54,9 @@ GOOD = {
         "focus_s": "0",
         "poll_s": "0.1",
     },
-    "tether": {
-        "driver": '"gphoto"',
-        "folder": '"in"',
-        "model": '"EOS"',
-        "port": '"usb:001,004"',
-        "shutter": '"relay"',
-    },
+    "tether": {"driver": '"gphoto"', "folder": '"in"', "model": '"EOS"', "port": '"usb:001,004"', "shutter": '"relay"'},
     "relay": {"driver": '"relay"', "on": '"stage"'},
-    "fast": {
-        "driver": '"fast"',
-        "port": '"/dev/d"',
-        "baud": "115200",
-        "full_scale_g": "8",
-        "full_scale_deg_s": "500",
-    },
+    "fast": {"driver": '"fast"', "port": '"/dev/d"', "baud": "115200", "full_scale_g": "8", "full_scale_deg_s": "500"},
     "light": {"driver": '"dmx"', "port": '"/dev/e"', "channels": "[1, 2]", "warm_up_s": "60", "pwm_hz": "0"},
     "microscope": {
         "driver": '"micromanager_stage"',

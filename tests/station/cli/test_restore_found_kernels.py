@@ -5,12 +5,11 @@ import json
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
-from station.__main__ import main
 from station.calibration.restoration.inputs import read_blur_shape, read_kernels
+from tests.program import run
 
 SLOW_FIXTURES = {"found"}
 SIZE = 72
@@ -39,10 +38,9 @@ def result(photographs):
     return again(photographs, out, *(photographs / f"kernel{n}.txt" for n in (0, 1))), out
 
 
-def again(photographs, out, *kernels):
+def again(photographs, out, *kernels, **how):
     images = [photographs / f"{n}.png" for n in (0, 1)]
-    words = ["restore", *images, *QUICK, "--shape", *kernels, "--out", out]
-    return CliRunner().invoke(main, [str(one) for one in words])
+    return run("restore", *images, *QUICK, "--shape", *kernels, "--out", out, **how)
 
 
 def test_kernels_are_written_like_other_psfs(result):
@@ -60,8 +58,7 @@ def test_kernels_are_written_like_other_psfs(result):
 
 
 def test_as_input_they_reproduce_the_picture(photographs, result, tmp_path):
-    done = again(photographs, tmp_path / "o", *(result[1] / f"kernel_{n}.npy" for n in (1, 2)))
-    assert done.exit_code == 0, done.output
+    again(photographs, tmp_path / "o", *(result[1] / f"kernel_{n}.npy" for n in (1, 2)))
     assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (result[1] / "sharp.tiff").read_bytes()
 
 
@@ -86,13 +83,13 @@ def test_their_doubt_is_inherited(result, tmp_path):
 
 
 def test_kernels_are_one_for_each_photograph(photographs, tmp_path):
-    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt")
+    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt", code=None)
     assert done.exit_code != 0
     assert "one kernel for each of 2 images" in done.output
 
 
 def test_kernels_finer_than_pixels_are_refused(photographs, tmp_path):
     np.savetxt(tmp_path / "fine.txt", np.ones((41, 41)))
-    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt")
+    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt", code=None)
     assert done.exit_code != 0
     assert "less than 40 pixels each way; got 41 x 41, 41 x 41" in done.output

@@ -5,11 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
-from station.__main__ import main
+from tests.program import run
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +42,7 @@ def shaken(tmp_path_factory):
         cv2.imwrite(str(folder / f"{k}.png"), np.rint(255 * z[k]).astype(np.uint8))
     files = [str(folder / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
     options = ["--blur", "motion", "--shape", *files[2:], "--scheme", "2x(6+8)+1x15", "--out", str(folder / "out")]
-    result = CliRunner().invoke(main, ["restore", *files[:2], *options])
+    result = run("restore", *files[:2], *options, code=None)
     return result, folder / "out", truth[20:-20, 20:-20], z
 
 
@@ -85,18 +84,7 @@ def test_kernels_larger_than_the_range_are_doubtful_with_a_remedy(shaken, tmp_pa
     folder = shaken[1].parent
     files = [str(folder / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
     options = [
-        "--blur",
-        "motion",
-        "--shape",
-        *files[2:],
-        "--ratio",
-        "1.25",
-        "--max-w",
-        "2.5",
-        "--scheme",
-        "1x(2+2)+1x4",
-    ]
-    result = CliRunner().invoke(main, ["restore", *files[:2], *options, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 0, result.output
-    assert "warning: Y: doubtful; " in result.stderr
+        "--blur", "motion", "--shape", *files[2:], "--ratio", "1.25", "--max-w", "2.5", "--scheme", "1x(2+2)+1x4",
+    ]  # fmt: skip
+    result = run("restore", *files[:2], *options, "--out", tmp_path / "out", says="warning: Y: doubtful; ")
     assert "what to do: " in result.stderr

@@ -8,22 +8,14 @@ import pytest
 from procedures.restoration.masks.blur_models import mask_stack, named, pillbox, spread_of
 from procedures.restoration.masks.blur_operator import BlurOperator
 from procedures.restoration.masks.thin_lens import CameraSetting
+from tests.program import run
 
 from .test_restore_shapes import BOTH, FAR, NEAR, SIZE, R, depth, write
 
 FOCAL_MM, FOCUS_M, PITCH_UM = 12.0, 0.45, 6.0
 CAMERA = [
-    "--focal-length-mm",
-    "12",
-    "--focus-m",
-    "0.45",
-    "--pixel-pitch-um",
-    "6",
-    "--f-number",
-    "2.8",
-    "--f-number",
-    "2",
-]
+    "--focal-length-mm", "12", "--focus-m", "0.45", "--pixel-pitch-um", "6", "--f-number", "2.8", "--f-number", "2",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +38,10 @@ def photographed(shape, folder):
     "shape",
     [pytest.param("pillbox", marks=pytest.mark.slow), pytest.param("gaussian:0.5", marks=pytest.mark.nightly)],
 )
-def test_distances_of_two_halves_follow_from_their_blur(run, shape, tmp_path):
+def test_distances_of_two_halves_follow_from_their_blur(shape, tmp_path):
     images = photographed(named(shape), tmp_path)
-    done = run(
-        "restore", *images, "--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA, "--shape", shape,
-        "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o",
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
+    words = ("--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA, "--shape", shape)
+    run("restore", *images, *words, "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o")
     setting = CameraSetting(FOCAL_MM, 2.8, 1000 * FOCUS_M, PITCH_UM, spread_of(shape))
     metres, std = (np.load(tmp_path / "o" / f"{name}.npy") for name in ("distance", "distance_std"))
     for w, half in ((FAR, np.s_[20:-20, 20:48]), (NEAR, np.s_[20:-20, 76:-20])):
@@ -79,7 +68,7 @@ def test_distances_of_two_halves_follow_from_their_blur(run, shape, tmp_path):
         (["--metres", "front", *CAMERA, "--focus-m", "1", "--focus-m", "2"], 2, "one for each of 2 images"),
     ],
 )
-def test_missing_and_contradictory_data_are_named(run, images, tmp_path, words, code, complaint):
+def test_missing_and_contradictory_data_are_named(images, tmp_path, words, code, complaint):
     done = run("restore", *images, "--blur", "defocus", *words, "--out", tmp_path / "o")
     assert (done.exit_code, complaint in done.output) == (code, True), done.output
     assert not (tmp_path / "o" / "result.json").exists()

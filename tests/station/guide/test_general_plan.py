@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 
 import pytest
 
-from procedures.outcome import BadParameter, Verdict
+from procedures import BadParameter, Verdict, read_frame
 from procedures.plan import Tour
-from procedures.raw import read_frame
 from station.guide.catalogue import PLANS, entries
 from station.guide.plans import general
 from station.procedure import PhotographProcedure, PlaneSettings, setting

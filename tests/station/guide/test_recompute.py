@@ -6,12 +6,9 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
-from station.__main__ import main
+from procedures import BadParameter, read_frame
 from station.guide import catalogue, session_result
 from station.guide.recompute import kernels_of, recompute
 from station.guide.session_report import certificate_files, session_page
@@ -20,6 +17,7 @@ from station.results.reader import read_result
 from station.sessions.journal import Damaged
 from station.sessions.reader import read_session
 from station.sessions.session import Session
+from tests.program import run
 
 from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
 from ..sessions.work import FixedClock, exposure_of, today
@@ -120,7 +118,7 @@ def test_file_that_was_altered_is_named(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b'"mean": 0.5', b'"mean": 0.6'))
-    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    done = run("session", "recompute", folder, "--result", "2", code=None)
     path.write_bytes(whole)
     assert done.exit_code == 1
     assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
@@ -136,7 +134,7 @@ def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     assert record["planes"]["G1"]["verdict"] == "doubtful"
     record["planes"]["G1"]["verdict"] = "pass"
     path.write_text(json.dumps(record))
-    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    done = run("session", "recompute", folder, "--result", "2", code=None)
     (redone,) = recompute(folder, (2,))
     path.write_bytes(whole)
     (moved,) = redone.moved
@@ -159,8 +157,7 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
 
 
 def test_report_is_complete_and_escapes_html(folder):
-    done = CliRunner().invoke(main, ["session", "report", str(folder)])
-    assert done.exit_code == 0, done.stderr
+    run("session", "report", folder)
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page

@@ -10,12 +10,7 @@ import pytest
 from drivers.alpaca.camera import FAILED, AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import HEADER, AlpacaLink, read_image
 from drivers.dng import DngFolder, OpticsMetadata
-from drivers.errors import (
-    EmergencyStopped,
-    FrameMissing,
-    FrameWrong,
-    Rejected,
-)
+from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw

@@ -5,9 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, Plane
 from procedures.plan import Advice, Outline, Step
-from procedures.raw import Plane
 from station.guide.frontend import FrameEvent, StepBegan
 from station.service.bench_state import coach_record
 from station.service.remote_operator import RunStatus, after

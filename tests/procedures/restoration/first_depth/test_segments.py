@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from procedures.restoration.first_depth.segments import (
-    extrapolate,
-    joined,
-    remove_blemishes,
-    segments,
-    surfaces,
-)
+from procedures.restoration.first_depth.segments import extrapolate, joined, remove_blemishes, segments, surfaces
 
 
 @pytest.fixture
