@@ -12,9 +12,10 @@ from procedures.corruption.family import (
     SHARPENED,
     TONE_CURVE,
     VEILED,
+    Strength,
     nuisance,
 )
-from procedures.corruption.noise import MASK_RADII, MaskScore, noise_checks
+from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
 from procedures.slanted_edge.evidence import HALO_PX, Evidence
@@ -50,14 +51,14 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
     """Tests of the corruptions that an edge shows."""
     fall = f"the edge overshoots its plains by {evidence.fall:.1f} standard uncertainties"
     halo = (
-        f"{evidence.halo.amount:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
+        f"{evidence.halo.value:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
     )
     return [
         *noise_checks(evidence.masks, evidence.textured, raw=raw),
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
-        OVERSHOOT.check(evidence.halo.amount / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
+        OVERSHOOT.check(evidence.halo.value / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
         VEILED.check(evidence.tail, raw=raw),
         PERIODIC.check(evidence.period, f"{evidence.rise:.2f}", raw=raw, places=PERIODIC_PLACES),
     ]
@@ -89,7 +90,7 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     }
 
 
-def _mask_amount(plains: MaskScore, edge: MaskScore) -> float:
+def _mask_amount(plains: Strength, edge: Strength) -> float:
     """Nuisance of a mask that is as likely to spare the plains, by a threshold, as it is to sharpen them."""
     unseen = [one for one in (plains, edge) if math.isfinite(one.uncertainty)]
     information = sum(one.uncertainty**-2 for one in unseen)
