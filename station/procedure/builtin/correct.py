@@ -74,7 +74,7 @@ class Correct(Procedure[CorrectSettings]):
 
     name = "correct"
     title = "correction by the lens's PSF field"
-    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, a linear grey plane, or a developed picture.
+    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, linear grey, or developed.
 
     Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
     JPEG, HEIC, WebP, PNG and TIFF in colour are decoded to light, and the result is doubtful. Several photographs of
