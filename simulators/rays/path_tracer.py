@@ -147,16 +147,9 @@ def depth_map(scene: RayScene, camera: ThinLensCamera) -> Doubles:
 
 
 def cast(
-    scene: RayScene,
-    camera: ThinLensCamera,
-    wanted: int | Ints,
-    receive: Receive,
-    *,
-    seed: int,
-    taken: Ints | None = None,
-    threads: int = 1,
-    progress: Progress | None = None,
-) -> None:
+    scene: RayScene, camera: ThinLensCamera, wanted: int | Ints, receive: Receive, *, seed: int,
+    taken: Ints | None = None, threads: int = 1, progress: Progress | None = None,
+) -> None:  # fmt: skip
     """Cast the requested number of samples per pixel, and deliver them tile by tile.
 
     A sample depends on the seed, its pixel and its number alone: not on tiles, threads, pauses, or what else is cast.

@@ -6,7 +6,6 @@ less the converged picture's own noise; PSNR is of values clipped to [0, 1]. The
 36 settings, chosen by the truth. With albedo both filter the samples divided by it.
 """
 
-import argparse
 import os
 from collections.abc import Iterator
 from itertools import product
@@ -22,6 +21,7 @@ from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.render_files import Halves, halves_of_pictures, halves_of_samples
 from procedures.ray_histogram.uncertainty import standard_uncertainty
+from tests.benchmarks import options
 from tests.benchmarks.ray_histograms import nl_means
 from tests.benchmarks.ray_truth_scenes import HELD_OUT, SCENES, Render, render
 
@@ -106,15 +106,11 @@ def covered(picture: Picture, uncertainty: npt.NDArray[np.float32] | None, scene
 
 def main() -> None:
     """Print a table of every scene and number of samples."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("scenes", nargs="*", default=[*SCENES, *HELD_OUT])
-    parser.add_argument("--converged", type=int, default=2048)
-    parser.add_argument("--samples", type=int, nargs="*", default=SAMPLES)
-    options = parser.parse_args()
-    for name in options.scenes:
-        scene = render(name, options.folder, options.converged)
-        for n in options.samples:
+    scenes = [*SCENES, *HELD_OUT]
+    given = options(__doc__, "folder", "scenes", folder=Path, scenes=scenes, converged=2048, samples=list(SAMPLES))
+    for name in given.scenes:
+        scene = render(name, given.folder, given.converged)
+        for n in given.samples:
             print(f"\n{name}, {n} samples      relMSE   PSNR, dB   within 2 u")
             for label, picture, uncertainty in results(scene, n):
                 error, decibels = relative_error(picture, scene), psnr_db(picture, scene.truth)[0]
