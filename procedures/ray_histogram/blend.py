@@ -112,10 +112,11 @@ def blend(
     sigma = _uncertainty(films, (a, b))
     if parameters.rims:
         rims = lamp_rims(whole.film, picture)
-        picture, sigma = rims.put(rims.values, picture), rims.put(rims.uncertainty, sigma)
+        picture, sigma = (np.where(np.isnan(new), old, new) for new, old in zip(rims, (picture, sigma), strict=True))
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    return FilteredFilm(picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma), shares
+    single = picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma.astype(np.float32)
+    return FilteredFilm(*single), shares
 
 
 @dataclass(frozen=True)

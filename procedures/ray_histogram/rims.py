@@ -9,7 +9,6 @@ distribution; its own samples make that the posterior, again a beta distribution
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -19,7 +18,6 @@ from scipy import ndimage, special
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 
-Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -53,33 +51,21 @@ PIXELS = 256
 """Pixels whose rims are determined at once."""
 
 
-@dataclass(frozen=True)
-class Rims:
-    """Pixels at rims: rows and columns (n,), values and their standard uncertainties (n, 3), linear."""
-
-    rows: Ints
-    columns: Ints
-    values: Doubles
-    uncertainty: Doubles
-
-    def put(self, values: Doubles, into: npt.NDArray[np.floating]) -> Floats:
-        """The picture (rows, columns, 3) with values (n, 3) at these pixels."""
-        picture = into.astype(np.float32)
-        picture[self.rows, self.columns] = values
-        return picture
-
-
-def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> Rims:
-    """The rims of lamps in a film; `picture` (rows, columns, 3) is the filtered one: what is beside the lamps.
+def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+    """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
 
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
+
+    picture : (rows, columns, 3)
+        The filtered one: what is beside the lamps.
     """
-    found = [Rims(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))]
+    values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
         noise = mean_variance(film).sum(-1) * film.count
-        found += [_rims(film, noise, picture, *some) for some in _near_lamps(film.mean.sum(-1))]
-    return Rims(*(np.concatenate([getattr(rims, name) for rims in found]) for name in Rims.__annotations__))
+        for near in _near_lamps(film.mean.sum(-1)):
+            values[near], uncertainty[near] = _rims(film, noise, picture, *near)
+    return values, uncertainty
 
 
 def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
@@ -91,8 +77,8 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
         yield rows[i : i + PIXELS] + REACH, columns[i : i + PIXELS] + REACH
 
 
-def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Rims:
-    """Those of the pixels (n,) that are at a rim; `noise` is the variance of single samples, (rows, columns)."""
+def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Doubles:
+    """Values and uncertainties (2, n, 3) of pixels, NaN where not at a rim; noise: variance of samples (rows, columns)."""
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
     around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
     means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
@@ -112,7 +98,7 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
     spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
-    return Rims(rows[rim], columns[rim], values[rim], spread[rim])
+    return np.where(rim[:, None], np.stack([values, spread]), np.nan)
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:

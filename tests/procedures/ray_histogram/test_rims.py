@@ -43,4 +43,4 @@ def test_nothing_but_a_rim_is_changed(lamps, flat_film, rng):
     bare = replace(film, histogram=film.histogram[..., :0])
     speckles = np.where(rng.random((32, 32, 1, 1)) < 0.3, RADIANCE, WALL).repeat(16, 2).repeat(3, 3)
     for other in (bare, flat_film, film_of_samples(speckles)):
-        assert lamp_rims(other, other.mean).rows.size == 0
+        assert np.isnan(lamp_rims(other, other.mean)).all()
