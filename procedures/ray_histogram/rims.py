@@ -78,7 +78,7 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
 
 
 def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Doubles:
-    """Values and uncertainties (2, n, 3) of pixels, NaN where not at a rim; noise: variance of samples (rows, columns)."""
+    """Values and uncertainties (2, n, 3), NaN where not at a rim; noise (rows, columns): variance of samples."""
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
     around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
     means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
