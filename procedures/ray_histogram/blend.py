@@ -115,8 +115,8 @@ def blend(
         picture, sigma = (np.where(np.isnan(new), old, new) for new, old in zip(rims, (picture, sigma), strict=True))
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    single = picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma.astype(np.float32)
-    return FilteredFilm(*single), shares
+    blended, sigma = picture.astype(np.float32), sigma.astype(np.float32)
+    return FilteredFilm(blended, filtered.similar, filtered.median_similar, sigma), shares
 
 
 @dataclass(frozen=True)
