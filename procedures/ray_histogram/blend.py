@@ -109,14 +109,14 @@ def blend(
     films = halves[0].film, halves[1].film
     weights = cross_validated(films, first.pictures, second.pictures)
     picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
-    sigma = _uncertainty(films, (a, b))
+    sigma: npt.NDArray[np.floating] = _uncertainty(films, (a, b))
     if parameters.rims:
-        rims = lamp_rims(whole.film, picture)
-        picture, sigma = (np.where(np.isnan(new), old, new) for new, old in zip(rims, (picture, sigma), strict=True))
+        values, spread = lamp_rims(whole.film, picture)
+        picture, sigma = np.where(np.isnan(values), picture, values), np.where(np.isnan(spread), sigma, spread)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    blended, sigma = picture.astype(np.float32), sigma.astype(np.float32)
-    return FilteredFilm(blended, filtered.similar, filtered.median_similar, sigma), shares
+    pictures = picture.astype(np.float32), sigma.astype(np.float32)
+    return FilteredFilm(pictures[0], filtered.similar, filtered.median_similar, pictures[1]), shares
 
 
 @dataclass(frozen=True)
