@@ -110,8 +110,8 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     lit, unlit = np.log(np.clip(shapes, LEAST, 1 - LEAST)), np.log(1 - np.clip(shapes, LEAST, 1 - LEAST))
     n = n / (1 + 4 * n * SHAPE_ERROR**2) * (np.arange(SIDE**2) != CENTRE)
     likelihood = (part * n) @ lit.T + ((1 - part) * n) @ unlit.T
-    seen = np.clip(part, LEAST, 1 - LEAST)
-    most = (n * (part * np.log(seen) + (1 - part) * np.log(1 - seen))).sum(1)
+    share = np.clip(part, LEAST, 1 - LEAST)
+    most = (n * (part * np.log(share) + (1 - part) * np.log(1 - share))).sum(1)
     best = likelihood.max(1)
     weights = np.exp(likelihood - best[:, None])
     weights /= weights.sum(1, keepdims=True)
@@ -126,13 +126,13 @@ def _parts_of_shapes() -> Doubles:
     turns = np.arange(TURNS) * 2 * np.pi / TURNS
     along = np.cos(turns)[:, None, None] * grid + np.sin(turns)[:, None, None] * grid[:, None]
     across = np.cos(turns)[:, None, None] * grid[:, None] - np.sin(turns)[:, None, None] * grid
-    found = []
+    shapes = []
     for distance in np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP):
-        found.append(along < distance)
+        shapes.append(along < distance)
         for radius in RADII:
-            found.append((along - distance + radius) ** 2 + across**2 < radius**2)
-            found.append((along - distance - radius) ** 2 + across**2 > radius**2)
-    parts = np.concatenate(found).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
+            shapes.append((along - distance + radius) ** 2 + across**2 < radius**2)
+            shapes.append((along - distance - radius) ** 2 + across**2 > radius**2)
+    parts = np.concatenate(shapes).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
     return np.unique(parts.reshape(len(parts), -1).round(3), axis=0)
 
 
