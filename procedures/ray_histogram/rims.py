@@ -102,7 +102,7 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    """Of the central pixels the part expected from those around, its variance, and the deviance of the best shape.
+    """Part of the central pixels expected from those around, its variance, and the deviance of the best shape.
 
     part, n : (pixels, SIDE^2) the parts covered by the samples of each pixel, and their number.
     """
