@@ -1,7 +1,5 @@
 """Stability of repeated PSFs: the sensitivity of Gaussians is that of their analytic transfer functions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

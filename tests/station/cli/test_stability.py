@@ -1,7 +1,5 @@
 """`station psf stability`: numbers, table and page from the folders of results, and results without a PSF."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
