@@ -7,7 +7,7 @@ docstring's first line is the text of help and palette.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Awaitable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
 from typing import Any, ClassVar, Protocol, cast
 
@@ -311,7 +311,7 @@ class CommandsByName(Provider):
             if score > 0:
                 yield Hit(score, matcher.highlight(command.title()), self._give(command), help=_help(command))
 
-    def _give(self, command: type[Command]) -> partial[Awaitable[None]]:
+    def _give(self, command: type[Command]) -> Callable[[], Awaitable[None]]:
         return partial(self._source.action_command, command.__name__)
 
 
