@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from procedures.corruption.directions import FLOW, GHOST, GHOST_PX, MEDIAN, THRESHOLD, WIDE_NAMES, WIDE_PX
-from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, Strength, nuisance
+from procedures.corruption.directions import FLOW, GHOST, GHOST_PX, MEDIAN, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX
+from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, Strength, nuisance
 from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -17,8 +18,8 @@ MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
 """Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 PRESENT = 0.5
 """Prior probability that there is a wide mask, or a ghost, at all."""
-WIDE_UNSEEN = 0.06
-"""Amount of a mask of 3 pixels in pictures whose scene has no frame to show it."""
+WIDE_MODEL = 0.01
+"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,14 @@ class Evidence:
             *noise_checks(self.masks, self.textured, raw=raw),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
             SELECTIVE.check(scores[THRESHOLD], raw=raw),
+            *([] if raw else [WIDE.check(self._wide(), raw=raw, places=len(WIDE_PX))]),
             GHOSTED.check(scores[GHOST], raw=raw),
+            VEILED.check(scores[VEIL], raw=raw),
         ]
+
+    def _wide(self) -> float:
+        amounts = [self.strengths[name] for name in WIDE_NAMES]
+        return max(one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in amounts)
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
@@ -59,12 +66,8 @@ class Evidence:
         wide = [
             _unseen(self.strengths[name], WIDE_PRIOR, share) * _mask(f, radius)
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
-            if name in self.strengths
         ]
-        return modes | {
-            "processing": _unseen(self.fine, MASK_PRIOR) * _mask(f, 1.0),
-            "wide mask": np.hypot(*wide) if wide else WIDE_UNSEEN * _mask(f, WIDE_PX[0]),
-        }
+        return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * _mask(f, 1.0), "wide mask": np.hypot(*wide)}
 
 
 def _unseen(one: Strength, prior: float, present: float = 1.0) -> float:

@@ -45,7 +45,8 @@ def _strengths(fit: PairFit, far: Array32) -> dict[str, Strength]:
     picture = np.array(far[y : y + rows, x : x + columns], dtype=np.float64)
     at = fit.samples.rows, fit.samples.columns
     picture[at] = fit.prediction
-    pictures = directions.filters(np.pad((picture - middle) / scale, BORDER, mode="edge"))
+    padded = np.pad((picture - middle) / scale, BORDER, mode="edge")
+    pictures = directions.filters(padded) | directions.wide_masks(padded)
     values = [one[BORDER:-BORDER, BORDER:-BORDER][at] for one in pictures.values()]
     ghost = directions.mirrored(far, (x, y), (rows, columns))
     values.append((ghost[at] - middle) / scale)
