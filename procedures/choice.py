@@ -122,15 +122,9 @@ def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDE
 
 
 def choose(
-    attempt: Callable[[int, int], T],
-    psf_of: Callable[[T], Psf],
-    samples: int,
-    most_s: int,
-    *,
-    start_s: int = START_S,
-    s: int | None,
-    k: int | None,
-) -> tuple[T, tuple[Trial, ...]]:
+    attempt: Callable[[int, int], T], psf_of: Callable[[T], Psf], samples: int, most_s: int, *,
+    start_s: int = START_S, s: int | None, k: int | None,
+) -> tuple[T, tuple[Trial, ...]]:  # fmt: skip
     """Choose s and k; returns the result and the trials.
 
     attempt : function from s and k to a result
