@@ -8,7 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procedures.corruption.directions import FLOW, GHOST, GHOST_PX, MEDIAN, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX
+from procedures.corruption.directions import (
+    FLOW,
+    GHOST,
+    GHOST_PX,
+    MEDIAN,
+    THRESHOLD,
+    VEIL,
+    WIDE_NAMES,
+    WIDE_PX,
+    mask_gain,
+)
 from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, Strength, nuisance
 from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
@@ -59,21 +69,16 @@ class Evidence:
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
         not excluded."""
-        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * _mask(f, GHOST_PX)}
+        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
         share = PRESENT / len(WIDE_PX)
         wide = [
-            _unseen(self.strengths[name], WIDE_PRIOR, share) * _mask(f, radius)
+            _unseen(self.strengths[name], WIDE_PRIOR, share) * mask_gain(f, radius)
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         ]
-        return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * _mask(f, 1.0), "wide mask": np.hypot(*wide)}
+        return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
 
 
 def _unseen(one: Strength, prior: float, present: float = 1.0) -> float:
     return nuisance(one.unseen, one.uncertainty, prior, present)
-
-
-def _mask(f: Array, radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1 at frequencies f, less 1."""
-    return np.asarray(1 - np.exp(-2 * (np.pi * f * radius_px) ** 2))
