@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,11 +39,13 @@ class Evidence:
     masks : unsharp masks of `MASK_RADII` in the noise
     textured : masks of `SMOOTHING_RADII` where the scene may have a texture, which the lens images
     strengths : by the directions of `procedures.corruption.directions`
+    framed : whether edges of full contrast, in a frame, show wide masks; texture alone is less sure
     """
 
     masks: list[Strength]
     textured: list[Strength]
     strengths: Mapping[str, Strength]
+    framed: bool = True
 
     @property
     def fine(self) -> Strength:
@@ -72,10 +74,11 @@ class Evidence:
         modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
-        share = PRESENT / len(WIDE_PX)
+        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, WIDE_MODEL)
+        amounts = [self.strengths[name] for name in WIDE_NAMES]
+        amounts = [replace(one, uncertainty=math.hypot(one.uncertainty, model)) for one in amounts]
         wide = [
-            _unseen(self.strengths[name], WIDE_PRIOR, share) * mask_gain(f, radius)
-            for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
+            _unseen(one, WIDE_PRIOR, share) * mask_gain(f, radius) for one, radius in zip(amounts, WIDE_PX, strict=True)
         ]
         return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
 

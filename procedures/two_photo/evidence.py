@@ -36,6 +36,7 @@ def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> Evidence:
         mask_scores([residual], MASK_RADII),
         mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, far),
+        framed=False,
     )
 
 
