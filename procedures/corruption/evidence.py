@@ -33,7 +33,7 @@ WIDE_MODEL = 0.01
 
 
 @dataclass(frozen=True)
-class Evidence:
+class TextureEvidence:
     """Scores of a fit.
 
     masks : unsharp masks of `MASK_RADII` in the noise

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.corruption.directions import RIM, ZOOM
-from procedures.corruption.evidence import Evidence
+from procedures.corruption.evidence import TextureEvidence
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
@@ -27,7 +27,7 @@ DOTS_VISIBLE = 0.008
 """Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
-def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> list[Check]:
+def corruption_checks(evidence: TextureEvidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
     checks = evidence.checks(raw=raw)
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
@@ -47,7 +47,7 @@ def print_blur_mode(f: Array, variance_px: float) -> Array:
 
 
 def modes_of(
-    evidence: Evidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
+    evidence: TextureEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
 ) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
     excluded; `print_blur` in cells."""

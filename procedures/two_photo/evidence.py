@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, GHOST
-from procedures.corruption.evidence import Evidence
+from procedures.corruption.evidence import TextureEvidence
 from procedures.corruption.family import SampleGroup, Strength, strengths
 from procedures.corruption.noise import (
     DRIFT,
@@ -27,12 +27,12 @@ CONTRAST = 4.0
 """Standard deviations of a wall's light that count as the contrast of black and white."""
 
 
-def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> Evidence:
+def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEvidence:
     """Scores of a fit; `curve` are frequencies and MTF."""
     image = fit.as_image(fit.residual, np.nan)
     residual = Variogram.of(np.nan_to_num(image), np.isfinite(image))
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return Evidence(
+    return TextureEvidence(
         mask_scores([residual], MASK_RADII),
         mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, far),
