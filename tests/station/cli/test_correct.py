@@ -89,8 +89,7 @@ def done(files, tmp_path_factory):
 
 
 def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
-    result, out = done
-    assert result.exit_code == 0, result.output
+    _, out = done
     assert {path.name for path in out.iterdir()} == {
         "corrected.dng", "corrected.tiff", "gain.csv", "report.html", "result.json",
     }  # fmt: skip
