@@ -462,7 +462,7 @@ PRINCIPAL_POINT = tuple(
               short=name, symbol=name)
     for name in ("cx", "cy")
 )  # fmt: skip
-for _one_name in ("k", *(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
+for _one_name in (*(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
                   "sx1", "sy1", "omega", "alpha", "beta", "xi"):  # fmt: skip
     _geometry(
         _one_name, "1", f"Distortion {_one_name}", "coefficient of the camera model's distortion", short=_one_name

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 DIAL = (5.0, 12.0)
 """Half height and half width of the circle of screws, in lines and columns."""
 SENSOR = ("+---------+", *3 * ("|         |",), "+---------+")
-BAR = 12
+BAR = 10
 """Columns of a bar for a whole turn."""
 
 

@@ -333,7 +333,7 @@ FARTHER = Ask(
     "farther", "From how many further distances will you photograph the wall?", "number", "", 0.0, low=0.0, high=3.0,
     when=lambda facts: bool(further(facts)),
 )  # fmt: skip
-MTF_NYQUIST_WORDS = "MTF at Nyquist"
+MTF_NYQUIST_WORDS = "MTF at Nyquist by noise"
 ALIKE = 0.1
 """Relative difference below which two distances are one."""
 

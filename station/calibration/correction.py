@@ -90,9 +90,9 @@ def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction
 
 
 _DEMOSAICKED = (
-    "a developed picture is corrected as if its pixels were the sensor's: demosaicking, sharpening and lens "
-    "corrections of its development remain", "give the RAW file",
-)  # fmt: skip
+    "a developed picture is corrected as if its pixels were the sensor's: demosaicking and lens corrections remain",
+    "give the RAW file",
+)
 
 
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
@@ -111,7 +111,7 @@ def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
 
 
 def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path], None]]:
-    """The picture, written strip by strip, and the maps: TIFF and DNG, or the format of a developed photograph."""
+    """The picture, written strip by strip, and the maps; as TIFF and DNG, or in a developed photograph's format."""
     value, metadata = corrected.outcome.value, corrected.metadata
     if value is None:
         return {}

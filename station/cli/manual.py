@@ -7,6 +7,8 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,13 +53,21 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
         log("pictures", "drawing the pictures: the procedures measure what simulated cameras photograph")
         with progress(len(PARTS)) as shown:
-            pictures = manual_pictures(shown)
+            pictures = manual_pictures(partial(_printed, context.find_root().command), shown)
         click.echo(write_manual(pages, folder, pictures))
     elif words:
         click.echo_via_pager(_formatted(_hits(pages, words)))
     else:
         text = find_page(pages, name).text if topic else index_text(pages)
         click.echo_via_pager(_formatted(for_terminal(text)))
+
+
+def _printed(program: click.Command, words: Sequence[str]) -> str:
+    """What a command writes to stdout."""
+    out = io.StringIO()
+    with redirect_stdout(out), suppress(SystemExit):
+        program.main(list(words), prog_name="station")
+    return out.getvalue()
 
 
 def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:

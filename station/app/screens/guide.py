@@ -207,9 +207,8 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, preview: FramePreview) -> None:
-        self._doing_last, self._verdict = False, ()
-        self.remove_class("-verdict")
-        self._show_values(())
+        self._doing_last = False
+        self._end_verdict()
         self._coach(preview)
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
@@ -236,6 +235,7 @@ class GuideScreen(StationScreen):
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
         if event.diagram.drawing:
+            self._end_verdict()
             self.query_one(Picture).show_words(event.diagram.drawing)
         self._show_curve(None if event.diagram.drawing else partial(drawn, event.diagram))
 
@@ -342,6 +342,11 @@ class GuideScreen(StationScreen):
             big.display = bool(sign)
             big.show(sign)
             self._make_room()
+
+    def _end_verdict(self) -> None:
+        self._verdict = ()
+        self.remove_class("-verdict")
+        self._show_values(())
 
     def _show_sharpness(self, result: Result) -> None:
         """PSF and MTF of the plane whose numbers are shown, or the restored picture."""

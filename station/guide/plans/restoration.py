@@ -47,6 +47,8 @@ def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head:
     from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
     (picture,) = planes
+    shown = {name: value for name, value in head.parameters.items() if name != "first_view"}
+    head = replace(head, parameters=shown)
     restoration: Restoration | None = picture.estimate
     outcome = picture.outcome(restoration)
     if restoration is None:

@@ -32,9 +32,16 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
         Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
         | None
     ) = None
-    field: Annotated[Path, setting(
-        "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of `station "
-        "profile find PHOTO`]")] | None = None  # fmt: skip
+    field: (
+        Annotated[
+            Path,
+            setting(
+                "What `station psf field` wrote: its folder, or field.h5 in it.  [default: the best one of "
+                "`station profile find PHOTO`]"
+            ),
+        ]
+        | None
+    ) = None
     scale: Annotated[
         int,
         setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "
@@ -67,7 +74,7 @@ class Correct(Procedure[CorrectSettings]):
 
     name = "correct"
     title = "correction by the lens's PSF field"
-    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, linear grey, or a developed picture.
+    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, linear grey, or developed.
 
     Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
     JPEG, HEIC, WebP, PNG and TIFF in colour are decoded to light, and the result is doubtful. Several photographs of
