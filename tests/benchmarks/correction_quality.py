@@ -11,13 +11,11 @@ undershoot, with LibRaw's AHD.
 
 import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-
 
 import cv2
 import numpy as np
