@@ -1,17 +1,16 @@
 """RAW files of a body: which names count, their exposure metadata, and its comparison with the request."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from drivers.errors import EmergencyStopped, FrameWrong, Rejected
-from drivers.interfaces import CameraSettings, FrameFormat
+from drivers.errors import Clock, EmergencyStopped, FrameWrong, Rejected, SystemClock
+from drivers.interfaces import CameraSettings, ExposedFile, FrameFormat
 from drivers.options import option
 
 TIFF_LIKE = frozenset((".3fr", ".arw", ".cr2", ".dng", ".erf", ".iiq", ".kdc", ".nef", ".nrw", ".pef", ".srw"))
@@ -102,7 +101,7 @@ class OneFrame:
         self._lock = threading.Lock()
         self._stops = self._since = 0
 
-    def __enter__(self) -> OneFrame:
+    def __enter__(self) -> "OneFrame":
         if not self._lock.acquire(blocking=False):
             raise Rejected(f"{self._address()} is already exposing", "wait for the frame")
         self._since = self._stops
@@ -118,3 +117,28 @@ class OneFrame:
         """Raises EmergencyStopped if a stop came since the exposure began."""
         if self._stops != self._since:
             raise EmergencyStopped(f"emergency stop at {self._address()}", "make it safe, then expose again")
+
+
+class FrameCamera(ABC):
+    """Common part of cameras that wait for their frames, without motion: settings, one exposure at a time, stops."""
+
+    def __init__(self, clock: Clock | None = None, settings: CameraSettings | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self.settings = settings or CameraSettings()
+        self._one_frame = OneFrame(lambda: self.address)
+
+    @property
+    @abstractmethod
+    def address(self) -> str: ...
+
+    @abstractmethod
+    def _expose(self) -> ExposedFile: ...
+
+    def expose(self) -> ExposedFile:
+        """Take one photograph: complete, decodable and hashed. Raises DeviceError."""
+        with self._one_frame:
+            return self._expose()
+
+    def emergency_stop(self) -> None:
+        """Nothing moves: stop waiting for a frame."""
+        self._one_frame.stop()

@@ -18,19 +18,26 @@ from typing import Annotated, Any, TypeVar
 from drivers.errors import (
     BadConfiguration,
     Clock,
-    DeviceError,
     EmergencyStopped,
     FrameMissing,
     LineLost,
     NoAnswer,
     Rejected,
-    SystemClock,
 )
-from drivers.frames import Inspect, KnownSensor, OneFrame, SensorText, check_settings, is_raw, sensor_format, sha256_of
+from drivers.frames import (
+    FrameCamera,
+    Inspect,
+    KnownSensor,
+    SensorText,
+    check_settings,
+    is_raw,
+    sensor_format,
+    sha256_of,
+)
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import SHUTTER, FolderName, device, text
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import closed_after_errors, line_condition, not_connected
 
 T = TypeVar("T")
 CALL_S = 15.0
@@ -92,7 +99,7 @@ class _Owner:
         self._thread.join(timeout=2.0)
 
 
-class GphotoCamera:
+class GphotoCamera(FrameCamera):
     """A Camera on libgphoto2; frames are saved to `folder`.
 
     With `shutter`, that fires; without, the body is triggered over its cable. Empty `model` and `port` select the
@@ -100,23 +107,12 @@ class GphotoCamera:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        inspect: Inspect,
-        *,
-        model: str = "",
-        port: str = "",
-        shutter: Shutter | None = None,
-        pulse_s: float = 0.1,
-        patience_s: float = 20.0,
-        sensor: FrameFormat | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        self.clock = clock or SystemClock()
+        self, folder: Path, inspect: Inspect, *, model: str = "", port: str = "", shutter: Shutter | None = None,
+        pulse_s: float = 0.1, patience_s: float = 20.0, sensor: FrameFormat | None = None, clock: Clock | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(clock)
         self._sensor = KnownSensor(folder, inspect, sensor)
-        self._one_frame = OneFrame(lambda: self.address)
         self._stray: set[BodyFile] | None = None
-        self.settings = CameraSettings()
         self._folder, self._inspect = folder, inspect
         self._model, self._port = model, port
         self._shutter, self._pulse_s, self._patience_s = shutter, pulse_s, patience_s
@@ -139,11 +135,8 @@ class GphotoCamera:
             ) from error
         self._gp = gphoto2
         self._owner = _Owner(self.address)
-        try:
+        with closed_after_errors(self):
             return self._do(self._open)
-        except DeviceError:
-            self.close()
-            raise
 
     def _open(self) -> Identity:
         gp, camera = self._gp, self._gp.Camera()
@@ -272,11 +265,6 @@ class GphotoCamera:
         )
         part.rename(target)
         return target
-
-    def expose(self) -> ExposedFile:
-        """Take one photograph, fetch, decode and hash it. Raises DeviceError."""
-        with self._one_frame:
-            return self._expose()
 
     def _expose(self) -> ExposedFile:
         requested_s = self.clock.now_s()

@@ -44,7 +44,7 @@ from drivers.protocols.grbl import (
     envelope,
 )
 from drivers.protocols.grbl_link import GrblLink, StatusReport
-from drivers.wire.connection import anything
+from drivers.wire.connection import anything, closed_after_errors
 
 RESUME_S = 5.0
 """Time limit for a controller to resume after its door was closed."""
@@ -54,14 +54,9 @@ class GrblStage:
     """A Stage behind a GRBL controller."""
 
     def __init__(
-        self,
-        transport: Transport[Event],
-        axes: Sequence[GrblAxis],
-        *,
-        clock: Clock | None = None,
-        reset_on_open: str = "expect",
-        poll_s: float = 0.2,
-    ) -> None:
+        self, transport: Transport[Event], axes: Sequence[GrblAxis], *, clock: Clock | None = None,
+        reset_on_open: str = "expect", poll_s: float = 0.2,
+    ) -> None:  # fmt: skip
         self.clock = clock or SystemClock()
         self.link = GrblLink(transport)
         self._axes = tuple(axes)
@@ -83,13 +78,10 @@ class GrblStage:
     def connect(self) -> Identity:
         """Open, await the greeting, read version and settings; the stage is unhomed afterwards. Raises DeviceError."""
         identity = self.link.connect(reset=self._reset_on_open == "expect")
-        try:
+        with closed_after_errors(self.link):
             self._check_limits()
             self._envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
             self._user(self.link.report())
-        except DeviceError:
-            self.link.close()
-            raise
         return identity
 
     def _check_limits(self) -> None:

@@ -142,7 +142,6 @@ class StreamingImu(LineDevice[Transport[E]], Generic[E]):
 
     @property
     def _word(self) -> str:
-        """The rate at which it streams."""
         return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
 
     def read_block(self, duration_s: float) -> ImuBlock:
@@ -232,14 +231,9 @@ class FastImu(StreamingImu[SampleBatch | TextMessage]):
     """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(
-        self,
-        transport: Transport[SampleBatch | TextMessage],
-        *,
-        clock: Clock | None = None,
-        full_scale_g: float = 8.0,
-        full_scale_deg_s: float = 500.0,
-        latency: CableLatency | None = None,
-    ) -> None:
+        self, transport: Transport[SampleBatch | TextMessage], *, clock: Clock | None = None,
+        full_scale_g: float = 8.0, full_scale_deg_s: float = 500.0, latency: CableLatency | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(transport, clock, _Stream(1e-6, latency))
         self._scale = scale_of(full_scale_g, full_scale_deg_s)
         self._seq: int | None = None
@@ -299,7 +293,6 @@ class StrigImu(BoxDevice):
 
     @property
     def _word(self) -> str:
-        """The rate at which it streams."""
         return f"{self._rate_hz:g} Hz" if self._rate_hz else "ready"
 
     def start(self, rate_hz: float) -> None:

@@ -118,7 +118,6 @@ class Lamp(LineDevice[L]):
 
     @property
     def _word(self) -> str:
-        """The level, and whether it has warmed up."""
         return f"{100 * self.level():.0f} %" + ("" if self.steady() else ", warming up")
 
 
@@ -126,13 +125,9 @@ class DmxLight(Lamp[Transport[DmxFrame]]):
     """A Light on some channels of a DMX line."""
 
     def __init__(
-        self,
-        transport: Transport[DmxFrame],
-        channels: Sequence[int] = (1,),
-        *,
-        panel: LampProperties | None = None,
+        self, transport: Transport[DmxFrame], channels: Sequence[int] = (1,), *, panel: LampProperties | None = None,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(transport, clock, panel)
         self._channels = tuple(channels)
 

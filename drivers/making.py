@@ -122,5 +122,4 @@ class FrameOptions(DriverOptions, OpticsMetadata):
     folder: FolderName
 
     def frames(self, parts: MakerContext) -> DngFolder:
-        """The folder."""
         return DngFolder(parts.folder / self.folder, parts.inspect, self, clock=parts.clock)

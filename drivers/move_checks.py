@@ -1,7 +1,5 @@
 """Rules of all stages: one mover at a time, targets inside the travel, arrival at the target, rest after an error."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -44,7 +42,7 @@ class OneMover:
 
 
 @contextmanager
-def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], trust: Trust) -> Iterator[None]:
+def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], trust: "Trust") -> Iterator[None]:
     """Context in which nothing continues to move if its body ends early.
 
     An error calls `halt`; if that fails, the stage is no longer trusted. The end of the program stops

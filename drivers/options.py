@@ -68,7 +68,7 @@ AxisName = Annotated[
 FolderName = Annotated[str, text('"incoming"', "the name of a folder in quotes")]
 Interval = Annotated[tuple[float, float], interval("[-300.0, 0.0]")]
 Seconds = Annotated[float, option("0.5", least=0)]
-Patience = Annotated[float, positive("60")]
+TimeLimit = Annotated[float, positive("60")]
 Uncertainty = Annotated[float, positive("0.3")]
 PollInterval = Annotated[float, option("0.2", above=0, most=5)]
 Count = Annotated[int, option("0", least=0, most=2**16)]

@@ -6,7 +6,7 @@ one reading may be damaged. A stop is repeated until the axes stand. An axis tha
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar
@@ -98,6 +98,8 @@ class AxisStage(ABC, Generic[E, A]):
         self._transport, self._axes, self._poll_s = transport, tuple(axes), poll_s
         self._line = InStepLine(transport, REPLY_S)
         self._mover = OneMover()
+        self.power: Callable[[], AbstractContextManager[None]] = nullcontext
+        """Context of a move: a watchdog keeps the motors enabled within."""
         self._travel: dict[str, Travel] = {}
         self._speed: dict[str, float] = {}
         self._alerts = 0
@@ -124,6 +126,17 @@ class AxisStage(ABC, Generic[E, A]):
     def _begin_move(self, axis: A, value: float, allowed: Callable[[], None]) -> None:
         """Order a move to this position, and have it acknowledged. Raises DeviceError."""
 
+    def _check_homed(self, states: Mapping[A, AxisState]) -> None:
+        """Raises MoveFailed if these states cannot be those of axes that have homed."""
+
+    def _homing_limit_s(self) -> float:
+        """Time limit of homing."""
+        return 4 * max((t.high - t.low) / self._speed[name] for name, t in self._travel.items()) + 10
+
+    def _duration_s(self, axis: A, way: float) -> float:
+        """Duration of a move of this length, in the axis' unit."""
+        return way / self._speed[axis.name]
+
     def _hear(self, event: E, host_s: float) -> None:
         """An event that nobody has requested. A driver that counts it in `_alerts` is polled at once."""
 
@@ -131,7 +144,6 @@ class AxisStage(ABC, Generic[E, A]):
 
     @property
     def address(self) -> str:
-        """The port or URL."""
         return self._transport.address
 
     def connect(self) -> Identity:
@@ -190,13 +202,13 @@ class AxisStage(ABC, Generic[E, A]):
             self._require_line()
             epoch = self.trust.begin(self.trust.preemptions)
             may_go = self._mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
-            with self._left_still():
+            with self.power(), self._left_still():
                 for axis in self._axes:
                     self._begin_homing(axis, may_go)
-                longest_s = max((t.high - t.low) / self._speed[name] for name, t in self._travel.items())
-                states = self._rest(self._axes, 4 * longest_s + 10)
+                states = self._rest(self._axes, self._homing_limit_s())
                 if self._mover.stopped(stops) or not all(state.referenced for state in states.values()):
                     raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
+                self._check_homed(states)
             self.trust.give(epoch)
 
     def _require_line(self) -> None:
@@ -211,9 +223,9 @@ class AxisStage(ABC, Generic[E, A]):
             check_target(target, self._travel)
             goals = {axis: target[axis.name] for axis in self._axes if axis.name in target}
             may_go = self._mover.unless_stopped(stops, self.trust.require)
-            ways = {axis: abs(value - self._reading(axis)) for axis, value in goals.items()}
-            longest_s = max((way / self._speed[axis.name] for axis, way in ways.items()), default=0.0)
-            with self._left_still():
+            durations_s = (self._duration_s(axis, abs(value - self._reading(axis))) for axis, value in goals.items())
+            longest_s = max(durations_s, default=0.0)
+            with self.power(), self._left_still():
                 for axis, value in goals.items():
                     self._begin_move(axis, value, may_go)
                 there = self._rest(goals, 2 * longest_s + 2)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Annotated
 
 from drivers.dng import DngFolder, OpticsMetadata
-from drivers.errors import BadConfiguration, Clock, FrameMissing, LineLost, NoAnswer, Rejected, SystemClock
-from drivers.frames import OneFrame
+from drivers.errors import BadConfiguration, Clock, FrameMissing, LineLost, NoAnswer, Rejected
+from drivers.frames import FrameCamera
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import Count, FolderName, option, positive, text
@@ -48,30 +48,22 @@ class RpicamSettings:
     patience_s: Annotated[float, positive("20")] = 20.0
 
 
-class RpicamCamera:
+class RpicamCamera(FrameCamera):
     """A Camera on `rpicam-still`; `number` counts the cameras from 0, `program` is its name or path, "" the usual."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        number: int = 0,
-        settings: RpicamSettings | None = None,
-        *,
-        program: str = "",
+        self, frames: DngFolder, number: int = 0, settings: RpicamSettings | None = None, *, program: str = "",
         clock: Clock | None = None,
-    ) -> None:
-        self.clock = clock or SystemClock()
+    ) -> None:  # fmt: skip
         self._wanted = settings or RpicamSettings()
-        self.settings = CameraSettings(self._wanted.exposure_s, round(ISO_PER_GAIN * self._wanted.gain))
+        super().__init__(clock, CameraSettings(self._wanted.exposure_s, round(ISO_PER_GAIN * self._wanted.gain)))
         self._frames, self._number, self._program = frames, number, program
         self._path = ""
         self._sensor: FrameFormat | None = None
-        self._one_frame = OneFrame(lambda: self.address)
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
     def address(self) -> str:
-        """The camera's number and its program."""
         return f"camera {self._number} of {self._program or PROGRAMS[0]}"
 
     def connect(self) -> Identity:
@@ -141,10 +133,6 @@ class RpicamCamera:
         exposure_s = self.settings.exposure_s if settings.exposure_s is None else settings.exposure_s
         iso = self.settings.iso if settings.iso is None else settings.iso
         self.settings = CameraSettings(exposure_s, iso, settings.f_number)
-
-    def expose(self) -> ExposedFile:
-        with self._one_frame:
-            return self._expose()
 
     def _expose(self) -> ExposedFile:
         requested_s = self.clock.now_s()

@@ -13,15 +13,7 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.errors import (
-    BadConfiguration,
-    Clock,
-    EmergencyStopped,
-    LineLost,
-    MoveFailed,
-    NoAnswer,
-    Rejected,
-)
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.interfaces import Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
 from drivers.options import SHUTTER, STRIG_BOX, Port

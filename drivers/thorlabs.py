@@ -79,12 +79,7 @@ class AptStage(PolledStage[AptMessage]):
     """
 
     def __init__(
-        self,
-        transport: Transport[AptMessage],
-        axes: Sequence[PolledAxis],
-        *,
-        cycle_s: float = 2048 / 6e6,
-        **more: Any,
+        self, transport: Transport[AptMessage], axes: Sequence[PolledAxis], *, cycle_s: float = 2048 / 6e6, **more: Any
     ) -> None:
         super().__init__(transport, axes, **more)
         self._speed_unit = 65536 * cycle_s

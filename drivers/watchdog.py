@@ -68,7 +68,6 @@ class StrigWatchdog(BoxDevice):
 
     @property
     def _word(self) -> str:
-        """Whether the motors are enabled."""
         return "motors enabled" if self._holding else "motors released"
 
     @contextmanager

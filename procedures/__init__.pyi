@@ -23,7 +23,10 @@ from .restoration.joint.kernel_sizes import stacks_of
 from .restoration.joint.schedule import Scheme
 from .restoration.masks.blur_models import gaussian, pillbox
 from .restoration.masks.camera_motion import poses_at
+from .restoration.masks.gaussian_constant import gaussian_constant
+from .restoration.masks.thin_lens import CameraSetting
 from .restoration.photograph_blur import BlurSpec, KnownShapes, RecordedMotion, UnknownMotion, blur_of
+from .restoration.refocus import refocus
 from .sensor.estimate import characterise
 from .sensor.stacks import SensorRecording, measure_level, measure_stack
 from .slanted_edge.estimate import estimate_edge, estimate_edges
@@ -34,13 +37,13 @@ from .vignetting.estimate import estimate_vignetting
 from .whole_camera.camera_file import read_camera_numbers
 
 __all__ = [
-    "BadInput", "BadParameter", "BlurSpec", "Chart", "CorrectionParameters", "Diffraction", "DumpLayout",
-    "FilterParameters", "GeometryParameters", "KnownShapes", "Outcome", "PatternParameters", "Plane",
-    "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi",
-    "Scheme", "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of",
-    "calibrate_geometry", "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges",
-    "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall",
-    "estimate_vignetting", "filter_film",
-    "gaussian", "measure_level", "measure_stack", "otf", "pillbox", "poses_at", "read_camera_numbers", "read_field",
-    "read_film", "read_frame", "restore", "stacks_of", "view_of", "write_field",
+    "BadInput", "BadParameter", "BlurSpec", "CameraSetting", "Chart", "CorrectionParameters", "Diffraction",
+    "DumpLayout", "FilterParameters", "GeometryParameters", "KnownShapes", "Outcome", "PatternParameters", "Plane",
+    "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi", "Scheme",
+    "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of", "calibrate_geometry",
+    "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges", "estimate_field",
+    "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall", "estimate_vignetting",
+    "filter_film", "gaussian", "gaussian_constant", "measure_level", "measure_stack", "otf", "pillbox", "poses_at",
+    "read_camera_numbers", "read_field", "read_film", "read_frame", "refocus", "restore", "stacks_of", "view_of",
+    "write_field",
 ]  # fmt: skip

@@ -32,7 +32,7 @@ def nominal_times_s() -> list[float]:
 
 def time_words(seconds: float) -> str:
     """An exposure time as displayed by cameras: 1/50 s, 0.4 s, 2 s."""
-    return f"{seconds:g} s" if seconds >= 0.29 else f"1/{round(1 / seconds)} s"
+    return f"{seconds:.2g} s" if seconds >= 0.29 else f"1/{round(1 / seconds)} s"
 
 
 def paper_level(plane: Plane) -> tuple[float, float]:
@@ -65,7 +65,7 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
     if exposure.iso is not None and exposure.iso > 1.5 * BASE_ISO:
         return _lower_iso(level, exposure, readings, subject)
     return Advice(
-        True, f"White is at {100 * level:.0f} % of the scale; nothing is clipped.", readings, facts=_noted(exposure)
+        True, f"{subject} is at {100 * level:.0f} % of the scale; nothing is clipped.", readings, facts=_noted(exposure)
     )
 
 

@@ -122,15 +122,9 @@ def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDE
 
 
 def choose(
-    attempt: Callable[[int, int], T],
-    psf_of: Callable[[T], Psf],
-    samples: int,
-    most_s: int,
-    *,
-    start_s: int = START_S,
-    s: int | None,
-    k: int | None,
-) -> tuple[T, tuple[Trial, ...]]:
+    attempt: Callable[[int, int], T], psf_of: Callable[[T], Psf], samples: int, most_s: int, *,
+    start_s: int = START_S, s: int | None, k: int | None,
+) -> tuple[T, tuple[Trial, ...]]:  # fmt: skip
     """Choose s and k; returns the result and the trials.
 
     attempt : function from s and k to a result
@@ -186,15 +180,17 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
-    "processing": "sharpening that noise and frame do not exclude",
+    "processing": "unsharp mask not excluded",
+    "wide mask": "wide mask not excluded",
+    "ghost": "ghost not excluded",
     "variation": "variation of the PSF over the chart",
     "print blur": "blur of the print",
     "focus": "focus at either distance",
     "choice": "choice of s and k",
 }
 """Descriptions of the terms, in the order of reports."""
-UNSEEN = ("processing", "variation", PRINT_BLUR)
-"""Terms by corruptions that a photograph of the chart does not exclude."""
+UNSEEN = ("processing", "wide mask", "ghost", "variation", PRINT_BLUR)
+"""Terms by corruptions that a photograph does not exclude."""
 COMMON = ("mismatch", *UNSEEN)
 """Terms that may be common to all photographs of one chart by one camera."""
 FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)

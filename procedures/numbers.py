@@ -191,7 +191,7 @@ RESIDUAL_STD = _estimate(
 )  # fmt: skip
 PROBABILITY = _estimate(
     "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
-    "probability, by the statistics of all checks, that MTF50 along rows lies within two stated uncertainties, as "
+    "probability, by the statistics of all checks, that MTF50 (along rows) lies within two stated uncertainties, as "
     "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
     _H, _L, _C, _U, short="P(within 2 u)",
 )  # fmt: skip
@@ -228,6 +228,22 @@ GAIN = _estimate(
 )  # fmt: skip
 NOISE = _estimate(
     "noise", "1", "Noise, of the scale from black to white", "standard deviation of a pixel's noise, white = 1"
+)
+
+_STABLE = "the largest region of frequencies above one value of the MTF in which repeated PSFs agree to a limit"
+SENSITIVITY = _estimate(
+    "sensitivity", "1", "Relative sensitivity of the MTF",
+    "mean over all frequencies of the MTF's standard deviation from result to result, over the mean of the MTF", _H, _L,
+    symbol="s(Ω)",
+)  # fmt: skip
+SENSITIVITY_AT_5 = _estimate(
+    "sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
+    "relative sensitivity of the MTF over the frequencies at which it is 5 % or more", _H, _L,
+)  # fmt: skip
+STABLE_MTF = _estimate("stable_mtf", "1", "Least MTF of the stable domain", f"least MTF of {_STABLE}", _H)
+STABLE_HORIZONTAL, STABLE_VERTICAL = (
+    _estimate(f"stable_frequency_{way}", CYCLES, f"End of the stable domain {words}", f"end, {words}, of {_STABLE}", _H)
+    for way, words in (("horizontal", "along rows"), ("vertical", "along columns"))
 )
 
 # --- across an edge --------------------------------------------------------------------------------------------------
@@ -297,62 +313,55 @@ FOCUS: Mapping[str, Number] = {
 _sensor = NumberSection("Of a sensor (EMVA 1288)")
 
 
-def _emva(name: str, unit: str, label: str, definition: str, *groups: Group, symbol: str = "") -> Number:
-    return _sensor(name, unit, label, definition, *groups, symbol=symbol)
-
-
-QUANTUM_EFFICIENCY = _emva(
+QUANTUM_EFFICIENCY = _sensor(
     "quantum_efficiency", "1", "Quantum efficiency η", "responsivity over gain", _H, _C, symbol="η"
 )
-SYSTEM_GAIN = _emva("system_gain", "DN/e-", "System gain K", "slope of the photon transfer curve", _H, _L, _C, _T, _U,
+SYSTEM_GAIN = _sensor("system_gain", "DN/e-", "System gain K", "slope of the photon transfer curve", _H, _L, _C, _T, _U,
                     symbol="K")  # fmt: skip
-SYSTEM_GAIN_AT_DARK = _emva(
-    "system_gain_at_dark",
-    "DN/e-",
-    "System gain K of small signals",
-    "the same, corrected for the response's curvature",
-    _H,
-)
-INVERSE_GAIN = _emva("inverse_gain", "e-/DN", "Inverse gain 1/K", "electrons per digital number", symbol="1/K")
-TEMPORAL_DARK_NOISE = _emva(
+SYSTEM_GAIN_AT_DARK = _sensor(
+    "system_gain_at_dark", "DN/e-", "System gain K of small signals",
+    "the same, corrected for the response's curvature", _H,
+)  # fmt: skip
+INVERSE_GAIN = _sensor("inverse_gain", "e-/DN", "Inverse gain 1/K", "electrons per digital number", symbol="1/K")
+TEMPORAL_DARK_NOISE = _sensor(
     "temporal_dark_noise", "e-", "Temporal dark noise σ_d", "noise in the dark without rounding, in electrons",
     _H, _L, _C, _T, _U, symbol="σ_d",
 )  # fmt: skip
-TEMPORAL_DARK_NOISE_DN = _emva(
+TEMPORAL_DARK_NOISE_DN = _sensor(
     "temporal_dark_noise_dn", "DN", "Temporal dark noise", "noise in the dark, rounding included", _H
 )
 _THRESHOLD = "at which the signal equals its own noise"
-SENSITIVITY_THRESHOLD = _emva(
+SENSITIVITY_THRESHOLD = _sensor(
     "sensitivity_threshold", "e-", "Absolute sensitivity threshold", f"electrons {_THRESHOLD}", _H
 )
-SENSITIVITY_THRESHOLD_PHOTONS = _emva(
+SENSITIVITY_THRESHOLD_PHOTONS = _sensor(
     "sensitivity_threshold_photons", "photons", "Absolute sensitivity threshold", f"photons {_THRESHOLD}", _H, _C
 )
-RESPONSIVITY = _emva("responsivity", "", "Responsivity", "slope of the characteristic curve", symbol="R")
-SATURATION_CAPACITY = _emva(
+RESPONSIVITY = _sensor("responsivity", "", "Responsivity", "slope of the characteristic curve", symbol="R")
+SATURATION_CAPACITY = _sensor(
     "saturation_capacity", "e-", "Saturation capacity", "electrons at the largest temporal variance", _H, _L, _C, _U
 )
-SATURATION_PHOTONS = _emva("saturation_photons", "photons", "Light at saturation", "photons at saturation", _H, _C)
-SATURATION_SIGNAL = _emva("saturation_signal", "DN", "Signal at saturation", "signal at saturation", _H)
-SNR_MAX = _emva("snr_max", "1", "Largest SNR", "root of the saturation capacity", _H, _C)
-SNR_MAX_DB = _emva("snr_max_db", "dB", "Largest SNR", "the same in decibels", _H)
-DYNAMIC_RANGE = _emva("dynamic_range", "1", "Dynamic range", "saturation capacity over sensitivity threshold", _H, _C)
-DYNAMIC_RANGE_DB = _emva("dynamic_range_db", "dB", "Dynamic range", "the same in decibels", _H, _L, _U)
-LINEARITY_ERROR = _emva(
+SATURATION_PHOTONS = _sensor("saturation_photons", "photons", "Light at saturation", "photons at saturation", _H, _C)
+SATURATION_SIGNAL = _sensor("saturation_signal", "DN", "Signal at saturation", "signal at saturation", _H)
+SNR_MAX = _sensor("snr_max", "1", "Largest SNR", "root of the saturation capacity", _H, _C)
+SNR_MAX_DB = _sensor("snr_max_db", "dB", "Largest SNR", "the same in decibels", _H)
+DYNAMIC_RANGE = _sensor("dynamic_range", "1", "Dynamic range", "saturation capacity over sensitivity threshold", _H, _C)
+DYNAMIC_RANGE_DB = _sensor("dynamic_range_db", "dB", "Dynamic range", "the same in decibels", _H, _L, _U)
+LINEARITY_ERROR = _sensor(
     "linearity_error", "%", "Linearity error", "mean absolute deviation from the line, 5 to 95 % of saturation",
     _H, _L, _C, _U,
 )  # fmt: skip
-LINEARITY_ERROR_MIN = _emva("linearity_error_min", "%", "Lowest deviation", "lowest deviation from the line", _H)
-LINEARITY_ERROR_MAX = _emva("linearity_error_max", "%", "Highest deviation", "highest deviation from the line", _H)
-DARK_CURRENT = _emva(
+LINEARITY_ERROR_MIN = _sensor("linearity_error_min", "%", "Lowest deviation", "lowest deviation from the line", _H)
+LINEARITY_ERROR_MAX = _sensor("linearity_error_max", "%", "Highest deviation", "highest deviation from the line", _H)
+DARK_CURRENT = _sensor(
     "dark_current", "e-/s", "Dark current, by mean", "slope of the dark signal over exposure time", _H, _C
 )
-DARK_CURRENT_BY_VARIANCE = _emva(
+DARK_CURRENT_BY_VARIANCE = _sensor(
     "dark_current_by_variance", "e-/s", "Dark current, by variance", "slope of the dark variance over exposure time", _H
 )
-GENERAL_SNR_MAX = _emva("general_snr_max", "1", "General model: largest SNR", "largest measured SNR of the light", _H)
-GENERAL_THRESHOLD = _emva("general_threshold", "", "General model: threshold", f"light {_THRESHOLD}", _H)
-GENERAL_DYNAMIC_RANGE = _emva(
+GENERAL_SNR_MAX = _sensor("general_snr_max", "1", "General model: largest SNR", "largest measured SNR of the light", _H)
+GENERAL_THRESHOLD = _sensor("general_threshold", "", "General model: threshold", f"light {_THRESHOLD}", _H)
+GENERAL_DYNAMIC_RANGE = _sensor(
     "general_dynamic_range", "1", "General model: dynamic range", "light at saturation over the threshold", _H
 )
 PARTS = ("", "_row", "_column", "_pixel")
@@ -369,7 +378,7 @@ def _uniformity(quantity: str, unit: str, unit_suffix: str, words: str, suffixes
         plain, whole = not suffix and not unit_suffix, not part
         groups = [_H] if not unit_suffix and (whole or plain) else []
         groups += [_L, _C, _T, _U] if plain and whole else []
-        _emva(f"{quantity}{part}{suffix}{unit_suffix}", unit, f"{quantity.upper()}{_OF_PART[part]}{label}",
+        _sensor(f"{quantity}{part}{suffix}{unit_suffix}", unit, f"{quantity.upper()}{_OF_PART[part]}{label}",
               f"{words}{_OF_PART[part]}{addition}", *groups)  # fmt: skip
 
 
@@ -385,10 +394,10 @@ def non_uniformity(quantity: str, part: str = "", suffix: str = "", unit_suffix:
 
 DSNU, PRNU = NUMBERS["dsnu"], NUMBERS["prnu"]
 DEFECT_PIXELS: Mapping[str, Number] = {
-    "dark": _emva(
+    "dark": _sensor(
         "defect_pixels_dark", "pixels", "Defect pixels in the dark", "pixels beyond the defect limit", _H, _C
     ),
-    "light": _emva(
+    "light": _sensor(
         "defect_pixels_light", "pixels", "Defect pixels in even light", "pixels beyond the defect limit", _H, _C
     ),
 }
@@ -453,7 +462,7 @@ PRINCIPAL_POINT = tuple(
               short=name, symbol=name)
     for name in ("cx", "cy")
 )  # fmt: skip
-for _one_name in ("k", *(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
+for _one_name in (*(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
                   "sx1", "sy1", "omega", "alpha", "beta", "xi"):  # fmt: skip
     _geometry(
         _one_name, "1", f"Distortion {_one_name}", "coefficient of the camera model's distortion", short=_one_name
@@ -467,16 +476,9 @@ for _one_name in _CHART_TERMS:
     _geometry(_one_name, "mm", f"Chart: {_one_name.replace('_', ' ')}", "departure of the printed chart at its rim")
 ROW_TIME = _geometry("row_time", "us", "Row time", "time between the exposures of neighbouring rows", _H, _C, _T, _U)
 READOUT_TIME = _geometry(
-    "readout_time",
-    "ms",
-    "Readout time",
-    "time from the exposure of the first row to that of the last",
-    _H,
-    _L,
-    _C,
-    _T,
-    _U,
-)
+    "readout_time", "ms", "Readout time", "time from the exposure of the first row to that of the last",
+    _H, _L, _C, _T, _U,
+)  # fmt: skip
 BASELINE = _geometry(
     "baseline", "mm", "Baseline", "distance between the centres of a rig's two cameras", _H, _L, _C, _T, _U
 )

@@ -5,8 +5,6 @@ cell of row i, column j covers [j, j+1] x [i, i+1]. The frame is made of blocks 
 to 288. Geometry: Delbracio, Muse, Almansa, IPOL 2012, section 3.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 
@@ -118,7 +116,7 @@ class Chart:
             raise ValueError(f"the chart has {CELLS} x {CELLS} cells; got {self.cells.shape}")
 
     @classmethod
-    def from_seed(cls, seed: int = DEFAULT_SEED) -> Chart:
+    def from_seed(cls, seed: int = DEFAULT_SEED) -> "Chart":
         """Chart of a seed, with the same cells on every machine and in every version.
 
         The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a standardised function,
@@ -129,7 +127,7 @@ class Chart:
         return cls(bits.reshape(CELLS, CELLS), seed)
 
     @classmethod
-    def from_image(cls, image: npt.NDArray[np.generic]) -> Chart:
+    def from_image(cls, image: npt.NDArray[np.generic]) -> "Chart":
         """Chart of a 256 x 256 grey image: white where it exceeds half of its maximum."""
         if image.shape != (CELLS, CELLS):
             raise ValueError(f"the cells come from a {CELLS} x {CELLS} grey image; got shape {image.shape}")

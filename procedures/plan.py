@@ -6,9 +6,10 @@ functions of them; these are pure, so that a replayed session asks the same ques
 """
 
 import math
+from cmath import phase
 from collections.abc import Callable, Collection, Hashable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, fields
-from math import dist, inf, nan
+from math import degrees, dist, inf, nan
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
@@ -79,14 +80,21 @@ class Outline:
         return wanted / present if present else 1.0
 
     @property
+    def turn_deg(self) -> float:
+        """Turn in the frame to the wanted pose, positive clockwise; 0 where the subject is not found."""
+        pairs = [(complex(*u), complex(*v)) for u, v in self._pairs]
+        a, b = (sum(one) / len(pairs) for one in zip(*pairs, strict=True)) if pairs else (0, 0)
+        return degrees(phase(sum((v - b) * (u - a).conjugate() for u, v in pairs)))
+
+    @property
     def _pairs(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
         return list(zip(self.present, self.wanted, strict=False))
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Progress of the photographs: standard uncertainty `now` and `after` the next one, NaN where it is not known
-    before the estimate; `left` is the number of photographs to the goal."""
+    """Progress of the photographs: standard uncertainty `now` and `after` the next one, infinite where they do not
+    determine it yet, NaN where it is not known before the estimate; `left` photographs to the goal."""
 
     left: int
     name: str = ""
@@ -100,9 +108,9 @@ class Goal:
         left = f"{self.left} photograph{'s' * (self.left != 1)} to the goal"
         if self.now != self.now:
             return f"{left}."
-        now = f"{self.name} ± {self.now:.2g}" if self.now < inf else f"{self.name} unknown"
-        after = f"± {self.after:.2g} {self.unit}".rstrip()
-        return f"{now} now, {after} after the next photograph; {left}."
+        now, after = (f"± {one:.2g}" if one < inf else "unknown" for one in (self.now, self.after))
+        unit = f" {self.unit}" if self.unit and self.after < inf else ""
+        return f"{self.name} {now} now, {after}{unit} after the next photograph; {left}."
 
 
 @dataclass(frozen=True)
@@ -136,12 +144,13 @@ class Advice:
 
 @dataclass(frozen=True)
 class Diagram:
-    """A curve that explains a choice.
+    """A curve that explains a choice, or a drawing.
 
     label : quantities of the axes
     x, y : (n,) x increasing
     say : its meaning in one or two sentences
     rows : the curve as a table, headings first
+    drawing : lines of ASCII in place of the curve
     """
 
     label: str
@@ -149,6 +158,7 @@ class Diagram:
     y: tuple[float, ...]
     say: str
     rows: tuple[tuple[str, ...], ...] = ()
+    drawing: str = ""
 
 
 # --- requests ---
@@ -365,7 +375,6 @@ class Plan:
     facts: type[Any] | None = None
 
     def asks(self) -> dict[str, Ask]:
-        """All questions by key."""
         requests = (request for step in self.steps for request in step.requests)
         return {request.key: request for request in requests if isinstance(request, Ask)}
 
@@ -409,7 +418,6 @@ class AxisTravel:
 
     @property
     def middle(self) -> float | None:
-        """Middle of the travel."""
         return None if self.low is None or self.high is None else (self.low + self.high) / 2
 
 
@@ -513,7 +521,6 @@ def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
 
 
 def _plain(hint: Any) -> Any:
-    """The type without None."""
     return next((one for one in get_args(hint) if one is not NoneType), hint) if NoneType in get_args(hint) else hint
 
 

@@ -72,7 +72,6 @@ class Sampling:
             )
 
     def to_record(self) -> dict[str, int | float | str | list[float]]:
-        """Entries of a record."""
         at = {"at": list(self.at)} if self.at else {}
         return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver, **at}
 

@@ -1,7 +1,5 @@
 """Reading of photographs into arrays: mosaic planes of RAW files, grey images, without demosaicking."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,14 +16,7 @@ from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
 from procedures.reading.development import Development
 from procedures.reading.exposure import Exposure, read_exposure
-from procedures.reading.grey_image import (
-    PNG_MAGIC,
-    TIFF_MAGIC,
-    Samples,
-    read_pgm,
-    read_png,
-    read_tiff,
-)
+from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, Samples, read_pgm, read_png, read_tiff
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise, no_pixels, stuck_pixels
 from procedures.reading.motion_records import ImuRecord, ShakerPath, ShakerResponse, measured_path
@@ -42,20 +33,9 @@ from procedures.reading.tiff_tags import (
 )
 
 __all__ = [
-    "GREY_PLANE",
-    "MOSAIC_PLANES",
-    "Exposure",
-    "ImuRecord",
-    "Plane",
-    "RawFrame",
-    "ShakerPath",
-    "ShakerResponse",
-    "default_plane",
-    "measured_path",
-    "read_frame",
-    "read_photograph",
-    "read_planes",
-]
+    "GREY_PLANE", "MOSAIC_PLANES", "Exposure", "ImuRecord", "Plane", "RawFrame", "ShakerPath", "ShakerResponse",
+    "default_plane", "measured_path", "read_frame", "read_photograph", "read_planes",
+]  # fmt: skip
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """Planes of a 2 x 2 mosaic; G1 lies on the red rows."""
@@ -102,7 +82,7 @@ class Plane:
     @classmethod
     def from_array(
         cls, array: npt.NDArray[Any], name: str = GREY_PLANE, *, black: float = 0.0, white: float | None = None
-    ) -> Plane:
+    ) -> "Plane":
         """Plane of linear samples (rows, columns).
 
         black, white : sample values of black and white. White is 1 by default for floating-point samples, which are
@@ -174,11 +154,7 @@ def as_frame(image: object, name: str = "array") -> RawFrame:
 
 
 def read_frame(
-    path: Path | str,
-    names: Sequence[str] | None = None,
-    layout: DumpLayout | None = None,
-    *,
-    data: bytes | None = None,
+    path: Path | str, names: Sequence[str] | None = None, layout: DumpLayout | None = None, *, data: bytes | None = None
 ) -> RawFrame:
     """Read the planes of a photograph, linear, black 0 and white 1, with its exposure data.
 
@@ -235,7 +211,6 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
 
 
 def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
-    """Reader for this file."""
     if layout:
         return partial(_read_dump, layout)
     return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
@@ -472,14 +447,9 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 
 
 def _scaled_plane(
-    name: str,
-    levels: Samples,
-    black: npt.NDArray[np.float32],
-    white: float,
-    position: tuple[int, int] | None = None,
-    *,
-    raw: bool = True,
-) -> Plane:
+    name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
+    *, raw: bool = True,
+) -> Plane:  # fmt: skip
     """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)

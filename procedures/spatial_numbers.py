@@ -50,10 +50,7 @@ class DrawnNumber:
 def first_moments(psf: Psf) -> list[DrawnNumber]:
     """Centroid (x, y) over the support, from the PSF's centre."""
     x = psf.offsets_px
-    return [
-        _first_moment(psf, CENTROID_X, np.tile(x, psf.k)),
-        _first_moment(psf, CENTROID_Y, np.repeat(x, psf.k)),
-    ]
+    return [_first_moment(psf, CENTROID_X, np.tile(x, psf.k)), _first_moment(psf, CENTROID_Y, np.repeat(x, psf.k))]
 
 
 def whole_numbers(psf: Psf) -> list[DrawnNumber]:

@@ -10,13 +10,13 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.command import SEED, UNITS, FiniteNumber
 from station.common.namesakes import check_namesakes
 
 check_namesakes()  # before the imports that would fail in a foreign package
 
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import SEED, UNITS, FiniteNumber
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -37,16 +37,16 @@ COMMANDS = {
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
-    "explain": ("explain", "explain", "Explain a result: cause, largest uncertainty, best remedy."),
-    "verify": ("verify", "verify", "Compare a certificate with its record and its originals."),
+    "explain": ("results", "explain", "Explain a result: cause, largest uncertainty, best remedy."),
+    "verify": ("results", "verify", "Compare a certificate with its record and its originals."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("bench.devices", "devices", "Show the configured devices and their answers."),
-    "conform": ("bench.conform", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
+    "conform": ("bench.devices", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
-    "simulate": ("bench.simulate", "simulate", "Open the simulated bench for other programs."),
-    "completion": ("completion", "completion", "Write the script by which a shell completes commands."),
+    "simulate": ("bench.serve", "simulate", "Open the simulated bench for other programs."),
+    "completion": ("templates", "completion", "Write the script by which a shell completes commands."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
-    "init": ("init", "init", "Write commented template files."),
+    "init": ("templates", "init", "Write commented template files."),
     "manual": ("manual", "manual", "Show the manual, or write it as pages for a browser."),
     "reproduce": ("reproduce", "reproduce", "Compute the papers' tables and figures again."),
 }

@@ -1,7 +1,5 @@
 """Aravis where it is installed, and its fake GigE Vision camera: another process, over the loopback network."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """A headless Chromium that is started once and asked through pipes, by the DevTools protocol."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """What is wrong with a printed page: text outside the paper or its box, and a last page that is nearly empty."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass

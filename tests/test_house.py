@@ -1,7 +1,5 @@
 """Rules of style, format, types and imports, checked by `.ci/check`."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

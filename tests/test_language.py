@@ -1,7 +1,5 @@
 """One term for one concept: sources and manual keep to the vocabulary, and a class name has one meaning."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tokenize

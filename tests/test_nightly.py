@@ -1,7 +1,5 @@
 """The nightly command: its parts are there, its summary tells what became of each, and the workflow runs them all."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re
@@ -33,7 +31,9 @@ def nightly() -> ModuleType:
 def test_every_part_is_there_or_a_slot(nightly, tmp_path):
     parts = nightly.parts(7, tmp_path)
     assert len({part.name for part in parts}) == len(parts) > 10
-    files = [str(word) for part in parts for word in part.words if re.match(r"tests/|.*/\.ci/", str(word))]
+    files = [
+        str(word) for part in parts for word in (part.needs, *part.words) if re.match(r"tests/|.*/\.ci/", str(word))
+    ]
     missing = {os.path.relpath(ROOT / one, ROOT) for one in files if not (ROOT / one).exists()}
     assert missing <= SLOTS
 

@@ -1,7 +1,5 @@
 """What `conftest.py` sets up for all tests."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -9,11 +9,11 @@ import numpy as np
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels, NumberedOptions
 from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, Clock, FrameMissing, FrameWrong, Rejected
-from drivers.frames import OneFrame
+from drivers.frames import FrameCamera
 from drivers.interfaces import CameraSettings, ExposedFile, FrameFormat, Identity
 from drivers.making import FrameOptions, MakerContext
-from drivers.options import Patience, option, positive
-from drivers.wire.connection import LineDevice, not_connected
+from drivers.options import TimeLimit, option, positive
+from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
@@ -35,29 +35,23 @@ class AlpacaCameraSettings:
     """
 
     exposure_s: Annotated[float, positive("0.1")] = 0.1
-    patience_s: Patience = 30.0
+    patience_s: TimeLimit = 30.0
     gain: Annotated[int, option("0", least=0)] | None = None
     offset: Annotated[int, option("0", least=0)] | None = None
 
 
-class AlpacaCamera(LineDevice[AlpacaLink]):
+class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
     """A Camera of an Alpaca server; frames are saved by `frames`."""
 
     def __init__(
-        self,
-        server: AlpacaAddress,
-        number: int,
-        frames: DngFolder,
-        settings: AlpacaCameraSettings | None = None,
-        *,
+        self, server: AlpacaAddress, number: int, frames: DngFolder, settings: AlpacaCameraSettings | None = None, *,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._link = AlpacaLink(server, "camera", number)
-        super().__init__(self._link, clock)
         self._wanted = settings or AlpacaCameraSettings()
-        self.settings = CameraSettings(exposure_s=self._wanted.exposure_s)
+        LineDevice.__init__(self, self._link)
+        FrameCamera.__init__(self, clock, CameraSettings(exposure_s=self._wanted.exposure_s))
         self._frames = frames
-        self._one_frame = OneFrame(lambda: self.address)
         self._state = IDLE
         self._body = Body("", "")
 
@@ -66,13 +60,10 @@ class AlpacaCamera(LineDevice[AlpacaLink]):
         self._frames.check()
         identity = self._link.open()
         self._body = Body("Alpaca", identity.model.removeprefix("Alpaca "))
-        try:
+        with closed_after_errors(self):
             for name, value in (("Gain", self._wanted.gain), ("Offset", self._wanted.offset)):
                 if value is not None:
                     self._set(name, value)
-        except BaseException:
-            self.close()
-            raise
         return identity
 
     def _set(self, name: str, value: int) -> None:
@@ -101,11 +92,6 @@ class AlpacaCamera(LineDevice[AlpacaLink]):
         """Use the exposure time from now on; the other settings belong to the lens and are only checked in the file."""
         exposure_s = self.settings.exposure_s if settings.exposure_s is None else settings.exposure_s
         self.settings = CameraSettings(exposure_s, settings.iso, settings.f_number)
-
-    def expose(self) -> ExposedFile:
-        """Take one photograph, fetch and write it, read it back. Raises DeviceError."""
-        with self._one_frame:
-            return self._expose()
 
     def _expose(self) -> ExposedFile:
         if not self._link.is_open:

@@ -23,7 +23,7 @@ from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, NoReading
 from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import Count, Uncertainty, option
-from drivers.wire.connection import LineDevice, not_connected
+from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
 CLIENT = os.getpid() & 0xFFFF
 """The client number of this program."""
@@ -87,14 +87,11 @@ class AlpacaLink:
         key = base64.b64encode(f"any:{password}".encode()).decode()
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
         self.is_open = self.is_claimed = True
-        try:
+        with closed_after_errors(self):
             self.put("connected", Connected=True)
             identity = Identity(f"Alpaca {self.get('name')}", str(self.get("driverversion")), "", self.address)
             with suppress(Rejected):
                 self.can_resume = RESUME in self.get("supportedactions")
-        except BaseException:
-            self.close()
-            raise
         return identity
 
     def close(self) -> None:

@@ -3,26 +3,22 @@
 The standard has no homing: the reported position is trusted, unless station.toml names an action that homes.
 """
 
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Literal
 
 from drivers.alpaca.link import NOT_NOW, RESUME, AlpacaAddress, AlpacaLink, ServerOptions
-from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NoAnswer, Rejected, SystemClock
-from drivers.interfaces import Condition, Identity, Travel
+from drivers.errors import BadConfiguration, Clock, Rejected
+from drivers.interfaces import Identity, Travel
 from drivers.making import MakerContext
-from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
-from drivers.options import AxisName, Count, Patience, axes, option, positive, text
-from drivers.wire.connection import anything, not_connected
+from drivers.options import AxisName, Count, TimeLimit, axes, option, positive, text
+from drivers.served_stage import ServedStage
+from drivers.wire.connection import closed_after_errors
 
-POLL_S = 0.05
 MM_PER_UM = 1e-3
 PRECISION_STEPS = 2
-HALT, HALTED_S = "halt", 0.25
-"""How long a stop waits for slow servers; its threads continue trying."""
+HALT = "halt"
 
 
 @dataclass(frozen=True)
@@ -73,30 +69,24 @@ class FocuserAxis:
     scale: Scale = field(init=False)
 
 
-class AlpacaStage:
+class AlpacaStage(ServedStage[FocuserAxis]):
     """A Stage of focusers of one Alpaca server."""
 
     def __init__(
         self, server: AlpacaAddress, axes: Sequence[AlpacaAxis], *, patience_s: float = 60.0, clock: Clock | None = None
     ) -> None:
-        self.clock = clock or SystemClock()
-        self.trust = Trust()
-        self._parts = {axis.name: FocuserAxis(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
-        self._patience_s = patience_s
-        self._one_mover = OneMover()
+        super().__init__(patience_s, clock)
+        self._by_axis = {axis.name: FocuserAxis(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
 
     @property
     def address(self) -> str:
-        return ", ".join(part.link.address for part in self._parts.values())
+        return ", ".join(part.link.address for part in self._by_axis.values())
 
     def connect(self) -> Identity:
         """Connect every focuser and read step sizes and travel. Raises DeviceError."""
         self.close()
-        try:
-            identities = [self._prepare(part) for part in self._parts.values()]
-        except BaseException:
-            self.close()
-            raise
+        with closed_after_errors(self):
+            identities = [self._prepare(part) for part in self._by_axis.values()]
         models = "; ".join(dict.fromkeys(identity.model for identity in identities))
         return Identity(models, identities[0].firmware, "", self.address)
 
@@ -115,68 +105,40 @@ class AlpacaStage:
         return identity
 
     def close(self) -> None:
-        self.trust.lose(UNHOMED)
-        self.trust.why = UNHOMED
-        for part in self._parts.values():
+        super().close()
+        for part in self._by_axis.values():
             part.link.close()
 
     @property
-    def _open(self) -> bool:
-        """Whether every focuser is connected."""
-        return all(part.link.is_open for part in self._parts.values())
-
-    def condition(self) -> Condition:
-        return self.trust.refusal(self._open) or Condition("idle")
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise not_connected(self.address)
+    def _is_open(self) -> bool:
+        return all(part.link.is_open for part in self._by_axis.values())
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis; known once connected."""
-        return {name: part.scale.travel for name, part in self._parts.items()} if self._open else {}
+        return {name: part.scale.travel for name, part in self._by_axis.items()} if self._is_open else {}
 
     def position(self) -> Mapping[str, float]:
         self._require_open()
-        return {name: part.scale.to_unit(int(part.link.number_of("position"))) for name, part in self._parts.items()}
+        return {name: part.scale.to_unit(int(part.link.number_of("position"))) for name, part in self._by_axis.items()}
 
-    def moving(self) -> bool:
-        self._require_open()
-        return any(_moving(part) for part in self._parts.values())
+    def _parts(self, names: Collection[str] | None = None) -> list[FocuserAxis]:
+        return [part for name, part in self._by_axis.items() if names is None or name in names]
 
-    # --- moving
+    def _moves(self, part: FocuserAxis) -> bool:
+        return bool(part.link.get("ismoving"))
 
-    def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Call the homing action of every axis that has one, one after another. Raises DeviceError."""
-        with self._one_mover as stops:
-            self._require_open()
-            epoch = self.trust.begin(self.trust.preemptions)
-            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
-            with self._left_still(epoch):
-                for part in self._parts.values():
-                    if part.axis.home:
-                        self._order(part, "action", undisturbed, Action=part.axis.home, Parameters="")
-                        self._finish([part], epoch)
-                undisturbed()
-                self.position()  # a focuser without a known position raises here
-            self.trust.give(epoch)
+    def _tolerance(self, name: str) -> float:
+        return PRECISION_STEPS * self._by_axis[name].scale.unit_per_step
 
-    def move_to(self, **target: float) -> None:
-        """Move the axes simultaneously and return when all are still. Raises DeviceError."""
-        with self._one_mover as stops:
-            self._require_open()
-            self.trust.require()
-            check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
-            parts = [self._parts[name] for name in target]
-            with self._left_still(epoch):
-                for number, part in enumerate(parts):
-                    self._send(part, target[part.axis.name], parts[:number], epoch, may_go)
-                self._finish(parts, epoch)
-                there, stopped = self.position(), self._one_mover.stopped(stops)
-                for part in parts:
-                    name, tolerance = part.axis.name, PRECISION_STEPS * part.scale.unit_per_step
-                    check_arrival(name, target[name], there[name], tolerance, stopped)
+    def _begin_homing(self, part: FocuserAxis, allowed: Callable[[], None]) -> bool:
+        if part.axis.home:
+            self._order(part, "action", allowed, Action=part.axis.home, Parameters="")
+        return bool(part.axis.home)
+
+    def _begin_moves(self, target: Mapping[str, float], epoch: int, allowed: Callable[[], None]) -> None:
+        parts = [self._by_axis[name] for name in target]
+        for number, part in enumerate(parts):
+            self._send(part, target[part.axis.name], parts[:number], epoch, allowed)
 
     def _send(
         self, part: FocuserAxis, value: float, begun: Sequence[FocuserAxis], epoch: int, allowed: Callable[[], None]
@@ -197,59 +159,24 @@ class AlpacaStage:
         part.link.put(order, **values)
         allowed()
 
-    def _finish(self, parts: Sequence[FocuserAxis], epoch: int) -> None:
-        """Wait until these are still. Raises NoAnswer after the time limit."""
-        deadline_s = self.clock.now_s() + self._patience_s
-        while any(_moving(part) for part in parts):
-            self.trust.undisturbed(epoch)
-            if self.clock.now_s() > deadline_s:
-                reason = f"{self.address} still moves after {self._patience_s:g} s"
-                raise NoAnswer(reason, "check its mechanics, or raise patience_s")
-            self.clock.sleep(POLL_S)
-        self.trust.undisturbed(epoch)
-
-    @contextmanager
-    def _left_still(self, epoch: int) -> Iterator[None]:
-        with left_still(self._halt_all, self.emergency_stop, self.trust):
-            try:
-                yield
-            except DeviceError:
-                self.trust.undisturbed(epoch)  # report an error caused by a stop as that stop
-                raise
-
     def stop(self) -> None:
         """Stop and stay: sent at once, outside the client's queue, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_open()
         self._halt_all()
-        for part in self._parts.values():
+        for part in self._by_axis.values():
             part.link.put(HALT)
 
     def resume(self) -> None:
         """End a pause at the servers that offer that. Raises Held while a person still has to act, DeviceError."""
         self._require_open()
-        for part in self._parts.values():
+        for part in self._by_axis.values():
             if part.link.can_resume:
                 part.link.put("action", Action=RESUME, Parameters="")
                 self._finish([part], self.trust.epoch)
 
-    def emergency_stop(self) -> None:
-        """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""
-        self._one_mover.stop()
-        self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
-        self._halt_all()
-
-    def _halt_all(self) -> None:
-        links = [part.link for part in self._parts.values() if part.link.is_claimed]
-        threads = [threading.Thread(target=link.preempt, args=(HALT,), name="halt", daemon=True) for link in links]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(HALTED_S / len(threads))
-
-
-def _moving(part: FocuserAxis) -> bool:
-    return bool(part.link.get("ismoving"))
+    def _halts(self) -> list[Callable[[], object]]:
+        return [partial(part.link.preempt, HALT) for part in self._by_axis.values() if part.link.is_claimed]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +184,7 @@ class AlpacaStageOptions(ServerOptions):
     """Options of driver "alpaca_stage"."""
 
     axes: Annotated[tuple[AlpacaAxis, ...], axes("focuser")]
-    patience_s: Patience = 60.0
+    patience_s: TimeLimit = 60.0
 
     def make(self, parts: MakerContext) -> AlpacaStage:
         return AlpacaStage(self.at, self.axes, patience_s=self.patience_s, clock=parts.clock)

@@ -11,7 +11,7 @@ from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import MakerContext
 from drivers.options import SHUTTER, Count
 from drivers.shutter import OneContact
-from drivers.wire.connection import LineDevice, not_connected
+from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
 SET = "setswitch"
 
@@ -36,7 +36,7 @@ class AlpacaSwitch(LineDevice[AlpacaLink]):
     def connect(self) -> Identity:
         """Connect, and read name and range. Raises DeviceError."""
         link, identity = self.link, self.link.open()
-        try:
+        with closed_after_errors(self.link):
             count = int(link.number_of("maxswitch"))
             if self.switch >= count:
                 reason = f"{link.address} has {count} switches; number {self.switch} was requested"
@@ -45,9 +45,6 @@ class AlpacaSwitch(LineDevice[AlpacaLink]):
             self.low, self.high = (link.number_of(f"{end}switchvalue", Id=self.switch) for end in ("min", "max"))
             if not link.get("canwrite", Id=self.switch):
                 raise BadConfiguration(f"{name} at {self.address} is read only", "give the number of another switch")
-        except BaseException:
-            self.link.close()
-            raise
         return Identity(f"{identity.model}, {name}", identity.firmware, "", self.address)
 
     def set(self, on: bool) -> None:
@@ -95,11 +92,8 @@ class AlpacaShutter(OneContact[AlpacaSwitch]):
 
     def connect(self) -> Identity:
         identity = self._switch.connect()
-        try:
+        with closed_after_errors(self):
             self._switch.set(False)
-        except BaseException:
-            self.close()
-            raise
         return identity
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
@@ -155,7 +149,6 @@ class SwitchOptions(NumberedOptions):
 
     @property
     def line(self) -> AlpacaSwitch:
-        """The switch."""
         return AlpacaSwitch(self.at, self.device, self.switch)
 
 

@@ -7,22 +7,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from drivers.dng import Body, DngFolder, Frame
-from drivers.errors import (
-    BadConfiguration,
-    Clock,
-    DeviceError,
-    FrameMissing,
-    FrameWrong,
-    LineLost,
-    Rejected,
-    SystemClock,
-)
-from drivers.frames import OneFrame
+from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.frames import FrameCamera
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.options import option, positive, text
-from drivers.wire.connection import not_connected
+from drivers.wire.connection import closed_after_errors, not_connected
 
 BUFFERS = 4
 SLICE_S = 0.05
@@ -55,19 +46,14 @@ class GenicamSettings:
     patience_s: Annotated[float, positive("5")] = 5.0
 
 
-class GenicamCamera:
+class GenicamCamera(FrameCamera):
     """A Camera on Aravis; `camera` is its name or address as listed by Aravis, "" the first one found."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        camera: str = "",
-        settings: GenicamSettings | None = None,
-        *,
+        self, frames: DngFolder, camera: str = "", settings: GenicamSettings | None = None, *,
         clock: Clock | None = None,
-    ) -> None:
-        self.clock = clock or SystemClock()
-        self.settings = CameraSettings()
+    ) -> None:  # fmt: skip
+        super().__init__(clock)
         self._frames, self._name, self._wanted = frames, camera, settings or GenicamSettings()
         self._aravis: Any = None
         self._camera: Any = None
@@ -75,7 +61,6 @@ class GenicamCamera:
         self._listening: tuple[Any, int] | None = None
         self._body = Body("", "")
         self._form = PixelFormat("Mono8", 8)
-        self._one_frame = OneFrame(lambda: self.address)
         self._lost = False
 
     @property
@@ -91,13 +76,10 @@ class GenicamCamera:
         self._aravis = load()
         with translated_errors(self.address, "check power, cable and address; close its other programs", LineLost):
             self._camera = self._aravis.Camera.new(self._name or None)
-        try:
+        with closed_after_errors(self):
             identity = self._identify()
             self._set_up()
             self._start()
-        except BaseException:
-            self.close()
-            raise
         return identity
 
     def _identify(self) -> Identity:
@@ -216,16 +198,15 @@ class GenicamCamera:
         if self._camera is None or self._lost:
             raise not_connected(self.address)
 
-    def expose(self) -> ExposedFile:
-        with self._one_frame:
-            self._require()
-            if self._stream is None:
-                self._start()
-            try:
-                return self._triggered()
-            except DeviceError:
-                self._stop()  # its frame may still come, and could be taken for the next one's
-                raise
+    def _expose(self) -> ExposedFile:
+        self._require()
+        if self._stream is None:
+            self._start()
+        try:
+            return self._triggered()
+        except DeviceError:
+            self._stop()  # its frame may still come, and could be taken for the next one's
+            raise
 
     def _triggered(self) -> ExposedFile:
         requested_s = self.clock.now_s()
@@ -267,10 +248,6 @@ class GenicamCamera:
         notes = {"pixel_format": self._form.name, "frame": buffer.get_frame_id(), "camera_ns": buffer.get_timestamp()}
         comment = json.dumps(notes if gain_db is None else {**notes, "gain_db": gain_db})
         return Frame(mosaic, self._form.cfa, self._form.white, exposure_s, comment)
-
-    def emergency_stop(self) -> None:
-        """Nothing moves: stop waiting for a frame."""
-        self._one_frame.stop()
 
 
 @dataclass(frozen=True, kw_only=True)

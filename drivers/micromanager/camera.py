@@ -1,7 +1,8 @@
 """A Micro-Manager camera: its snapped image, written as a DNG with its exposure."""
 
 import threading
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,12 @@ import numpy as np
 
 from drivers.dng import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, Clock, FrameWrong, LineLost, MoveFailed, Rejected, SystemClock
-from drivers.frames import OneFrame
+from drivers.frames import FrameCamera
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import DriverOptions, FrameOptions, MakerContext
 from drivers.options import SHUTTER as PROVIDES_SHUTTER
 from drivers.options import option, text
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import closed_after_errors, line_condition, not_connected
 
 
 class Core:
@@ -87,10 +88,10 @@ def adapter_message(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def check_device(core: Any, label: str, kinds: tuple[int, ...], what: str, config: str) -> None:
-    """Raises BadConfiguration unless the configuration has such a device; `kinds` are Micro-Manager's type numbers."""
+def check_device(core: Any, label: str, kind: int, what: str, config: str) -> None:
+    """Raises BadConfiguration unless the configuration has such a device; `kind` is Micro-Manager's type number."""
     labels = core.getLoadedDevices()
-    good = [one for one in labels if int(core.getDeviceType(one)) in kinds]
+    good = [one for one in labels if int(core.getDeviceType(one)) == kind]
     if label not in good:
         state = "has another type" if label in labels else "is not in it"
         there = ", ".join(good) or "it has none"
@@ -99,11 +100,6 @@ def check_device(core: Any, label: str, kinds: tuple[int, ...], what: str, confi
 
 CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6
 """Micro-Manager's device type numbers (MMDeviceConstants.h)."""
-
-
-def identity_text(core: Any, label: str) -> str:
-    """Adapter library and name of a device."""
-    return f"{core.getDeviceLibrary(label)} {core.getDeviceName(label)}"
 
 
 Label = Annotated[str, text('"Camera"', "a device's label in that configuration in quotes")]
@@ -126,63 +122,35 @@ class CoreOptions(DriverOptions):
         return core
 
 
-GAIN_ROUNDING = 0.01
-"""Allowed relative deviation from the requested gain."""
-REMEDY = "check its power and cable, then connect it again"
+class CoreDevice(ABC):
+    """A device, or several, of a configuration: `labels` with their type numbers and what they are called."""
 
-
-class MicroManagerCamera:
-    """A Camera of a Micro-Manager configuration.
-
-    cfa : colours of its tile, None for a monochrome sensor
-    gain : in the adapter's own unit, None keeps the configuration's
-    """
-
-    def __init__(
-        self,
-        core: Core,
-        device: str,
-        frames: DngFolder,
-        *,
-        cfa: str | None = None,
-        gain: float | None = None,
-        clock: Clock | None = None,
-    ) -> None:
+    def __init__(self, core: Core, labels: Mapping[str, tuple[int, str]], clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
-        self.settings = CameraSettings()
-        self._shared, self._label, self._frames, self._cfa, self._gain = core, device, frames, cfa, gain
+        self._shared, self._labels = core, labels
+        self._label = next(iter(labels))
         self._core: Any = None
-        self._one_frame = OneFrame(lambda: self.address)
 
     @property
     def address(self) -> str:
-        """The device's label and its configuration."""
-        return f"{self._label} in {self._shared.config.name}"
+        """The devices' labels and their configuration."""
+        return f"{', '.join(self._labels)} in {self._shared.config.name}"
 
     def connect(self) -> Identity:
-        """Load the configuration and check that the camera exists. Raises DeviceError."""
+        """Load the configuration and check that the devices exist. Raises DeviceError."""
         self.close()
-        self._frames.check()
         core = self._shared.join(self)
-        try:
-            check_device(core, self._label, (CAMERA,), "camera", self._shared.config.name)
-            if self._gain is not None:
-                self._set_gain(core, self._gain)
-        except BaseException:
-            self._shared.leave(self)
-            raise
+        with closed_after_errors(self):
+            for label, (kind, what) in self._labels.items():
+                check_device(core, label, kind, what, self._shared.config.name)
+            self._prepare(core)
         self._core = core
-        model = f"Micro-Manager {identity_text(core, self._label)}"
-        return Identity(model, core.getVersionInfo(), "", self.address)
+        models = "; ".join(f"{core.getDeviceLibrary(one)} {core.getDeviceName(one)}" for one in self._labels)
+        return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
 
-    def _set_gain(self, core: Any, gain: float) -> None:
-        """Set the gain, and read it back. Raises Rejected."""
-        remedy = "write a gain that its property Gain takes, or remove it"
-        with translated_errors(self.address, remedy):
-            core.setProperty(self._label, "Gain", f"{gain:g}")
-            there = float(core.getProperty(self._label, "Gain"))
-        if abs(there - gain) > GAIN_ROUNDING * abs(gain):
-            raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
+    @abstractmethod
+    def _prepare(self, core: Any) -> None:
+        """Set the devices up. Raises DeviceError."""
 
     def close(self) -> None:
         self._core = None
@@ -195,6 +163,41 @@ class MicroManagerCamera:
         if (core := self._core) is None:
             raise not_connected(self.address)
         return core
+
+
+GAIN_ROUNDING = 0.01
+"""Allowed relative deviation from the requested gain."""
+REMEDY = "check its power and cable, then connect it again"
+
+
+class MicroManagerCamera(CoreDevice, FrameCamera):
+    """A Camera of a Micro-Manager configuration.
+
+    cfa : colours of its tile, None for a monochrome sensor
+    gain : in the adapter's own unit, None keeps the configuration's
+    """
+
+    def __init__(
+        self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, gain: float | None = None,
+        clock: Clock | None = None,
+    ) -> None:  # fmt: skip
+        CoreDevice.__init__(self, core, {device: (CAMERA, "camera")})
+        FrameCamera.__init__(self, clock)
+        self._frames, self._cfa, self._gain = frames, cfa, gain
+
+    def _prepare(self, core: Any) -> None:
+        self._frames.check()
+        if self._gain is not None:
+            self._set_gain(core, self._gain)
+
+    def _set_gain(self, core: Any, gain: float) -> None:
+        """Set the gain, and read it back. Raises Rejected."""
+        remedy = "write a gain that its property Gain takes, or remove it"
+        with translated_errors(self.address, remedy):
+            core.setProperty(self._label, "Gain", f"{gain:g}")
+            there = float(core.getProperty(self._label, "Gain"))
+        if abs(there - gain) > GAIN_ROUNDING * abs(gain):
+            raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
 
     def sensor(self) -> FrameFormat:
         """The current camera's region of interest. Raises DeviceError."""
@@ -220,17 +223,17 @@ class MicroManagerCamera:
                 )
         self.settings = settings
 
-    def expose(self) -> ExposedFile:
-        """Take one photograph; one interrupted by an emergency stop is kept in the folder. Raises DeviceError."""
+    def _expose(self) -> ExposedFile:
+        """One interrupted by an emergency stop is kept in the folder."""
         core, requested_s = self._open(), self.clock.now_s()
-        with self._one_frame, self._shared.in_a_row, translated_errors(self.address, REMEDY):
+        with self._shared.in_a_row, translated_errors(self.address, REMEDY):
             core.setCameraDevice(self._label)
             begun_s = self.clock.now_s()
             core.snapImage()
             times = ShutterTimes(begun_s, self.clock.now_s())
             exposure_s = core.getExposure(self._label) / 1000
             frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
-        body = Body("Micro-Manager", identity_text(core, self._label))
+        body = Body("Micro-Manager", f"{core.getDeviceLibrary(self._label)} {core.getDeviceName(self._label)}")
         saved = self._frames.keep(frame, body, self.settings, requested_s, times)
         self._one_frame.check()
         return saved
@@ -244,10 +247,6 @@ class MicroManagerCamera:
                 "set its pixel type to a grey or raw one of 8 to 16 bits",
             )
         return np.asarray(core.getImage()).astype(np.uint16)
-
-    def emergency_stop(self) -> None:
-        """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
-        self._one_frame.stop()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,49 +267,23 @@ class MicroManagerCameraOptions(FrameOptions, CoreOptions):
 # --- A Micro-Manager shutter: in the light path, or on the trigger line of a camera ---
 
 
-class MicroManagerShutter:
+class MicroManagerShutter(CoreDevice):
     """A Shutter of a Micro-Manager configuration; its times are the host's."""
 
     def __init__(self, core: Core, device: str, *, clock: Clock | None = None) -> None:
-        self.clock = clock or SystemClock()
-        self._shared, self._label = core, device
-        self._core: Any = None
+        super().__init__(core, {device: (SHUTTER, "shutter")}, clock)
         self._end = threading.Condition()
         self._aborts = 0
 
-    @property
-    def address(self) -> str:
-        """The device's label and its configuration."""
-        return f"{self._label} in {self._shared.config.name}"
-
-    def connect(self) -> Identity:
-        """Load the configuration and close the shutter. Raises DeviceError."""
-        self.close()
-        core = self._shared.join(self)
-        try:
-            check_device(core, self._label, (SHUTTER,), "shutter", self._shared.config.name)
-            self._set(core, False)
-        except BaseException:
-            self._shared.leave(self)
-            raise
-        self._core = core
-        return Identity(f"Micro-Manager {identity_text(core, self._label)}", core.getVersionInfo(), "", self.address)
-
-    def close(self) -> None:
-        self._core = None
-        self._shared.leave(self)
-
-    def condition(self) -> Condition:
-        return line_condition(self._core is not None)
+    def _prepare(self, core: Any) -> None:
+        self._set(core, False)
 
     def focus(self, pressed: bool) -> None:
         """Not supported: there is no focus contact. Raises Rejected."""
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        if (core := self._core) is None:
-            raise not_connected(self.address)
-        aborts = self._aborts
+        core, aborts = self._open(), self._aborts
         self.clock.sleep(focus_s)
         begun_s = self.clock.now_s()
         try:

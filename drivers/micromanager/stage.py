@@ -4,36 +4,29 @@ The core reports no travel, so station.toml gives it. If an adapter cannot home,
 only if station.toml says so (`homes = false`: absolute encoders, piezos).
 """
 
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import methodcaller
 from typing import Annotated, Any, Literal
 
-from drivers.errors import Clock, EmergencyStopped, MoveFailed, NoAnswer, SystemClock
-from drivers.interfaces import Caveat, Condition, Identity, Travel
+from drivers.errors import Clock, MoveFailed
+from drivers.interfaces import Caveat, Condition, Travel
 from drivers.making import MakerContext
 from drivers.micromanager.camera import (
     STAGE,
     XY_STAGE,
     Core,
+    CoreDevice,
     CoreOptions,
     Label,
-    check_device,
-    identity_text,
     translated_errors,
 )
-from drivers.move_checks import HOME, UNHOMED, OneMover, Trust, check_arrival, check_target, left_still
-from drivers.options import AxisName, Patience, axes, interval, option, positive
-from drivers.wire.connection import anything, not_connected
+from drivers.options import AxisName, TimeLimit, axes, interval, option, positive
+from drivers.served_stage import ServedStage
 
-POLL_S = 0.02
 REMEDY = "check its power and cable, then connect it again"
 UNHOMABLE = "write homes = false for its axes if the reported position can be trusted"
-STOP_S = 0.1
-"""How long an emergency stop waits for busy adapters; their threads continue trying."""
 
 
 @dataclass(frozen=True)
@@ -67,63 +60,40 @@ class MicroManagerAxis:
         return self.zero + um * self.direction * self.unit_per_um
 
 
-class MicroManagerStage:
+class MicroManagerStage(CoreDevice, ServedStage[str]):
     """A Stage of devices in one Micro-Manager configuration."""
+
+    poll_s, halted_s = 0.02, 0.1
 
     def __init__(
         self, core: Core, axes: Sequence[MicroManagerAxis], *, patience_s: float = 60.0, clock: Clock | None = None
     ) -> None:
-        self.clock = clock or SystemClock()
-        self.trust = Trust()
-        self._shared, self._axes, self._patience_s = core, tuple(axes), patience_s
-        self._labels = tuple(dict.fromkeys(axis.device for axis in axes))
-        self._core: Any = None
-        self._one_mover = OneMover()
+        kinds = {axis.device: (XY_STAGE, "XY stage") if axis.part else (STAGE, "single axis") for axis in axes}
+        CoreDevice.__init__(self, core, kinds)
+        ServedStage.__init__(self, patience_s, clock)
+        self._axes = tuple(axes)
         self._unstoppable: tuple[str, ...] = ()
 
-    @property
-    def address(self) -> str:
-        """The devices' labels and their configuration."""
-        return f"{', '.join(self._labels)} in {self._shared.config.name}"
-
-    def connect(self) -> Identity:
-        """Load the configuration and check that the axes exist. Raises DeviceError."""
-        self.close()
-        core = self._shared.join(self)
-        try:
-            for axis in self._axes:
-                kind, what = (XY_STAGE, "XY stage") if axis.part else (STAGE, "single axis")
-                check_device(core, axis.device, (kind,), what, self._shared.config.name)
-            # a harmless stop now shows whether the adapter supports it
-            self._unstoppable = tuple(label for label in self._labels if not _halted(core, label))
-        except BaseException:
-            self._shared.leave(self)
-            raise
-        self._core = core
-        models = "; ".join(identity_text(core, label) for label in self._labels)
-        return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
+    def _prepare(self, core: Any) -> None:
+        # a harmless stop now shows whether the adapter supports it
+        self._unstoppable = tuple(label for label in self._labels if not _halted(core, label))
 
     def close(self) -> None:
-        self.trust.lose(UNHOMED)
-        self.trust.why = UNHOMED
-        self._core = None
-        self._shared.leave(self)
+        ServedStage.close(self)
+        CoreDevice.close(self)
+
+    @property
+    def _is_open(self) -> bool:
+        return self._core is not None
 
     def condition(self) -> Condition:
         """Whether it may move, and whether it can be stopped."""
-        if (refusal := self.trust.refusal(self._core is not None)) is not None:
-            return refusal
-        if self._unstoppable:
-            names = ", ".join(self._unstoppable)
-            return Condition(
-                "idle", caveat=Caveat(f"its adapter cannot stop {names}", "have a switch at hand that cuts its power")
-            )
-        return Condition("idle")
-
-    def _open(self) -> Any:
-        if (core := self._core) is None:
-            raise not_connected(self.address)
-        return core
+        condition = ServedStage.condition(self)
+        if not condition.usable or not self._unstoppable:
+            return condition
+        names = ", ".join(self._unstoppable)
+        caveat = Caveat(f"its adapter cannot stop {names}", "have a switch at hand that cuts its power")
+        return Condition("idle", caveat=caveat)
 
     def travel(self) -> Mapping[str, Travel]:
         """The configured range of each axis."""
@@ -131,35 +101,29 @@ class MicroManagerStage:
 
     def position(self) -> Mapping[str, float]:
         core = self._open()
-        with self._asked():
+        with translated_errors(self.address, REMEDY):
             return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
 
-    def moving(self) -> bool:
-        """Whether any device reports that it is busy. Raises DeviceError."""
-        core = self._open()
-        with self._asked():
-            return any(core.deviceBusy(label) for label in self._labels)
+    def _parts(self, names: Collection[str] | None = None) -> list[str]:
+        return list(dict.fromkeys(axis.device for axis in self._axes if names is None or axis.name in names))
 
-    def _asked(self) -> AbstractContextManager[None]:
-        return translated_errors(self.address, REMEDY)
+    def _moves(self, part: str) -> bool:
+        core = self._open()
+        with translated_errors(self.address, REMEDY):
+            return bool(core.deviceBusy(part))
+
+    def _tolerance(self, name: str) -> float:
+        return next(axis.tolerance for axis in self._axes if axis.name == name)
 
     # --- moving
 
-    def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Home the devices that have a reference. Raises DeviceError."""
-        with self._one_mover as stops:
-            self._open()
-            epoch = self.trust.begin(self.trust.preemptions)
-            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
-            with self._left_still():
-                for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
-                    self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
-                    self._finish([label], epoch)
-                undisturbed()
-                self._check_inside()
-            self.trust.give(epoch)
+    def _begin_homing(self, part: str, allowed: Callable[[], None]) -> bool:
+        homes = any(axis.homes for axis in self._of(part))
+        if homes:
+            self._order(methodcaller("home", part), allowed, UNHOMABLE)
+        return homes
 
-    def _check_inside(self) -> None:
+    def _check_homed(self) -> None:
         for axis in self._axes:
             here, (low, high) = self.position()[axis.name], axis.travel
             if not low - axis.tolerance <= here <= high + axis.tolerance:
@@ -168,21 +132,9 @@ class MicroManagerStage:
                     "correct zero, direction or travel in station.toml, or move it inside by hand",
                 )
 
-    def move_to(self, **target: float) -> None:
-        with self._one_mover as stops:
-            self._open()
-            self.trust.require()
-            check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
-            labels = [label for label in self._labels if any(axis.name in target for axis in self._of(label))]
-            with self._left_still():
-                for label in labels:
-                    self._send(label, target, may_go)
-                self._finish(labels, epoch)
-                there, stopped = self.position(), self._one_mover.stopped(stops)
-                for axis in self._axes:
-                    if axis.name in target:
-                        check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, stopped)
+    def _begin_moves(self, target: Mapping[str, float], epoch: int, allowed: Callable[[], None]) -> None:
+        for label in self._parts(target):
+            self._send(label, target, allowed)
 
     def _of(self, label: str) -> list[MicroManagerAxis]:
         return [axis for axis in self._axes if axis.device == label]
@@ -209,23 +161,8 @@ class MicroManagerStage:
         with translated_errors(self.address, remedy):
             order(core)
         if self.trust.preemptions != preemptions:
-            self._halt_all(core)
+            self._halt_all()
             self.trust.require()
-
-    def _finish(self, labels: Sequence[str], epoch: int) -> None:
-        """Wait until these devices are still. Raises NoAnswer after the time limit."""
-        core, deadline_s = self._open(), self.clock.now_s() + self._patience_s
-        with self._asked():
-            while any(core.deviceBusy(label) for label in labels):
-                self.trust.undisturbed(epoch)
-                if self.clock.now_s() > deadline_s:
-                    reason = f"{self.address} still moves after {self._patience_s:g} s"
-                    raise NoAnswer(reason, "check its mechanics, or raise patience_s")
-                self.clock.sleep(POLL_S)
-        self.trust.undisturbed(epoch)
-
-    def _left_still(self) -> AbstractContextManager[None]:
-        return left_still(partial(self._halt_all, self._open()), self.emergency_stop, self.trust)
 
     def stop(self) -> None:
         """Stop and stay. Raises Rejected if an adapter cannot stop."""
@@ -235,19 +172,9 @@ class MicroManagerStage:
             for label in self._labels:
                 core.stop(label)
 
-    def emergency_stop(self) -> None:
-        """Stop all devices simultaneously; unsafe until homed."""
-        self._one_mover.stop()
-        self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
-        if (core := self._core) is not None:
-            self._halt_all(core)
-
-    def _halt_all(self, core: Any) -> None:
-        threads = [threading.Thread(target=_halted, args=(core, label), daemon=True) for label in self._labels]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(STOP_S / len(threads))
+    def _halts(self) -> list[Callable[[], object]]:
+        core = self._core
+        return [] if core is None else [partial(_halted, core, label) for label in self._labels]
 
 
 def _halted(core: Any, label: str) -> bool:
@@ -269,7 +196,7 @@ class MicroManagerStageOptions(CoreOptions):
     """Options of driver "micromanager_stage"."""
 
     axes: Annotated[tuple[MicroManagerAxis, ...], axes("device", "part")]
-    patience_s: Patience = 60.0
+    patience_s: TimeLimit = 60.0
 
     def make(self, parts: MakerContext) -> MicroManagerStage:
         return MicroManagerStage(self.core(parts), self.axes, patience_s=self.patience_s, clock=parts.clock)

@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
-from drivers.wire.connection import URGENT_S, OutOfStep, anything
+from drivers.wire.connection import WRITE_S, OutOfStep, anything
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
@@ -38,7 +38,7 @@ class PendingReply:
 
 
 class TmclLink:
-    """The modules of one line; thread-safe.
+    """The modules of one line, as the line of a stage; thread-safe.
 
     Pending replies of each module are kept in a set, whose updates need no lock. All modules read the same
     bytes: those desynchronised together by a truncated order are synchronised together.
@@ -57,14 +57,27 @@ class TmclLink:
         """Whether the port is owned and has not been lost."""
         return self._transport.is_open
 
-    def open(self) -> None:
-        """Open the port. Raises BadConfiguration without the library, LineLost."""
-        library()
+    def open(self, listen: Callable[[bytes, float], None]) -> None:
+        """Open the port. Raises LineLost."""
         self._mark_all_pending()
-        self._transport.open(lambda event, host_s: None)
+        self._transport.open(listen)
 
     def close(self) -> None:
         self._transport.close()
+
+    def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a change without a request. Raises what interrupts it."""
+        return self._transport.wait(ready, timeout_s)
+
+    def write(self, data: bytes, *, noted: bool = True, within_s: float = WRITE_S) -> None:
+        """Send stops without queueing. Raises LineLost, NoAnswer if the port accepts none."""
+        self._mark_all_pending()
+        self._transport.write(data, noted=noted, within_s=within_s)
+
+    def preempt(self, data: bytes, error: Exception) -> None:
+        """Send stops ahead of every lock; the next request resynchronises the line. Never raises."""
+        self._mark_all_pending()
+        self._transport.preempt(data, error)
 
     def host(self, allowed: Callable[[], None] = anything, tries: int = 1) -> Any:
         """The library's interface to these modules; `allowed`, `tries` and the errors are those of a Transport.
@@ -72,10 +85,6 @@ class TmclLink:
         A refusal by a module raises Rejected.
         """
         return library().host(lambda data: self._carry(data, tries, allowed), self.address)
-
-    def wait(self, ready: Callable[[], bool], timeout_s: float) -> None:
-        """Wait for a change without a request. Raises what interrupts it."""
-        self._transport.wait(ready, timeout_s)
 
     # --- one request
 
@@ -136,18 +145,6 @@ class TmclLink:
 
         question = before + library().datagram(module, VERSION, VERSION_BINARY, 0, 0)
         self._transport.request(question, answer, STEP_S, 1, lambda: paid.update(self._pending_for(module)))
-
-    # --- the stop
-
-    def urge(self, stops: bytes) -> None:
-        """Send these datagrams without queueing. Raises LineLost, NoAnswer if the port accepts none."""
-        self._mark_all_pending()
-        self._transport.write(stops, within_s=URGENT_S)
-
-    def preempt(self, stops: bytes, error: Exception) -> None:
-        """Send these datagrams ahead of every lock; the next request resynchronises the line. Never raises."""
-        self._mark_all_pending()
-        self._transport.preempt(stops, error)
 
 
 def stop_bytes(motors: Iterable[tuple[int, int]]) -> bytes:

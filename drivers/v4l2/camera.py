@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from drivers.dng import Body, DngFolder, Frame
-from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, LineLost, Rejected, SystemClock
-from drivers.frames import OneFrame
+from drivers.errors import BadConfiguration, Clock, DeviceError, FrameMissing, LineLost, Rejected
+from drivers.frames import FrameCamera
 from drivers.genicam.pixel_formats import PixelFormat, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, ShutterTimes
 from drivers.making import FrameOptions, MakerContext
 from drivers.options import option, positive, text
 from drivers.v4l2 import kernel as v4l2
-from drivers.wire.connection import line_condition, not_connected
+from drivers.wire.connection import closed_after_errors, line_condition, not_connected
 
 BUFFERS = 4
 SLICE_S = 0.05
@@ -88,20 +88,14 @@ def translated_errors(address: str, remedy: str) -> Iterator[None]:
         raise Rejected(reason, remedy, errno.errorcode.get(error.errno or 0, "")) from error
 
 
-class V4l2Camera:
+class V4l2Camera(FrameCamera):
     """A Camera on a device file such as /dev/video0."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        device: str = "/dev/video0",
-        settings: V4l2Settings | None = None,
-        *,
-        kernel: v4l2.Kernel | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        self.clock = clock or SystemClock()
-        self.settings = CameraSettings()
+        self, frames: DngFolder, device: str = "/dev/video0", settings: V4l2Settings | None = None, *,
+        kernel: v4l2.Kernel | None = None, clock: Clock | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(clock)
         self._frames, self._path, self._wanted = frames, device, settings or V4l2Settings()
         self._kernel = kernel or v4l2.Kernel()
         self._file: int | None = None
@@ -109,7 +103,6 @@ class V4l2Camera:
         self._form = FORMATS["GREY"]
         self._picture = v4l2.PixelLayout()
         self._controls: dict[int, v4l2.ControlRange] = {}
-        self._one_frame = OneFrame(lambda: self.address)
 
     @property
     def address(self) -> str:
@@ -123,7 +116,7 @@ class V4l2Camera:
         self._frames.check()
         with translated_errors(self.address, "add yourself to the group video, then log in again"):
             self._file = self._kernel.open(self._path)
-        try:
+        with closed_after_errors(self):
             identity = self._identify()
             self._set_format()
             self._controls = {number: one for number in (*PLAIN, *SET) if (one := self._range(number)) is not None}
@@ -132,9 +125,6 @@ class V4l2Camera:
                     self._set(number, min(max(value, self._controls[number].low), self._controls[number].high))
             if self._wanted.gain is not None:
                 self._set_checked(self._gain_control(), self._wanted.gain, "gain")
-        except BaseException:
-            self.close()
-            raise
         return identity
 
     def _call(self, request: int, argument: Any) -> Any:
@@ -274,10 +264,6 @@ class V4l2Camera:
         if abs(there_s / exposure_s - 1) > ROUNDING:
             raise Rejected(f"{self.address} exposes {there_s:g} s instead of {exposure_s:g} s", REMEDY)
 
-    def expose(self) -> ExposedFile:
-        with self._one_frame:
-            return self._expose()
-
     def _expose(self) -> ExposedFile:
         requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
@@ -339,10 +325,6 @@ class V4l2Camera:
             return unpack(data, form, picture.height, picture.width, padding)
         except ValueError as error:
             raise FrameMissing(f"a frame of {self.address} is incomplete: {error}", "expose again") from error
-
-    def emergency_stop(self) -> None:
-        """Nothing moves: stop waiting for a frame."""
-        self._one_frame.stop()
 
 
 SET = (v4l2.EXPOSURE_TIME, v4l2.GAIN, v4l2.ANALOGUE_GAIN)

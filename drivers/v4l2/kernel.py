@@ -102,7 +102,6 @@ class VideoBuffer(ctypes.Structure):
 
     @property
     def time_s(self) -> float:
-        """The time stamp."""
         return float(self.time.seconds + self.time.microseconds * 1e-6)
 
 

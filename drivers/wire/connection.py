@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TextIO, TypeVar
+from typing import Any, Generic, Protocol, TextIO, TypeVar
 
 from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Condition, Line, Transport
@@ -31,6 +31,23 @@ def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda 
         yield
     except DeviceError:
         transport.close()
+        raise
+
+
+class Closable(Protocol):
+    """What can be closed."""
+
+    def close(self) -> None:
+        """Release the line."""
+
+
+@contextmanager
+def closed_after_errors(device: Closable) -> Iterator[None]:
+    """Close the device again if connecting it fails."""
+    try:
+        yield
+    except BaseException:
+        device.close()
         raise
 
 
@@ -282,13 +299,9 @@ class InStepLine(Generic[E]):
         self.owed: StepQuestion[E] | None = None
 
     def request(
-        self,
-        data: bytes,
-        answer: Callable[[E], T | None],
-        question: StepQuestion[E],
-        allowed: Callable[[], None] = anything,
-        tries: int = 1,
-    ) -> T:
+        self, data: bytes, answer: Callable[[E], T | None], question: StepQuestion[E],
+        allowed: Callable[[], None] = anything, tries: int = 1,
+    ) -> T:  # fmt: skip
         """The reply to `data`; arguments and errors are those of a Transport."""
         while True:
             try:

@@ -3,35 +3,33 @@
 A mask of amount a and radius r turns a picture x into x + a (x - g * x), g the Gaussian of standard deviation r. White
 noise then has the autocovariance of that kernel: neighbours are anticorrelated. Structure of paper, light or a poor fit
 is positively correlated, as imaged by a lens: it can hide a mask but not imitate one. For a slowly varying picture the
-differences of pixels give the covariance without its level (a variogram); a constant and a square of the distance
-absorb slow variation.
+differences of pixels give the covariance without its level (a variogram); constants and squares of the distance absorb
+slow variation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.corruption.family import threshold
+from procedures.corruption.family import SHARPENED, SMOOTHED, Strength
 from procedures.numerics import transforms
 from procedures.numerics.arrays import Array
+from procedures.outcome import Check
 
 MAX_LAG = 5
 """Greatest distance of a pair, in pixels."""
-RADII = (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Radii of the masks tried, in pixels; wider ones have hardly any effect within the reach."""
-AMOUNTS = np.concatenate([np.arange(0.01, 0.3, 0.01), np.geomspace(0.3, 2.0, 20)])
-REFERENCE_RADIUS = RADII.index(1.0)
+MASK_RADII, SMOOTHING_RADII = (0.6, 1.0, 2.0), (0.5, 0.7)
+"""Radii of the unsharp masks that tests search for in the noise, and of the negative ones that show smoothing."""
+TEXTURES = (1.0, 2.0)
+"""Textures of paper and walls: exponents of the frequency by which their spectra fall."""
 MIN_PAIRS = 500
 """Least number of pairs at one distance."""
 COARSEST = 0.02
 """Frequency below which the spectrum of a texture is flat, in cycles/pixel."""
-GRID = 12
-"""Extent of the sampled Gaussians, in pixels."""
 
 _y, _x = (one.ravel() for one in np.mgrid[0 : MAX_LAG + 1, -MAX_LAG : MAX_LAG + 1])
 _kept = ((_y > 0) | (_x > 0)) & (_x**2 + _y**2 <= MAX_LAG**2)
@@ -47,15 +45,13 @@ class Variogram:
 
     half_square : (l,) float64
     pairs : (l,) number of pairs
-    residual : whether it is of a fit's residual, whose finest detail depends on the model, too
     """
 
     half_square: Array
     pairs: Array
-    residual: bool = False
 
     @classmethod
-    def of(cls, picture: Array, known: npt.NDArray[np.bool_], *, residual: bool = False) -> Variogram:
+    def of(cls, picture: Array, known: npt.NDArray[np.bool_]) -> Variogram:
         """Variogram of a picture (rows, columns) where it is known; its level should be near 0."""
         rows, columns = (transforms.next_fast_len(n + MAX_LAG) for n in picture.shape)
         values = np.where(known, picture, 0.0)
@@ -64,7 +60,7 @@ class Variogram:
         )
         pairs = np.rint(transforms.irfft2(np.abs(one) ** 2, (rows, columns)))[LAG_Y, LAG_X]
         squares = transforms.irfft2((second * one.conj()).real - np.abs(first) ** 2, (rows, columns))[LAG_Y, LAG_X]
-        return cls(squares / np.maximum(pairs, 1), pairs, residual)
+        return cls(squares / np.maximum(pairs, 1), pairs)
 
     def inflation(self, variance: float) -> float:
         """Variance of the mean of many neighbours over that of as many white samples of this variance, at least 1."""
@@ -77,72 +73,14 @@ class Variogram:
         return float(near[1, 0] + near[0, 1] - (near[1, 1] + near[-1, 1]) / 2)
 
 
-@dataclass(frozen=True)
-class Sharpening:
-    """Maximum likelihood estimate of an unsharp mask from noise.
-
-    amount, radius_px : 0 where no mask is more likely than white noise
-    sigmas : significance: root of twice the gain of the log-likelihood over white noise
-    uncertainty : standard uncertainty of the amount of a mask of one pixel; infinite without data
-    """
-
-    amount: float
-    radius_px: float
-    sigmas: float
-    uncertainty: float
-
-
-def find_sharpening(variograms: Sequence[Variogram]) -> Sharpening:
-    """Unsharp mask of maximum likelihood from the noise of several fields; correlations of white noise scatter by 1 /
-    sqrt(pairs)."""
-    gain, information = np.zeros((2, len(RADII), len(AMOUNTS)))
-    for one in variograms:
-        if one.pairs.min() < MIN_PAIRS:
-            continue
-        weight = np.sqrt(one.pairs)
-        basis = np.linalg.qr(_nuisance_columns(one.residual) * weight[:, None])[0]
-        measured = weight * (1 - one.half_square / np.average(one.half_square, weights=one.pairs))
-        masked = _correlations() * weight
-        masked = masked - masked @ basis @ basis.T
-        power = np.sum(masked**2, axis=-1)
-        gain += 2 * masked @ (measured - basis @ (basis.T @ measured)) - power
-        information += power
-    if not information.any():
-        return Sharpening(0.0, 0.0, 0.0, np.inf)
-    uncertainty = float(AMOUNTS[0] / np.sqrt(information[REFERENCE_RADIUS, 0]))
-    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    if gain[i, j] <= 0:
-        return Sharpening(0.0, 0.0, 0.0, uncertainty)
-    return Sharpening(float(AMOUNTS[j]), RADII[i], float(np.sqrt(gain[i, j])), uncertainty)
-
-
-@dataclass(frozen=True)
-class MaskScore:
-    """Amount of an unsharp mask of one radius from the correlations of noise; negative for smoothing."""
-
-    radius_px: float
-    amount: float
-    uncertainty: float
-
-    @property
-    def score(self) -> float:
-        """The amount over its uncertainty."""
-        return self.amount / self.uncertainty
-
-    @property
-    def unseen(self) -> float:
-        """The amount, at most what a test lets pass."""
-        return min(self.amount, threshold() * self.uncertainty) if np.isfinite(self.uncertainty) else 0.0
-
-
 def mask_scores(
     variograms: Sequence[Variogram], radii: Sequence[float], nuisances: Sequence[Array] = ()
-) -> list[MaskScore]:
+) -> list[Strength]:
     """Score of a mask of each radius in the noise: an amount a of radius r gives white noise the correlation -2 a
     g(lag), g a Gaussian of unit volume; a constant and `nuisances` are fitted too."""
     known = [one for one in variograms if one.pairs.min() >= MIN_PAIRS and one.half_square.min() > 0]
     if not known:
-        return [MaskScore(radius, 0.0, np.inf) for radius in radii]
+        return [Strength() for _ in radii]
     columns = np.stack([np.ones(len(LAG_X)), *nuisances, *(_first_order(radius) for radius in radii)], axis=1)
     normal, right = (
         columns.T @ (columns * np.sum([one.pairs for one in known], axis=0)[:, None]),
@@ -151,11 +89,19 @@ def mask_scores(
     for one in known:
         right += columns.T @ (one.pairs * (1 - one.half_square / np.average(one.half_square, weights=one.pairs)))
     free, scores = 1 + len(nuisances), []
-    for i, radius in enumerate(radii):
+    for i in range(len(radii)):
         used = [*range(free), free + i]
         covariance = np.linalg.pinv(normal[np.ix_(used, used)])
-        scores.append(MaskScore(radius, float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
+        scores.append(Strength(float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
     return scores
+
+
+def noise_checks(masks: Sequence[Strength], smoothing: Sequence[Strength], *, raw: bool) -> list[Check]:
+    """Tests of sharpening and of smoothing by the noise: the largest score of all radii counts."""
+    return [
+        SHARPENED.check(max(one.score for one in masks), raw=raw, places=len(masks)),
+        SMOOTHED.check(max(-one.score for one in smoothing), raw=raw, places=len(smoothing)),
+    ]
 
 
 def _first_order(radius_px: float) -> Array:
@@ -163,14 +109,14 @@ def _first_order(radius_px: float) -> Array:
     return np.asarray(-np.exp(-(LAG_X**2 + LAG_Y**2) / (2 * radius_px**2)) / (np.pi * radius_px**2))
 
 
-def combined_scores(first: Sequence[MaskScore], second: Sequence[MaskScore]) -> list[MaskScore]:
+def combined_scores(first: Sequence[Strength], second: Sequence[Strength]) -> list[Strength]:
     """Scores of the same masks by independent fields together."""
     combined = []
     for one, other in zip(first, second, strict=True):
         weights = np.array([one.uncertainty, other.uncertainty]) ** -2.0
         information = float(weights.sum())
-        amount = float(weights @ [one.amount, other.amount]) / information if information else 0.0
-        combined.append(MaskScore(one.radius_px, amount, information**-0.5 if information else np.inf))
+        amount = float(weights @ [one.value, other.value]) / information if information else 0.0
+        combined.append(Strength(amount, information**-0.5 if information else np.inf))
     return combined
 
 
@@ -181,27 +127,3 @@ def texture_correlation(frequencies: Array, mtf: Array, exponent: float = 0.0) -
     power = frequencies * mtf**2 / np.maximum(frequencies, COARSEST) ** exponent
     lags = np.hypot(LAG_X, LAG_Y)
     return np.asarray(j0(2 * np.pi * lags[:, None] * frequencies) @ power / power.sum())
-
-
-def _nuisance_columns(residual: bool) -> Array:
-    """Nuisance columns (l, 2 or 3) of the correlations."""
-
-    square = LAG_X**2 + LAG_Y**2
-    columns = [np.ones(len(square)), square / MAX_LAG**2]
-    return np.column_stack([*columns, square == 1] if residual else columns)
-
-
-@lru_cache(maxsize=1)
-def _correlations() -> Array:
-    """Correlations of sharpened white noise at the lags, (radii, amounts, l)."""
-    x = np.arange(-GRID, GRID + 1)
-    measured = np.empty((len(RADII), len(AMOUNTS), len(LAG_X)))
-    for i, radius in enumerate(RADII):
-        once = np.exp(-(x**2) / (2 * radius**2))
-        once = once / once.sum()
-        twice = np.convolve(once, once)[GRID:-GRID]
-        for j, a in enumerate(AMOUNTS.tolist()):
-            covariance = a * a * twice[GRID + LAG_X] * twice[GRID + LAG_Y]
-            covariance -= 2 * a * (1 + a) * once[GRID + LAG_X] * once[GRID + LAG_Y]
-            measured[i, j] = covariance / ((1 + a) ** 2 - 2 * a * (1 + a) * once[GRID] ** 2 + a * a * twice[GRID] ** 2)
-    return measured

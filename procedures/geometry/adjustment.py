@@ -167,6 +167,13 @@ class AdjustmentProblem:
         by_terms = by_nodes @ self.shape.terms[view.index]
         return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
+    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+        """Indices of a view's camera, shape terms and pose among the unknowns."""
+        p, shared = len(state.camera.params), len(state.camera.params) + len(state.terms_mm)
+        first, own = shared + POSE * i, state.camera.part(self.views[i].camera)[1]
+        places: npt.NDArray[np.int64] = np.r_[own, p:shared, first : first + POSE]
+        return places
+
     def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""
         return np.asarray(self.nodes[view.index] + _deviations(state, self.shape)[view.index])
@@ -208,9 +215,7 @@ class AdjustmentProblem:
             J, E = self.jacobian(state, i)
             if extra:
                 J = np.concatenate([J, extra[i]], axis=-1)
-            first = p + q + POSE * i
-            own = state.camera.part(view.camera)[1]
-            places = np.r_[own, p : p + q, first : first + POSE, p + q + poses : p + q + poses + k]
+            places = np.r_[self.places(state, i), p + q + poses : p + q + poses + k]
             add_view(J, E, r, view.whitening, view.index, places, V, v, W)
             flat = J.reshape(-1, J.shape[-1])
             U[np.ix_(places, places)] += flat.T @ flat
@@ -316,6 +321,11 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
 
     Raises NotConverged if the minimum is not reached, Refused if the views do not determine the camera.
     """
+    return _concluded(adjusted(start, problem), problem)
+
+
+def adjusted(start: AdjustmentState, problem: AdjustmentProblem) -> AdjustmentState:
+    """The state of the adjustment, without covariances. Raises NotConverged if the minimum is not reached."""
     tolerance = CONVERGENCE_TOLERANCE / sum(2 * len(view) for view in problem.views)
     fit = minimise(problem, start, tolerance=tolerance)
     if not fit.converged:
@@ -324,7 +334,7 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
             f"{fit.iterations} iterations; the last relative decrease of the sum of squares was {fit.decrease:.1e}",
             "name a simpler camera model, or add views of the chart, tilted differently and spread over the frame",
         )
-    return _concluded(fit.state, problem)
+    return fit.state
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,9 +370,16 @@ class _ChartLinearisation:
 
     def transposed(self, residual: Array) -> Array:
         """J' times residuals; those of the priors are linear and have no second derivative."""
-        cuts = np.cumsum([2 * len(view) for view in self.problem.views])
-        parts = [part.reshape(-1, 2) for part in np.split(residual, cuts)[:-1]]
-        return self.problem.point_system(self.state, parts).right
+        problem, first = self.problem, 0
+        right = np.zeros(len(self._system.right))
+        of_nodes = right[len(self._system.u) :].reshape(-1, 3)
+        for i, view in enumerate(problem.views):
+            r = residual[first : first + 2 * len(view)].reshape(-1, 1, 2) @ view.whitening
+            J, E = problem.jacobian(self.state, i)
+            right[problem.places(self.state, i)] += r.ravel() @ J.reshape(r.size, -1)
+            of_nodes[view.index] += (r @ E)[:, 0]
+            first += r.size
+        return right
 
     def solve(self, right: Array, damping: float) -> Array:
         """(J'J + damping D)^-1 times a right side."""

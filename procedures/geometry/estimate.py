@@ -202,7 +202,7 @@ class Geometry:
             method += f"; {camera.model} fitted to it, {formula.difference.rms_px:.2g} pixel rms apart"
         sigma = np.sqrt(np.diag(covariance))
         parameters = {
-            name: Quantity(float(value), unit, float(spread), method, self.points)
+            "k1" if name == "k" else name: Quantity(float(value), unit, float(spread), method, self.points)
             for name, value, unit, spread in zip(camera.names, camera.params, camera.units, sigma, strict=True)
         }
         return (

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.adjustment import Adjustment, AdjustmentProblem, AdjustmentState, NotConverged, adjust
+from procedures.geometry.adjustment import (
+    Adjustment,
+    AdjustmentProblem,
+    AdjustmentState,
+    NotConverged,
+    adjust,
+    adjusted,
+)
 from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import STEREOGRAPHIC, enriched, split_model
 from procedures.geometry.conversion import as_model
@@ -108,7 +115,7 @@ def _trials(
     for one in roughness_px:
         try:
             states = [
-                adjust(replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half).state
+                adjusted(replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half)
                 for state, half in zip(states, halves, strict=True)
             ]
             squares = [

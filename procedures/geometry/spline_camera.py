@@ -13,12 +13,11 @@ projection; on the frame of a formula it suits narrow and wide lenses, and ends 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from math import ceil, comb
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
 from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
@@ -32,6 +31,8 @@ ROUGH_PX = 1.0
 """Standard deviation of third differences of control points that leaves the spline free."""
 LONG_SIDES = (12, 18)
 """Numbers of control points along the longer side; the spacing along the shorter side is the same."""
+CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
+"""Coefficients of the powers 0 to 3 of the place between two knots, of the four B-splines that are not 0 there."""
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
 """Limits of the fixed-point iteration that inverts the spline; each iteration reduces the error about a hundredfold."""
 
@@ -107,10 +108,12 @@ class SplineCamera(CameraModel):
     def by_params(self, points: Array) -> Array:
         """Derivative (n, 2, p) of the projection of points (n, 3) by the parameters."""
         places = self.base.project(points)
-        weights = self._basis(places)[0].reshape(len(points), -1)
-        own = np.zeros((len(points), 2, 2 * weights.shape[1]))
-        own[:, 0, ::2] = own[:, 1, 1::2] = weights
-        return np.concatenate([self._stretched(places) @ self.base.by_params(points), own], axis=-1)
+        (X, _), (Y, _) = self._weights(places)
+        weights = (Y[:, :, None] * X[:, None, :]).reshape(len(points), -1)
+        derivative = np.zeros((len(points), 2, len(self.params)))
+        derivative[..., : self.plain] = self._stretched(places) @ self.base.by_params(points)
+        derivative[:, 0, self.plain :: 2] = derivative[:, 1, self.plain + 1 :: 2] = weights
+        return derivative
 
     def by_points(self, points: Array) -> Array:
         """Derivative (n, 2, 3) of the projection of points (n, 3) by the points."""
@@ -118,12 +121,19 @@ class SplineCamera(CameraModel):
 
     def correction(self, places: Array) -> Array:
         """Displacement (n, 2) by the spline at places (n, 2) of the frame, in pixels; constant beyond the frame."""
-        return np.asarray(np.einsum("nij,ijb->nb", self._basis(places)[0], self._controls))
+        (X, _), (Y, _) = self._weights(places)
+        return self._summed(X, Y)
+
+    def _summed(self, X: Array, Y: Array) -> Array:
+        """Sum (n, 2) of the control points with weights (n, nx) along x and (n, ny) along y."""
+        ny, nx, _ = self._controls.shape
+        rows = (Y @ self._controls.reshape(ny, -1)).reshape(-1, nx, 2)
+        return np.asarray((X[:, None, :] @ rows)[:, 0])
 
     def _stretched(self, places: Array) -> Array:
         """Derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
-        slopes = [np.einsum("nij,ijb->nb", one, self._controls) for one in self._basis(places)[1:]]
-        return np.asarray(np.eye(2) + np.stack(slopes, axis=-1))
+        (X, Xs), (Y, Ys) = self._weights(places)
+        return np.asarray(np.eye(2) + np.stack([self._summed(Xs, Y), self._summed(X, Ys)], axis=-1))
 
     @property
     def _controls(self) -> Array:
@@ -131,13 +141,10 @@ class SplineCamera(CameraModel):
         nx, ny = split_model(self.model)[1]
         return self.params[self.plain :].reshape(ny, nx, 2)
 
-    def _basis(self, places: Array) -> tuple[Array, Array, Array]:
-        """Weights (n, ny, nx) of the control points at places (n, 2), and their slopes along x and y, per pixel."""
-        (nx, ny), wide, high = split_model(self.model)[1], self.columns - 1, self.rows - 1
-        (X, Xs), (Y, Ys) = _splines(places[:, 0] / wide, nx), _splines(places[:, 1] / high, ny)
-        products = ((Y, X), (Y, Xs / wide), (Ys / high, X))
-        value, along, down = (b[:, :, None] * a[:, None, :] for b, a in products)
-        return value, along, down
+    def _weights(self, places: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Weights of the control points at places (n, 2) with their slopes per pixel: along x (n, nx), y (n, ny)."""
+        nx, ny = split_model(self.model)[1]
+        return _splines(places[:, 0], self.columns - 1, nx), _splines(places[:, 1], self.rows - 1, ny)
 
 
 @lru_cache(maxsize=8)
@@ -149,16 +156,15 @@ def _smoothness(nx: int, ny: int, spread_px: float, roughness_px: float) -> tupl
     return np.kron(one, np.eye(2)), np.kron(one.T @ one, np.eye(2))
 
 
-def _splines(t: Array, count: int) -> tuple[Array, Array]:
-    """Values and slopes (n, count) of the cubic B-splines at t (n,) from 0 to 1; constant beyond, NaN where t is."""
-    spline, slope = _spline(count)
-    inside = (t >= 0) & (t <= 1)
-    clipped = np.clip(t, 0.0, 1.0)
-    return spline(clipped), slope(clipped) * inside[:, None]
-
-
-@cache
-def _spline(count: int) -> tuple[BSpline, BSpline]:
-    """All cubic B-splines of so many control points over 0 to 1, and their derivatives."""
-    spline = BSpline((np.arange(count + 4) - 3) / (count - 3), np.eye(count), 3)
-    return spline, spline.derivative()
+def _splines(at: Array, length: int, count: int) -> tuple[Array, Array]:
+    """Values and slopes (n, count) of the cubic B-splines at places (n,) of a side; constant beyond, NaN at NaN."""
+    per_px = (count - 3) / length
+    t = np.clip(at * per_px, 0.0, count - 3)
+    first = np.minimum(np.nan_to_num(t).astype(np.int64), count - 4)
+    powers = (t - first)[:, None] ** np.arange(4)
+    values, slopes = np.zeros((2, len(at), count))
+    places = np.arange(len(at))[:, None], first[:, None] + np.arange(4)
+    values[places] = powers @ CUBIC
+    slopes[places] = powers[:, :3] @ (CUBIC[1:] * np.array([[1.0], [2.0], [3.0]])) * per_px
+    slopes[(at < 0) | (at > length)] = 0.0
+    return values, slopes

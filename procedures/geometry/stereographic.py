@@ -91,8 +91,9 @@ def _flat(points: Array) -> tuple[Array, Array]:
 
 def _bent(params: Array, s: Array, q: Array) -> Array:
     """Image (n, 2) of stereographic coordinates, in focal lengths from the centre."""
-    asymmetric = np.tensordot(params[RADIAL.stop :], np.stack(_asymmetric(s, q)), 1)
-    return np.asarray(_factor(params, q)[:, None] * s + asymmetric)
+    p1, p2, s1, s2, s3, s4 = params[RADIAL.stop :]
+    along, down = q * (p2 + s1 + s2 * q), q * (p1 + s3 + s4 * q)
+    return np.asarray((_factor(params, q) + 2 * (s @ [p2, p1]))[:, None] * s + np.column_stack([along, down]))
 
 
 def _by_flat(params: Array, s: Array, q: Array) -> Array:
@@ -118,9 +119,11 @@ def _asymmetric(s: Array, q: Array) -> list[Array]:
 
 
 def _factor(params: Array, q: Array) -> Array:
-    return np.asarray(np.polynomial.polynomial.polyval(q, [1.0, *params[RADIAL]]))
+    k1, k2, k3, k4 = params[RADIAL]
+    return np.asarray(1 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
 
 
 def _slope(params: Array, q: Array) -> Array:
     """Derivative of the factor by q."""
-    return np.asarray(np.polynomial.polynomial.polyval(q, params[RADIAL] * np.arange(1, 5)))
+    k1, k2, k3, k4 = params[RADIAL]
+    return np.asarray(k1 + q * (2 * k2 + q * (3 * k3 + q * 4 * k4)))

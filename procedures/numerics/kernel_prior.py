@@ -14,8 +14,6 @@ Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec
 Cullis, Biometrics 51 (1995) 1440-1450 (average information).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -98,7 +96,7 @@ class _Prior:
     lengthened: Array
 
     @classmethod
-    def at(cls, logarithms: Array, k: int) -> _Prior:
+    def at(cls, logarithms: Array, k: int) -> "_Prior":
         """The prior at the logarithms of a, R and L in samples."""
         a, radius, length = np.exp(logarithms)
         half = np.arange(k) - k // 2

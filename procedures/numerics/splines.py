@@ -1,7 +1,5 @@
 """Cubic B-splines of band-limited images, computed in Fourier space, evaluated through a smooth map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +23,7 @@ class CellSpectra:
     upper: Complex64
 
     @classmethod
-    def of(cls, cells: npt.NDArray[np.floating]) -> CellSpectra:
+    def of(cls, cells: npt.NDArray[np.floating]) -> "CellSpectra":
         """From the values of the cells (n, n), [row, column]: one period of an image."""
         left = np.abs(cells - np.roll(cells, 1, axis=1))
         upper = np.abs(cells - np.roll(cells, 1, axis=0))
@@ -158,15 +156,9 @@ def _prefilter(f: Array) -> Array:
 
 
 def read_spline(
-    coefficients: Array32,
-    H: Array,
-    centre: Array,
-    radius: float,
-    displacement: Array,
-    start: Array,
-    step: float,
+    coefficients: Array32, H: Array, centre: Array, radius: float, displacement: Array, start: Array, step: float,
     shape: tuple[int, int],
-) -> Array32:
+) -> Array32:  # fmt: skip
     """Values of a spline on a regular target grid, through a displacement and a homography.
 
     The value at a target point p is that at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of

@@ -32,9 +32,7 @@ def fit_homography(source: Array, target: Array) -> Array:
     a, b = apply_homography(S, source), apply_homography(T, target)
     zero = np.zeros((len(a), 3))
     ones = np.column_stack([a, np.ones(len(a))])
-    rows = np.vstack(
-        [np.hstack([ones, zero, -b[:, :1] * ones]), np.hstack([zero, ones, -b[:, 1:] * ones])],
-    )
+    rows = np.vstack([np.hstack([ones, zero, -b[:, :1] * ones]), np.hstack([zero, ones, -b[:, 1:] * ones])])
     h = np.linalg.svd(rows)[2][-1]
     h = h / h[8]
     for _ in range(3):
@@ -51,7 +49,7 @@ def _gauss_newton_step(h: Array, a: Array, b: Array) -> Array:
     zero = np.zeros_like(ones)
     perspective = a / w[:, None]
     J = np.vstack(
-        [np.hstack([ones, zero, -mapped[:, :1] * perspective]), np.hstack([zero, ones, -mapped[:, 1:] * perspective])],
+        [np.hstack([ones, zero, -mapped[:, :1] * perspective]), np.hstack([zero, ones, -mapped[:, 1:] * perspective])]
     )
     step = np.linalg.lstsq(J, (b - mapped).T.ravel(), rcond=None)[0]
     return np.append(step, 0.0)

@@ -1,7 +1,5 @@
 """Elements of a caption: lines, texts, and the panel that places them on the sheet. All in millimetres, y down."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,7 +37,7 @@ class Drawing:
     strokes: tuple[PrintedLine, ...] = ()
     texts: tuple[Text, ...] = ()
 
-    def __add__(self, other: Drawing) -> Drawing:
+    def __add__(self, other: "Drawing") -> "Drawing":
         return Drawing(self.strokes + other.strokes, self.texts + other.texts)
 
 
@@ -60,7 +58,6 @@ class Panel:
         return Text(*self.at(x, y), words, size * self.scale, bold, anchor)
 
     def rule(self, y: float, start: float, end: float, thickness: float) -> PrintedLine:
-        """Horizontal line in the panel."""
         return PrintedLine(self.at(start, y), self.at(end, y), thickness * self.scale)
 
 

@@ -66,7 +66,6 @@ class Size:
 
     @property
     def cell_mm(self) -> float:
-        """Width of one cell."""
         return self.whole_mm / (BLOCK * BLOCKS)
 
     @property
@@ -338,7 +337,6 @@ class Paper:
 
     @property
     def key(self) -> str:
-        """Key in `PAPERS`."""
         return self.name.lower()
 
     def turned(self) -> Paper:

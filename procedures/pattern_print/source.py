@@ -1,7 +1,5 @@
 """Cells of a printed chart, and the description of their origin."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import struct
@@ -30,16 +28,15 @@ class Source:
     origin: str
 
     @classmethod
-    def from_seed(cls, seed: int = DEFAULT_SEED) -> Source:
-        """Chart of a seed."""
+    def from_seed(cls, seed: int = DEFAULT_SEED) -> "Source":
         return cls(Chart.from_seed(seed), f"seed {seed}")
 
-    def with_edges(self) -> Source:
+    def with_edges(self) -> "Source":
         """Chart with two slanted edges added."""
         return replace(self, chart=replace(self.chart, edges=True))
 
     @classmethod
-    def from_file(cls, path: Path) -> Source:
+    def from_file(cls, path: Path) -> "Source":
         """Chart whose cells are the pixels of an image. Raises BadInput if it is no grey file of 256 x 256 pixels,
         black and white."""
         data = read_file(path, "picture of cells")

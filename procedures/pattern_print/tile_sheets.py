@@ -267,7 +267,6 @@ class Tiling:
 
     @property
     def tiles(self) -> list[SheetTile]:
-        """Tiles row by row."""
         return [
             SheetTile(row, column, left, top, right, bottom)
             for row, (top, bottom) in enumerate(pairwise(self.rows))

@@ -16,12 +16,7 @@ from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
-from procedures.pattern_psf.distance.ranging import (
-    LASER_REACH_MM,
-    look_now,
-    range_facts,
-    range_readings,
-)
+from procedures.pattern_psf.distance.ranging import LASER_REACH_MM, look_now, range_facts, range_readings
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.outline import SHEET, frontal_outline, present_outline
@@ -139,10 +134,9 @@ def uneven(light: LightLevels) -> Advice:
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     """Check s/t, the chart's centring, and that sizes and distances agree with lens, sensor and print."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
-    wanted = frontal_outline(plane.samples.shape, known.wanted_px_per_cell)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return replace(sighting, outline=Outline((), wanted))
+        return replace(sighting, outline=in_the_middle(plane, known))
     optics = known.optics(plane.pitch)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
     look = look_now(float(sighting.widths().max()) / CELLS, known)
@@ -158,7 +152,13 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     new_facts = range_facts(look, optics, known)
     new_facts[S_OVER_T] = ratio
     draft = Advice(True, "", (*readings, *range_readings(new_facts)), facts=new_facts, marks=marks_of(sighting))
+    wanted = in_the_middle(plane, known).wanted
     return replace(distance_advice(draft, look, pose, known), outline=to_match(sighting, wanted))
+
+
+def in_the_middle(plane: Plane, known: PatternFacts) -> Outline:
+    """Where a chart that is not found is wanted."""
+    return Outline((), frontal_outline(plane.samples.shape, known.wanted_px_per_cell))
 
 
 def to_match(sighting: ChartSighting, wanted: Points) -> Outline:
@@ -218,7 +218,7 @@ def check_square(frame: RawFrame, facts: Facts) -> Advice:
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return sighting
+        return replace(sighting, outline=in_the_middle(plane, known))
     optics, H, limit = known.optics(plane.pitch), sighting.H_sensor_pattern, 2 * SQUARE_DEG
     estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
     if estimate is not None:  # the noise cells determine the angles to 0.1°, the marks alone to 2°
@@ -313,7 +313,7 @@ def check_shot(frame: RawFrame, facts: Facts) -> Advice:
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
-        return sighting
+        return replace(sighting, outline=in_the_middle(plane, known))
     advice = check_light(frame, facts)
     if not advice.good and "exposure_ev" in advice.by_hand:
         return advice

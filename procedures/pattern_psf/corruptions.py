@@ -7,32 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.corruption.directions import FLOW, GHOST, MEDIAN, RIM, THRESHOLD, VEIL, WIDE_NAMES, WIDE_PX, ZOOM
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
-    VEILED,
-    WIDE,
-    nuisance,
-)
+from procedures.corruption.directions import RIM, VEIL, WIDE_NAMES, ZOOM
+from procedures.corruption.evidence import Evidence
+from procedures.corruption.family import VEILED, WIDE
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import MASK_RADII, SMOOTHING_RADII, ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
-MASK_PRIOR, WIDE_PRIOR = 0.08, 0.05
-"""Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
 WIDE_MODEL = 0.01
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
-WIDE_PRESENT = 0.5
-"""Prior probability that such a picture was sharpened by a wide mask at all."""
 PRINT_UNKNOWN = 0.36
 """Prior standard deviation of the print's blur, in cells, where nothing is known of the print."""
 PRINTED_DOTS = 1.44
@@ -43,20 +30,14 @@ DOTS_VISIBLE = 0.008
 """Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
-def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -> list[Check]:
+def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
-    scores = {name: one.score for name, one in evidence.strengths.items()}
-    wide = [
-        one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
-    ]
+    amounts = [evidence.strengths[name] for name in WIDE_NAMES]
+    wide = [one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in amounts]
     checks = [
-        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=len(MASK_RADII)),
-        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=len(SMOOTHING_RADII)),
-        FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
-        SELECTIVE.check(scores[THRESHOLD], raw=raw),
+        *evidence.checks(raw=raw),
         *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
-        GHOSTED.check(scores[GHOST], raw=raw),
-        VEILED.check(scores[VEIL], raw=raw),
+        VEILED.check(evidence.strengths[VEIL].score, raw=raw),
     ]
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
 
@@ -75,7 +56,7 @@ def print_blur_mode(f: Array, variance_px: float) -> Array:
 
 
 def modes_of(
-    evidence: ChartEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
+    evidence: Evidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
 ) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
     excluded; `print_blur` in cells."""
@@ -87,16 +68,4 @@ def modes_of(
         PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
         "variation": square * varied,
     }
-    if raw:
-        return modes
-    fine, wide = evidence.masks[MASK_RADII.index(1.0)], evidence.strengths[WIDE_NAMES[0]]
-    parts = [
-        nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0),
-        nuisance(wide.unseen, wide.uncertainty, WIDE_PRIOR, WIDE_PRESENT) * _mask(square, WIDE_PX[0]),
-    ]
-    return modes | {"processing": np.hypot(*parts)}
-
-
-def _mask(square: Array, radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1, less 1."""
-    return np.asarray(1 - np.exp(-square * radius_px**2))
+    return modes | evidence.modes(f, raw=raw)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.choice import Trial
+from procedures.corruption.family import Strength
 from procedures.corruption.paper import NoiseMeasurement
 from procedures.corruption.ring import missing_light
 from procedures.numerics.arrays import Array
@@ -54,9 +55,7 @@ class Diagnostics:
     missing_light : light missing in the rings around the core, relative to the least a lens leaves there, in standard
         uncertainties
     crushed : share of the black blocks' samples that lie at one value
-    sharpened_by, sharpened_radius_px, sharpened_sigmas : unsharp mask estimated from the noise of paper and residual:
-        amount, radius, and significance
-    sharpening_uncertainty : standard uncertainty of the amount of a mask of one pixel
+    sharpened_by, sharpening_uncertainty : amount of an unsharp mask of one pixel by the noise of paper and residual
     finest_noise, finest_noise_uncertainty : noise variance at the paper's finest detail over that of the sensor's
         calibration, or of the white blocks
     """
@@ -89,8 +88,6 @@ class Diagnostics:
     missing_light: float
     crushed: float
     sharpened_by: float
-    sharpened_radius_px: float
-    sharpened_sigmas: float
     sharpening_uncertainty: float
     finest_noise: float
     finest_noise_uncertainty: float
@@ -113,6 +110,7 @@ def diagnose(
     prior: TailPrior | None,
     trial: Trial,
     noise: NoiseMeasurement,
+    fine: Strength,
 ) -> Diagnostics:
     """Compute the diagnostics of a fit.
 
@@ -120,6 +118,7 @@ def diagnose(
     corners : (12, 2) the detected marks, NaN where hidden
     marks_map : the map fitted to the marks alone
     trial : the trial of s and k that gave the PSF
+    fine : unsharp mask of one pixel by the noise
     """
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
@@ -151,10 +150,8 @@ def diagnose(
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
         missing_light=missing_light(psf),
         crushed=light.crushed,
-        sharpened_by=noise.sharpening.amount,
-        sharpened_radius_px=noise.sharpening.radius_px,
-        sharpened_sigmas=noise.sharpening.sigmas,
-        sharpening_uncertainty=noise.sharpening.uncertainty,
+        sharpened_by=fine.value,
+        sharpening_uncertainty=fine.uncertainty,
         finest_noise=noise.finest,
         finest_noise_uncertainty=noise.uncertainty,
     )

@@ -64,11 +64,7 @@ class ErrorParts:
 
 
 def error_parts(
-    fit: ChartFit,
-    psf: Psf,
-    quality: Quality,
-    checked: tuple[str, ...],
-    groups: Mapping[str, slice],
+    fit: ChartFit, psf: Psf, quality: Quality, checked: tuple[str, ...], groups: Mapping[str, slice]
 ) -> ErrorParts:
     """Uncertainties of all numbers, and of the curves at their knots, by GROUPS or CALIBRATED; `checked` : numbers
     whose variation is reported."""

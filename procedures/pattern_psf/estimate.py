@@ -5,7 +5,6 @@ Source: Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chap
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -13,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from procedures.choice import FINEST, START_S, Trial, choose, combined, remaining_change, with_modes, with_parts
+from procedures.choice import FINEST, START_S, Trial, choose, remaining_change, with_modes, with_parts
 from procedures.clipping import SensorModel
+from procedures.corruption import probability
 from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
 from procedures.numbers import (
@@ -47,7 +47,6 @@ from procedures.pattern_psf.outliers import (
     without_hidden_places,
     without_outliers,
 )
-from procedures.pattern_psf.probability import calibration, features, probability
 from procedures.pattern_psf.radiometry import LightLevels, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, fit_by_marks, refine
 from procedures.pattern_psf.registration import (
@@ -142,7 +141,7 @@ class PatternPsf:
         calibration
     shared : covariances of PSF, centre and these positions
     modes : relative changes of the transfer function, at `quality.frequencies`, by corruptions that are not excluded
-    probability : probability that MTF50 along rows lies within two stated uncertainties: see `pattern_psf.probability`
+    probability : probability that MTF50 along rows lies within two stated uncertainties: see `corruption.probability`
     """
 
     psf: Psf
@@ -291,11 +290,11 @@ def _estimate(
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
-    diagnostics = diagnose(
-        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
-    )
     curve = quality.frequencies, quality.mtf_radial
     evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
+    diagnostics = diagnose(
+        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise, evidence.fine
+    )
     print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
     modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
     quality = with_modes(quality, psf, modes)
@@ -304,20 +303,16 @@ def _estimate(
     corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
     checks = [*checks_of(diagnostics, final.fit, inputs), *corrupted]
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(
-        checks, replace(result, modes=modes, probability=math.nan if plane.raw else _probability(checks, quality))
-    )
+    return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))
 
 
-def _probability(checks: Sequence[Check], quality: Quality) -> float:
-    """Probability that the headline number lies within two stated uncertainties; NaN where either is not known."""
-    name = calibration().get("headline", "")
-    headline = quality.numbers.get(name)
-    if headline is None:
+def _probability(checks: Sequence[Check], quality: Quality, *, raw: bool) -> float:
+    """Probability that MTF50 along rows lies within two stated uncertainties; NaN where it is not known."""
+    known = quality.numbers.get(MTF50_HORIZONTAL)
+    if known is None:
         return float("nan")
-    # the photographs of the calibration had sharp prints: what the blur of a print adds says nothing of the checks
-    own = combined({term: size for term, size in quality.budgets[name].items() if term != PRINT_BLUR})
-    return probability(features(checks, own / headline.value))
+    printed = quality.budgets[MTF50_HORIZONTAL].get(PRINT_BLUR, 0.0) / known.value
+    return probability.within_two("chart", checks, known.uncertainty / known.value, raw=raw, printed=printed)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,8 +11,18 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
+from procedures.corruption.evidence import Evidence
 from procedures.corruption.family import SampleGroup, Strength, strengths
-from procedures.corruption.noise import DRIFT, MaskScore, Variogram, combined_scores, mask_scores, texture_correlation
+from procedures.corruption.noise import (
+    DRIFT,
+    MASK_RADII,
+    SMOOTHING_RADII,
+    TEXTURES,
+    Variogram,
+    combined_scores,
+    mask_scores,
+    texture_correlation,
+)
 from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
@@ -25,28 +34,8 @@ from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
 from procedures.pattern_psf.refine import TAIL, TILES, ChartFit, linear_system
 from procedures.pattern_psf.registration import block_size_px
 
-MASK_RADII = (0.6, 1.0, 2.0)
-"""Radii of the unsharp masks that are searched for in the noise, in pixels."""
 AMOUNT_ABSORBED = 2.0
 """Amount of a mask that clean residuals show, per part of their noise that the fit has absorbed: 1.5 to 2.5."""
-SMOOTHING_RADII = (0.5, 0.7)
-"""Radii of negative masks by which smoothing is searched for."""
-TEXTURES = (1.0, 2.0)
-"""Textures of paper: exponents of the frequency by which their spectra fall."""
-
-
-@dataclass(frozen=True)
-class ChartEvidence:
-    """Scores of a photograph.
-
-    masks : unsharp masks of `MASK_RADII` in the noise of paper and residual
-    textured : masks of `SMOOTHING_RADII` where paper and residual may have textures, which the lens images
-    strengths : by the directions of `procedures.corruption.directions`
-    """
-
-    masks: list[MaskScore]
-    textured: list[MaskScore]
-    strengths: Mapping[str, Strength]
 
 
 def examine(
@@ -58,18 +47,18 @@ def examine(
     k: int,
     noise: tuple[Variogram, Variogram],
     curve: tuple[Array, Array],
-) -> ChartEvidence:
+) -> Evidence:
     """Scores of a fit; `noise` are the variograms of its paper and residual, `curve` frequencies and MTF."""
     paper, residual = noise
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return ChartEvidence(
+    return Evidence(
         combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), _in_residual(residual, k**2 / fit.residual.size)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),
     )
 
 
-def _in_residual(residual: Variogram, absorbed: float) -> list[MaskScore]:
+def _in_residual(residual: Variogram, absorbed: float) -> list[Strength]:
     """Masks in the noise of the residual, of which the fit has absorbed a part: that looks like a mask too."""
     scores = mask_scores([residual], MASK_RADII)
     return [replace(one, uncertainty=math.hypot(one.uncertainty, AMOUNT_ABSORBED * absorbed)) for one in scores]

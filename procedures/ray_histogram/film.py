@@ -130,13 +130,16 @@ class Film:
     def checked(self) -> Film:
         """The film itself, if it can be filtered.
 
-        Raises BadInput if sizes differ, a count is negative or zero, a value is not finite or too large, or histograms
-        and counts disagree.
+        Raises BadInput if sizes differ, a count is negative or zero, a value is not finite or too large, a variance is
+        impossible, or histograms and counts disagree.
         """
         _check_sizes(self)
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
+        if self.moment2 is not None:
+            bad = ~((self.moment2 >= 0) & (self.moment2 < np.inf)).all(-1)
+            _refuse_where(bad, "pixels have a variance that is negative, NaN or infinite", "write the variance again")
         if self.histogram.shape[-1] == 0:
             return self
         votes = self.histogram @ np.ones(BINS, np.float32)

@@ -156,17 +156,12 @@ def _variance(difference: Doubles) -> Doubles:
     return np.asarray(np.minimum(mean, MOST_OVER_MEDIAN * np.maximum(squares, median)))
 
 
-class _AllNames:
-    def __contains__(self, name: object) -> bool:
-        return True
-
-
 def read_layers(path: Path) -> dict[str, Doubles]:
     """Picture, and as far as present albedo, normal and depth, of a layered OpenEXR.
 
     Raises BadInput if the file cannot be read, has no picture, or a value that is not finite.
     """
-    channels, names = read_exr(path, _AllNames())
+    channels, names = read_exr(path)
     layers = {name: layer for name in LAYERS if (layer := _layer(name, channels)) is not None}
     if "image" not in layers:
         present = ", ".join(names)

@@ -1,7 +1,5 @@
 """How the file of a developed picture encodes light."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +27,7 @@ class Development:
     """
 
     format: str
-    curve: ToneCurve
+    curve: "ToneCurve"
     assumed: bool
     bits: int
     coding: float = 0.0

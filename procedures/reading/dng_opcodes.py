@@ -69,7 +69,6 @@ class GainMap:
     gains: npt.NDArray[np.float32]
 
     def opcode(self) -> Opcode:
-        """Opcode of this map."""
         (columns, rows), (x, y), (v, h) = self.size, self.origin, self.gains.shape
         area = struct.pack(">10I", y, x, rows, columns, 0, 1, self.pitch, self.pitch, v, h)
         spacing = struct.pack(">4dI", 1 / (v - 1), 1 / (h - 1), 0.0, 0.0, 1)

@@ -1,7 +1,5 @@
 """Sensor dumps: samples row by row in a file without a header, whose layout is given separately."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +40,7 @@ class DumpLayout:
     white: int
 
     @classmethod
-    def parse(cls, text: str) -> DumpLayout:
+    def parse(cls, text: str) -> "DumpLayout":
         """Parse WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE. Raises BadParameter."""
         words = [word.strip() for word in text.split(",")]
         if len(words) != 5:
@@ -50,13 +48,9 @@ class DumpLayout:
         size, order, kind, black, white = words
         columns, _, rows = size.lower().partition("x")
         layout = cls(
-            _whole("width", columns),
-            _whole("height", rows),
-            _one_of("order of colours", order.upper(), ORDERS),
-            _one_of("kind of sample", kind.lower(), tuple(KINDS)),
-            _whole("black", black),
-            _whole("white", white),
-        )
+            _whole("width", columns), _whole("height", rows), _one_of("order of colours", order.upper(), ORDERS),
+            _one_of("kind of sample", kind.lower(), tuple(KINDS)), _whole("black", black), _whole("white", white),
+        )  # fmt: skip
         layout._check()
         return layout
 

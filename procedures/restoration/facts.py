@@ -29,6 +29,7 @@ class RestorationFacts(CameraFacts):
     colour : what is restored, "one plane", or the mosaic in "colour"
     max_w : half-width of the widest blur, in pixels of the plane
     first_f_number, second_f_number, third_f_number : as typed, or as recorded by the camera
+    first_noise, first_contrast, first_view : standard deviations of its noise and of its samples, and a small copy
     first_level, second_level, third_level : mean of each photograph
     first_exposure_s, second_exposure_s, third_exposure_s : as recorded by the camera
     ground_truth : "yes" where one more, sharp photograph is taken
@@ -51,6 +52,9 @@ class RestorationFacts(CameraFacts):
     first_f_number: float | None = None
     second_f_number: float | None = None
     third_f_number: float | None = None
+    first_noise: float | None = None
+    first_contrast: float | None = None
+    first_view: str | None = None
     first_level: float | None = None
     second_level: float | None = None
     third_level: float | None = None

@@ -38,6 +38,7 @@ from procedures.restoration.facts import (
     COLOUR,
     MOTIONS,
     NO,
+    ORDER,
     PLANE,
     SEARCH,
     TRUTH,
@@ -62,6 +63,7 @@ from procedures.restoration.known_blur import (
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.photograph_blur import blur_of
 from procedures.restoration.plan_checks import Check, checks
+from procedures.restoration.progress import progress
 
 PICTURE = "picture"
 """Name of the outcome."""
@@ -143,7 +145,14 @@ def level_of(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: 
 
 def enough(which: str) -> Any:
     """One photograph is enough."""
-    return lambda results, facts: Advice(bool(results), f"The {which} photograph is taken.")
+
+    def check(results: Sequence[Outcomes], facts: Facts) -> Advice:
+        known = facts_as(RestorationFacts, facts)
+        taken = known.photographs if which == TRUTH else ORDER.index(which)
+        goal = progress(taken + bool(results), known, lambda one: path(one, facts) if shaken(facts) else None)
+        return Advice(bool(results), f"The {which} photograph is taken.", goal=goal)
+
+    return check
 
 
 def path(which: str, facts: Facts) -> Shake | None:
@@ -180,7 +189,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
     try:
         parameters = parameters_of(answers)
         blur = blur_of(blur_spec(blurred, answers, read), pictures)
-        outcome = blur.restored(pictures, parameters)
+        report, rounds = getattr(frames, "progress", None), parameters.scheme.rounds + 1
+        each = None if report is None else lambda done: report(min(done.n, rounds), rounds)
+        outcome = blur.restored(pictures, parameters, each)
         if is_mosaic(planes[0]):
             outcome = blur.coloured(outcome, planes)
         return {PICTURE: outcome if truth is None else compared_to_truth(outcome, planes, planes_of(truth, answers))}

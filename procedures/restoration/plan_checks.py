@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -19,12 +20,15 @@ from procedures.restoration.colour.mosaic import is_mosaic
 from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, ORDER, SEARCH, TRUTH, RestorationFacts
 from procedures.restoration.flat_part import DETAIL_PX
 from procedures.restoration.known_blur import ReadShape, lens, named_shape, restored_plane, shapes_over
+from procedures.restoration.progress import moved, view_of
 
 LEAST_RATIO = 1.15
 """Smallest ratio of two f-numbers: closer ones blur too similarly."""
 SAME_LIGHT = 0.1
 OTHER_LIGHT = 1.12
 """Discrepancy between two estimates of the f-numbers' ratio above which one is wrong: rings and shutters make 6 %."""
+MOVED = 0.03
+"""Accepted shift of the view since the first photograph, over the frame's diagonal, beyond that by the blur."""
 TEXTURE = 5.0
 """Smallest contrast of the scene's detail over the noise."""
 
@@ -43,7 +47,9 @@ def check_first(frame: RawFrame, facts: Facts, read: ReadShape = named_shape) ->
     if advice.good and not contrast.good:
         say = f"The scene's detail is only {contrast.value:.1f} times the noise: add texture, or more light."
         return Advice(False, say, readings, by_hand={"texture": 1.0})
-    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame)})
+    seen: dict[str, Fact] = {"first_noise": noise_of(plane), "first_contrast": float(plane.samples.std())}
+    seen["first_view"] = view_of(plane)
+    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame), **seen})
 
 
 def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
@@ -64,7 +70,9 @@ def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
     if not light.good:
         return unevenly_lit(light, readings)
-    return Advice(True, "It is as bright as the first.", readings, facts=noted(which, frame))
+    return moved_away(frame, known) or Advice(
+        True, "It is as bright as the first.", readings, facts=noted(which, frame)
+    )
 
 
 def check_truth(frame: RawFrame, facts: Facts) -> Advice:
@@ -86,7 +94,17 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
     if not light.good:
         return unevenly_lit(light, readings)
-    return Advice(True, "It is as bright as the first.", readings, facts=noticed)
+    return moved_away(frame, known) or Advice(True, "It is as bright as the first.", readings, facts=noticed)
+
+
+def moved_away(frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """Advice where the camera stands elsewhere than for the first photograph; else None."""
+    plane = restored_plane(frame)
+    outline, size = moved(plane, known.first_view), math.hypot(*plane.samples.shape)
+    if outline is None or outline.off_px < MOVED * size + 2 * (known.max_w or 0.0):
+        return None
+    say = f"The camera has moved by {outline.off_px / size:.0%} of the frame since the first photograph: move it back."
+    return Advice(False, say, by_hand={"camera": outline.off_px}, outline=outline)
 
 
 def f_number_of_truth(known: RestorationFacts) -> float:
@@ -183,10 +201,14 @@ def apertures_by_light(which: str, known: RestorationFacts) -> Advice | None:
 
 def detail(plane: Plane) -> float:
     """Contrast of variations within a few pixels, over the noise of neighbouring pixels."""
+    return float((plane.samples - cv2.GaussianBlur(plane.samples, (0, 0), DETAIL_PX)).std()) / noise_of(plane)
+
+
+def noise_of(plane: Plane) -> float:
+    """Standard deviation of the noise, by second differences of neighbours."""
     samples = plane.samples
     rough = samples[:, 2:] - 2 * samples[:, 1:-1] + samples[:, :-2]
-    noise = max(1.4826 * float(np.median(np.abs(rough))) / 6**0.5, plane.quantisation / 12**0.5)
-    return float((samples - cv2.GaussianBlur(samples, (0, 0), DETAIL_PX)).std()) / noise
+    return max(1.4826 * float(np.median(np.abs(rough))) / 6**0.5, plane.quantisation / 12**0.5)
 
 
 def noted(which: str, frame: RawFrame) -> dict[str, Fact]:

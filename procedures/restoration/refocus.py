@@ -7,7 +7,7 @@ What no view shows, because the sharp picture does not contain it, has no part i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ MOST_RADIUS_PX = 64.0
 
 @dataclass(frozen=True, eq=False)
 class RefocusedPicture:
-    """A picture (C, H, W), the signed radius of its blur (H, W) in pixels, positive in front of the plane of focus,
+    """A picture (C, H, W), the signed half-width of its blur (H, W) in pixels, positive in front of the plane of focus,
     the setting, and the limits of its depth of field in metres."""
 
     picture: Array
@@ -109,7 +109,7 @@ def _add_views(light: Array, radius: Array, points: Array, weights: Array) -> Ar
 
 def _depth_of_field(setting: CameraSetting) -> dict[str, Quantity]:
     """Distances between which the blur circle is at most a pixel wide; the far one only if it is finite."""
-    known = CameraUncertainty()
+    known, setting = CameraUncertainty(), replace(setting, spread=1.0)
     numbers: dict[str, Quantity] = {}
     for name, radius in ((DEPTH_OF_FIELD_NEAR, SHARP_PX), (DEPTH_OF_FIELD_FAR, -SHARP_PX)):
         metres = float(setting.distance_mm(radius)) / 1000

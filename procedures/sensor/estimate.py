@@ -1,11 +1,13 @@
 """Characterisation of a sensor from its recording: EMVA 1288 release 4.0, linear and general model."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from procedures.clipping import SensorModel
+from procedures.corruption.noise import MASK_RADII, SMOOTHING_RADII, mask_scores, noise_checks
 from procedures.display import summary
 from procedures.numbers import (
     DEFECT_PIXELS,
@@ -19,6 +21,7 @@ from procedures.numbers import (
     WITHOUT_DEFECTS,
     non_uniformity,
 )
+from procedures.numerics.arrays import Mask
 from procedures.outcome import Check, Outcome, Verdict, verdict_of
 from procedures.sensor.curves import Curves, curves_of, light_spread
 from procedures.sensor.defects import Defects, IntervalNumber, dark_field, find_defects, response_field
@@ -213,6 +216,7 @@ BELOW_MAXIMUM = 0.9  # the last level's temporal variance must have fallen below
 UNEVEN_REFUSED, UNEVEN_DOUBTFUL = 0.2, 0.03  # largest less smallest light over the mean; the standard allows 0.03
 ENOUGH_PICTURES = 16
 FLAT_RANGE = (0.2, 0.8)  # accepted signal of the flat stack, relative to saturation; the standard requires a half
+COUPLED = 0.003  # standard uncertainty of a mask's amount by the coupling of neighbouring pixels in the sensor itself
 OUTLYING = 0.03  # deviation of a level's signal from the line between its neighbours, relative to the signal
 NONLINEAR = 1.0  # linearity error in per cent from which the linear model is doubtful
 
@@ -271,11 +275,26 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
         Check("levels", len(variance), ENOUGH_LEVELS, DOUBTFUL,
               f"the ladder has {len(variance)} levels; the standard requires 50",
               f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
+        *_processing(recording, signal <= REGRESSION * signal[top]),
         _outlying_level(recording, top),
         Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
               "rounding dominates in the dark: its effect is computed for normally distributed noise and pixels",
               "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
+
+
+def _processing(recording: SensorRecording, fitted: Mask) -> list[Check]:
+    """Whether the noise of neighbouring pixels is correlated, in the levels from which the gain is fitted."""
+    noise = [
+        one.noise
+        for one, used in zip(recording.lights, fitted, strict=True)
+        if used and one.variance > LEAST_DARK_VARIANCE
+    ]
+    scores = (
+        [replace(one, uncertainty=math.hypot(one.uncertainty, COUPLED)) for one in mask_scores(noise, radii)]
+        for radii in (MASK_RADII, SMOOTHING_RADII)
+    )
+    return noise_checks(*scores, raw=True)
 
 
 def _outlying_level(recording: SensorRecording, top: int) -> Check:

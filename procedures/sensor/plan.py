@@ -5,10 +5,12 @@ controls no panel.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import cv2
 import numpy as np
 
 from procedures.advice import changed_settings, nominal_times_s, time_words
@@ -21,9 +23,11 @@ from procedures.plan import (
     Decide,
     Estimate,
     Facts,
+    Goal,
     Known,
     Look,
     Outcomes,
+    Outline,
     Plan,
     Reading,
     Request,
@@ -35,6 +39,7 @@ from procedures.plan import (
     required,
 )
 from procedures.raw import RawFrame
+from procedures.sensor.photon_transfer import REGRESSION
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 LEVELS, PICTURES = 24, 16  # levels of the ladder; pictures in each stack
@@ -44,6 +49,8 @@ TRIAL = 0.25
 AT_TRIAL = (0.42, 0.6)
 """Level of the brightest plane in that light: four times as much saturates it, and planes with half of its light."""
 DARK = 0.02  # maximum of a dark picture on the scale
+FILLED, VISIBLE, SMALL_PX = 0.05, 0.1, 64
+"""Largest share of the frame that a panel may leave free; its least level, and the width, to be found."""
 SPREAD = 0.2  # largest less smallest light over the mean, of a picture's ninths: as refused by `checks`
 SAME = 0.01  # accepted relative error of a level's light or time
 STEPS_OF_PANEL = 255  # steps of a DMX channel: levels are integers, and so exact
@@ -52,6 +59,7 @@ TRIAL_LEVEL = round(TRIAL * STEPS_OF_PANEL) / STEPS_OF_PANEL
 
 def plan(estimate: Estimator, levels: int = LEVELS, pictures: int = PICTURES) -> Plan:
     """The guided calibration of a sensor. levels, pictures : levels of the ladder, pictures in each stack."""
+    whole = 2 * pictures + PAIR * levels
     return Plan(
         "sensor",
         "Gain, noise and non-uniformity of a sensor (EMVA 1288)",
@@ -62,16 +70,16 @@ def plan(estimate: Estimator, levels: int = LEVELS, pictures: int = PICTURES) ->
             ),
             Step(
                 "dark", "Dark", "Pictures without any light.",
-                (SetLight(lambda facts: 0.0), COVER, shoot("dark", 0.0, pictures), UNCOVER),
+                (SetLight(lambda facts: 0.0), COVER, shoot("dark", 0.0, pictures, whole), UNCOVER),
                 drawings.DARK, lambda facts: picture_count(facts, 0.0),
             ),
             Step(
                 "ladder", "Ladder", "Two pictures at each level of light, from little to beyond saturation.",
-                tuple(request for one in ladder(levels) for request in level(one)), drawings.PANEL,
+                tuple(request for one in ladder(levels) for request in level(one, whole)), drawings.PANEL,
             ),
             Step(
                 "flat", "Flat", "Many pictures at half of saturation.",
-                (SetLight(lambda facts: TRIAL_LEVEL), shoot("flat", TRIAL_LEVEL, pictures)), drawings.PANEL,
+                (SetLight(lambda facts: TRIAL_LEVEL), shoot("flat", TRIAL_LEVEL, pictures, whole)), drawings.PANEL,
             ),
             Step("estimate", "Estimate", "Compute all numbers from the pictures.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the ladder again.", (Decide("ladder"),)),
@@ -122,17 +130,37 @@ def check_panel(frame: RawFrame, facts: Facts) -> Advice:
         Reading("unevenness", 100 * spread, "%", None, 100 * SPREAD),
     )
     seconds = frame.exposure.exposure_s
+    outline = panel_outline(brightest.samples)
+    seen = float(np.percentile(brightest.samples, 95)) > VISIBLE
+    if seen and outline.off_px > FILLED * max(brightest.samples.shape):
+        say = "The panel does not fill the frame: bring it nearer, its middle in front of the camera."
+        return Advice(False, say, readings, by_hand={"even_light": 1.0}, outline=outline)
     if not readings[0].good:
         stops = -1.0 if light >= high else math.log2((low + high) / 2 / max(light, 1e-3))
         return exposure_by(stops, seconds, f"The light is at {100 * light:.0f} % of the scale", readings)
     if not readings[1].good:
         say = f"The light differs by {100 * spread:.0f} % over the sensor: move the panel nearer, or add a diffuser."
-        return Advice(False, say, readings, by_hand={"even_light": 1.0})
+        return Advice(False, say, readings, by_hand={"even_light": 1.0}, outline=outline)
     settings = {name: value for name in ("camera", "lens", "exposure_s", "iso", "f_number")
              if (value := getattr(frame.exposure, name)) is not None}  # fmt: skip
     ladder_s = seconds if seconds is None or known.light_level is not None else seconds / TRIAL_LEVEL
-    new_facts = settings if ladder_s is None else {**settings, "ladder_s": ladder_s}
-    return Advice(True, f"The light is good, at {100 * light:.0f} % of the scale.", readings, facts=new_facts)
+    found = {"brightest": light / share, "samples": float(brightest.samples.size)}
+    new_facts = {**settings, **found, **({} if ladder_s is None else {"ladder_s": ladder_s})}
+    say = f"The light is good, at {100 * light:.0f} % of the scale."
+    return Advice(True, say, readings, facts=new_facts, outline=outline)
+
+
+def panel_outline(samples: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Outline:
+    """The panel, whatever is brighter than half of the brightest part, and the frame that it must fill."""
+    rows, columns = samples.shape
+    frame = ((0.0, 0.0), (columns - 1.0, 0.0), (columns - 1.0, rows - 1.0), (0.0, rows - 1.0))
+    small = cv2.resize(samples, None, fx=SMALL_PX / columns, fy=SMALL_PX / columns, interpolation=cv2.INTER_AREA)
+    _, _, boxes, _ = cv2.connectedComponentsWithStats((small > small.max() / 2).astype(np.uint8))
+    x, y, width, height = max(boxes[1:, :4].tolist(), key=lambda box: box[2] * box[3], default=[0, 0, 0, 0])
+    low, high = ((x, y), (x + width, y + height))
+    scale = columns / SMALL_PX
+    (x0, y0), (x1, y1) = ((min(x * scale, columns - 1.0), min(y * scale, rows - 1.0)) for x, y in (low, high))
+    return Outline(((x0, y0), (x1, y0), (x1, y1), (x0, y1)), frame)
 
 
 def uneven(samples: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> float:
@@ -161,14 +189,14 @@ PANEL = (
 # --- pictures ---
 
 
-def level(light: float) -> tuple[Request, ...]:
+def level(light: float, whole: int) -> tuple[Request, ...]:
     """One level of the ladder."""
-    return (SetLight(lambda facts: light), shoot(f"level {light:.3f}", light, PAIR))
+    return (SetLight(lambda facts: light), shoot(f"level {light:.3f}", light, PAIR, whole))
 
 
-def shoot(purpose: str, light: float, count: int) -> Shoot:
-    """Pictures of one light."""
-    return Shoot(purpose, partial(check_picture, light), estimate_none, partial(enough, count), 4 * count)
+def shoot(purpose: str, light: float, count: int, whole: int) -> Shoot:
+    """Pictures of one light, out of the `whole` number."""
+    return Shoot(purpose, partial(check_picture, light), estimate_none, partial(enough, count, whole), 4 * count)
 
 
 def check_picture(light: float, frame: RawFrame, facts: Facts) -> Advice:
@@ -203,9 +231,29 @@ def estimate_none(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], kn
     return {name: Outcome(None) for name in frame.planes}
 
 
-def enough(count: int, results: Sequence[Outcomes], facts: Facts) -> Advice:
+def enough(count: int, whole: int, results: Sequence[Outcomes], facts: Facts) -> Advice:
     """Whether the number of pictures is reached."""
-    return Advice(len(results) >= count, f"Pictures: {len(results)} of {count}.")
+    return Advice(len(results) >= count, f"Pictures: {len(results)} of {count}.", goal=gain_goal(facts, whole))
+
+
+def gain_goal(facts: Facts, whole: int) -> Goal:
+    """Progress of the gain, to 70 % of the scale of the brightest plane."""
+    known = facts_as(SensorFacts, facts)
+    full = 1.0 if known.light_level is not None else required(known.ladder_s, "the ladder's exposure time", "")
+    lights = [light / full for light in known.lit.values() if light / full * (known.brightest or 0.0) < REGRESSION]
+    last = lights[-1:] if lights and lights.count(lights[-1]) % PAIR else []
+    now, after = (100 * gain_uncertainty(one, known.samples or 1.0) for one in (lights, lights + last))
+    return Goal(max(whole - len(known.lit), 0), "gain", "%", now, after)
+
+
+def gain_uncertainty(lights: Sequence[float], samples: float) -> float:
+    """Relative uncertainty of the slope of the variance, a line through 0: n pictures of shot noise with N samples give
+    a variance with the relative uncertainty sqrt(2 / (N (n - 1))); infinite without two pictures of one light."""
+    levels = [(light, n) for light, n in Counter(lights).items() if light and n > 1]
+    if not levels:
+        return math.inf
+    spread = sum(light**4 / (n - 1) for light, n in levels)
+    return math.sqrt(2 / samples * spread) / sum(light**2 for light, _ in levels)
 
 
 # --- Facts of a guided sensor measurement: the exposure, and the light of every picture ---
@@ -224,10 +272,13 @@ class SensorFacts(CameraFacts):
     """Facts of the plan.
 
     light_level : setting of the panel; None without one, where exposure times make the ladder
+    brightest, samples : level of the brightest plane in full light, and number of its samples
     ladder_s : exposure time of the whole ladder, or of its brightest level
     lit : light of every accepted picture, by its mark; 0 in the dark
     """
 
     light_level: float | None = None
+    brightest: float | None = None
+    samples: float | None = None
     ladder_s: float | None = None
     lit: Mapping[str, float] = gathered_numbers(LIT)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d, uniform_filter
 
+from procedures.corruption.noise import Variogram
 from procedures.numerics.arrays import Array
 from procedures.sensor.rounding import NEGLIGIBLE
 
@@ -163,6 +164,7 @@ SIGNIFICANT = 4.0  # standard errors from which a correlation of the noise along
 STRAY = 1e-3  # accepted share of samples below the lowest number: dead pixels
 LEAST_NUMBERS = 4  # different numbers of the noise required to detect clipping
 SEARCHED = 500_000  # samples of a picture searched for clipping
+JUDGED_PX = 256  # side of a picture's middle of which neighbouring pixels' noise is compared
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,7 @@ class LightLevel:
     change_variance : expected square of `change` by noise alone
     bottom : share of the samples clipped at the lowest number
     samples : samples of all pairs' differences
+    noise : variogram of the first pair's difference in the middle of the picture
     """
 
     exposure_s: float
@@ -190,6 +193,7 @@ class LightLevel:
     change_variance: float
     bottom: float
     samples: int
+    noise: Variogram
 
 
 def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) -> LightLevel:
@@ -219,7 +223,17 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
         4 * mean_variance,  # difference of two pictures, where the mean has both
         bottom_pile(pictures[0]),
         pictures[0].size * len(pairs),
+        _noise(pictures[0], pictures[1]),
     )
+
+
+def _noise(a: Numbers, b: Numbers) -> Variogram:
+    """Noise of two pictures around the middle, without that common to rows or columns."""
+    middle = tuple(slice((n - min(n, JUDGED_PX)) // 2, (n + min(n, JUDGED_PX)) // 2) for n in a.shape)
+    difference = np.subtract(a[middle], b[middle], dtype=np.float64)
+    for axis in (0, 1):
+        difference -= difference.mean(axis=axis, keepdims=True)
+    return Variogram.of(difference, np.ones(difference.shape, dtype=bool))
 
 
 def _measure_pair(a: Numbers, b: Numbers) -> tuple[float, float, float, float, float]:

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Budget, combined
+from procedures.corruption import probability
 from procedures.corruption.directions import mirrored
 from procedures.display import axes_of, html, summary
-from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
+from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF50, EDGE_MTF_NYQUIST, LEVELS
 from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
@@ -73,6 +74,7 @@ class EdgeMtf:
     order : degree of the polynomial course
     course : (n, 2) points (x, y) of the plane along the edge
     distances, esf : (m,) edge spread function over the distance in pixels, 0 dark and 1 bright
+    probability : probability that MTF50 lies within two stated uncertainties: see `corruption.probability`
     """
 
     roi: Roi
@@ -88,6 +90,7 @@ class EdgeMtf:
     distances: Array
     esf: Array
     diagnostics: Mapping[str, float]
+    probability: float = float("nan")
 
     __repr__ = summary
     _repr_html_ = html
@@ -186,11 +189,15 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
     evidence = examine(strip, course, profile, mtf, np.std(draws, axis=0))
     modes = modes_of(evidence, profile, mtf, raw=strip.raw)
-    checks = checks_of(course, profile, mtf50, uncertainty)
-    outcome: Outcome[EdgeMtf] = verdict_of([*checks, *corruption_checks(evidence, raw=strip.raw)])
+    checks = [*checks_of(course, profile, mtf50, uncertainty), *corruption_checks(evidence, raw=strip.raw)]
+    outcome: Outcome[EdgeMtf] = verdict_of(checks)
     if outcome.verdict is Verdict.REFUSED:
         return outcome.of_value(None)
-    return outcome.of_value(_result(strip, course, profile, mtf, draws, modes))
+    edge = _result(strip, course, profile, mtf, draws, modes)
+    if (known := edge.numbers.get(EDGE_MTF50)) is not None:
+        within = probability.within_two("edge", checks, known.uncertainty / known.value, raw=strip.raw)
+        edge = replace(edge, probability=within)
+    return outcome.of_value(edge)
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[EdgeProfile, Array]:

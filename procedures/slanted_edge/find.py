@@ -69,6 +69,12 @@ def find_edges(samples: Array32) -> list[EdgeSighting]:
     return _apart(sorted(detected, key=lambda one: -one.score))
 
 
+def longest_segment(samples: Array32) -> Array | None:
+    """Ends (2, 2) of the longest straight segment at any angle, as x and y; None without one."""
+    segments = _merged(_segments(samples))
+    return np.array([segments[0].start, segments[0].end]) if segments else None
+
+
 def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
     """The edge that `find_edges` gives this region, or None."""
     try:

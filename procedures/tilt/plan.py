@@ -16,6 +16,7 @@ import numpy as np
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
+from procedures.drawings.screws import screws_drawing
 from procedures.field import plan as field_plan
 from procedures.field.measuring import AHEAD, Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, FieldFacts, TourStart
@@ -33,6 +34,7 @@ from procedures.plan import (
     Ask,
     AxisTravel,
     Decide,
+    Diagram,
     Estimate,
     Fact,
     Facts,
@@ -44,6 +46,7 @@ from procedures.plan import (
     Outcomes,
     Plan,
     Request,
+    Show,
     Step,
     Tour,
     TourStop,
@@ -80,7 +83,7 @@ def plan(estimate: Estimator) -> Plan:
                 "screws", "Screws", "Enter the screws of the sensor, with the chart in the middle.", SCREWS,
                 drawings.TOUR,
             ),
-            Step("turn", "Turn", "Turn the screws by the measured amounts.", (TURN_THEM,)),
+            Step("turn", "Turn", "Turn the screws by the measured amounts.", (Show(turns_shown), TURN_THEM)),
             Step(
                 "bracket", "Bracket", "The chart at places of the frame, at each of them through the focus.",
                 (Tour(stops),), drawings.TOUR,
@@ -124,6 +127,20 @@ def after_rail(step: Step) -> tuple[Request, ...]:
 # --- screws ---
 
 
+def screws_shown(facts: Facts) -> Diagram:
+    """The screws from behind, the first as far as it is known."""
+    say = "The screws as seen from behind the camera. Screw 1 at 0° is at the top, at 90° on the right, at 180° below."
+    return Diagram("", (), (), say, drawing=screws_drawing(facts_as(TiltFacts, facts).screws.angles_deg.tolist()))
+
+
+def turns_shown(facts: Facts) -> Diagram | None:
+    """The turns of the screws from behind; None before the measurement, or where they would not help."""
+    known = facts_as(TiltFacts, facts)
+    say = "From behind: turn each screw until the sensor has moved away from the lens, or nearer, by its bar."
+    drawing = screws_drawing(known.screws.angles_deg.tolist(), known.turns)
+    return Diagram("", (), (), say, drawing=drawing) if worth_turning(facts) else None
+
+
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
     """`check_start` of the field, and check that the rail reaches all positions of the bracket."""
     advice = field_plan.check_start(frame, facts)
@@ -152,8 +169,9 @@ SCREWS = (
     Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=12),
     Ask("screw_radius_mm", "How far are they from the frame's centre?", "number", "mm", low=1.0, high=500.0),
     Ask("screw_pitch_mm", "By how much does a turn move the sensor?", "number", "mm", low=0.01, high=5.0),
+    Show(screws_shown),
     Ask(
-        "first_screw_deg", "Where is the first, clockwise from the top, seen from behind the camera?", "number", "°",
+        "first_screw_deg", "Where is screw 1, clockwise from the top, seen from behind the camera?", "number", "°",
         0.0, low=-360.0, high=360.0,
     ),
     Look("light", check_light),

@@ -112,6 +112,11 @@ class PairDiagnostics:
     mismatch: float
 
 
+def relative_uncertainty(psf: Psf) -> float:
+    """Root of the covariance's trace over the norm of the PSF: the relative L2 error to expect."""
+    return float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h))
+
+
 def diagnose(
     fit: PairFit, kernel: InterImageKernel, psf: Psf, sighting: PairSighting, near: Array32, far: Array32,
     near_noise_limit: float, recursion_check: float, saturated: float, consistency: PairConsistency,
@@ -141,7 +146,7 @@ def diagnose(
         light_change=_light_change(fit),
         passed=passed,
         excess=excess,
-        relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
+        relative_uncertainty=relative_uncertainty(psf),
         determined_horizontal=determined_horizontal,
         determined_vertical=determined_vertical,
         near_noise_bias=kernel.bias,

@@ -5,23 +5,24 @@ Source: Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chap
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Trial, choose, remaining_change, with_modes, with_parts
+from procedures.corruption import probability
 from procedures.display import html, summary
-from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
+from procedures.numbers import GAIN, MTF50_HORIZONTAL, NOISE, PROBABILITY, RESIDUAL_STD, SCALE
 from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
-from procedures.outcome import Check, Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
-from procedures.two_photo.diagnostics import diagnose
+from procedures.two_photo.diagnostics import diagnose, relative_uncertainty
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.evidence import examine
 from procedures.two_photo.inter_image import PairFit, fit_kernel
@@ -29,7 +30,7 @@ from procedures.two_photo.near_noise import InterImageKernel, noise_at_most, wit
 from procedures.two_photo.pair_consistency import pair_consistency
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import PairSighting, register
-from procedures.two_photo.trust import check_distance, check_light, checks_of, most_samples_per_pixel
+from procedures.two_photo.trust import MAX_UNCERTAINTY, check_distance, check_light, checks_of, most_samples_per_pixel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,6 +70,7 @@ class TwoPhotoPsf:
     choice : tried s and k; the last one is this
     warp : far pixels -> near pixels
     diagnostics : mapping of str to float
+    probability : probability that MTF50 along rows lies within two stated uncertainties: see `corruption.probability`
     """
 
     psf: Psf
@@ -82,6 +84,7 @@ class TwoPhotoPsf:
     choice: tuple[Trial, ...]
     warp: CubicWarp
     diagnostics: Mapping[str, float]
+    probability: float = float("nan")
 
     __repr__ = summary
     _repr_html_ = html
@@ -107,7 +110,13 @@ class TwoPhotoPsf:
     @property
     def values(self) -> dict[str, float | tuple[float, float]]:
         """The numbers without uncertainty."""
-        return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
+        return {
+            SCALE: self.scale,
+            GAIN: self.gain,
+            NOISE: self.noise,
+            RESIDUAL_STD: self.residual_std,
+            **({PROBABILITY: self.probability} if np.isfinite(self.probability) else {}),
+        }
 
 
 def estimate_psf_of_pair(
@@ -133,9 +142,18 @@ def estimate_psf_of_pair(
 
     def estimate() -> Outcome[TwoPhotoPsf]:
         solved = solve_pair(near_or_far, other, given, diffraction)
-        return verdict_of(solved.checks, solved.result)
+        return judged(solved.checks, solved.result, raw=near_or_far.raw and other.raw)
 
     return or_refused(estimate, given)
+
+
+def judged(checks: Sequence[Check], result: TwoPhotoPsf, *, raw: bool) -> Outcome[TwoPhotoPsf]:
+    """The result with its verdict, and the probability that it lies within two stated uncertainties."""
+    known = result.quality.numbers.get(MTF50_HORIZONTAL)
+    if known is not None:
+        within = probability.within_two("wall", checks, known.uncertainty / known.value, raw=raw)
+        result = replace(result, probability=within)
+    return verdict_of(checks, result)
 
 
 def or_refused(estimate: Callable[[], Outcome[TwoPhotoPsf]], parameters: TwoPhotoParameters) -> Outcome[TwoPhotoPsf]:
@@ -229,7 +247,9 @@ def solve_pair(
         warp=fit.warp,
         diagnostics=asdict(diagnostics),
     )
-    checks = [*checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), *evidence.checks(raw=raw)]
+    # what the pair shows by itself names the cause better
+    symptoms = [replace(one, prior=SYMPTOM * one.prior) for one in evidence.checks(raw=raw)]
+    checks = [*checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), *symptoms]
     total = float(best.recovered.h.sum())
     covariance = best.recovered.covariance(kernel.covariance) / total**2
     free = Psf.of(best.recovered.parameters / total, covariance, psf.k, psf.s)
@@ -257,12 +277,15 @@ def _chosen(
     def chosen_from(start_s: int) -> tuple[_PairAttempt, tuple[Trial, ...]]:
         return choose(attempt, lambda one: one.psf, samples, most_s, start_s=start_s, s=parameters.s, k=parameters.k)
 
+    coarser = parameters.s is None and most_s > 2  # for a wall with little fine detail
     try:
-        return chosen_from(START_S)
+        best, tried = chosen_from(START_S)
     except (Refused, np.linalg.LinAlgError):
-        if parameters.s is not None or most_s <= 2:
+        if not coarser:
             raise
-        return chosen_from(2)  # a wall with little fine detail
+        return chosen_from(2)
+    noisy = relative_uncertainty(best.psf) > MAX_UNCERTAINTY
+    return chosen_from(2) if coarser and noisy else (best, tried)
 
 
 def solved_psf(p: Array, covariance: Array, k: int, s: int, solver: str) -> Psf:

@@ -2,78 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-
 import numpy as np
 import numpy.typing as npt
 
 from procedures.corruption import directions
-from procedures.corruption.directions import BORDER, FLOW, GHOST, MEDIAN, THRESHOLD
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    SHARPENED,
-    SMOOTHED,
-    SampleGroup,
-    Strength,
-    nuisance,
-    strengths,
+from procedures.corruption.directions import BORDER, GHOST
+from procedures.corruption.evidence import Evidence
+from procedures.corruption.family import SampleGroup, Strength, strengths
+from procedures.corruption.noise import (
+    DRIFT,
+    MASK_RADII,
+    SMOOTHING_RADII,
+    TEXTURES,
+    Variogram,
+    mask_scores,
+    texture_correlation,
 )
-from procedures.corruption.noise import DRIFT, MaskScore, Variogram, mask_scores, texture_correlation
-from procedures.outcome import SYMPTOM, Check
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-MASK_RADII, SMOOTHING_RADII, TEXTURES = (0.6, 1.0, 2.0), (0.5, 0.7), (1.0, 2.0)
-"""Values of `pattern_psf.evidence` hold here too."""
-MASK_PRIOR, WIDE_PRIOR, WIDE_PX = 0.08, 0.06, 3.0
-"""Prior amounts of unsharp masks of 1 and 3 pixels in pictures that are no RAW files; no frame shows the wider one."""
 CONTRAST = 4.0
 """Standard deviations of a wall's light that count as the contrast of black and white."""
 
 
-@dataclass(frozen=True)
-class PairEvidence:
-    """Scores of a pair, as those of a chart: masks and textures in the residual, strengths by directions."""
-
-    masks: list[MaskScore]
-    textured: list[MaskScore]
-    strengths: Mapping[str, Strength]
-
-    def checks(self, *, raw: bool) -> list[Check]:
-        """Tests of the corruptions; what the pair shows by itself names the cause better."""
-        scores = {name: one.score for name, one in self.strengths.items()}
-        checks = [
-            SHARPENED.check(max(one.score for one in self.masks), raw=raw, places=len(MASK_RADII)),
-            SMOOTHED.check(max(-one.score for one in self.textured), raw=raw, places=len(SMOOTHING_RADII)),
-            FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
-            SELECTIVE.check(scores[THRESHOLD], raw=raw),
-            GHOSTED.check(scores[GHOST], raw=raw),
-        ]
-        return [replace(one, prior=SYMPTOM * one.prior) for one in checks]
-
-    def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
-        """Relative changes of the transfer function at frequencies f (n,) by what is not excluded."""
-        if raw:
-            return {}
-        fine, square = self.masks[MASK_RADII.index(1.0)], 2 * (np.pi * f) ** 2
-        parts = [
-            nuisance(fine.unseen, fine.uncertainty, MASK_PRIOR) * (1 - np.exp(-square)),
-            WIDE_PRIOR * (1 - np.exp(-square * WIDE_PX**2)),
-        ]
-        return {"processing": np.hypot(*parts)}
-
-
-def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> PairEvidence:
+def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> Evidence:
     """Scores of a fit; `curve` are frequencies and MTF."""
     image = fit.as_image(fit.residual, np.nan)
-    residual = Variogram.of(np.nan_to_num(image), np.isfinite(image), residual=True)
+    residual = Variogram.of(np.nan_to_num(image), np.isfinite(image))
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return PairEvidence(
+    return Evidence(
         mask_scores([residual], MASK_RADII),
         mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, far),

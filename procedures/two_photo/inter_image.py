@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics import loops
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.splines import photograph_spline, read_spline
@@ -307,10 +308,8 @@ def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
     samples, warp = fit.samples, fit.warp
     u = fit.near.read(warp, tail_border(k))
     A = _system(samples, u, fit.near.s, k)
-    slope_y, slope_x = np.gradient(fit.kernel.reshape(k, k))
-    both = np.column_stack([fit.kernel, slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
-    blurred, *gradients = (A @ both).T.astype(np.float64)
-    slopes = np.stack(gradients, axis=-1) * fit.near.s
+    kernel = fit.kernel.astype(np.float32)
+    blurred, slopes = (A @ kernel).astype(np.float64), _slopes(samples, u, kernel.reshape(k, k), fit.near.s)
     quadratics, monomials = _quadratics(samples, warp), warp.monomials(samples.points)
     columns = [displacement_columns(slopes, monomials), quadratics, quadratics[:, 1:] * blurred[:, None]]
     known = fit.light
@@ -341,6 +340,18 @@ def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
         scores=scores,
         counts=counts,
     )
+
+
+def _slopes(samples: FarSamples, u: Array32, kernel: Array32, s: int) -> Array:
+    """Change of the blurred near photograph per far pixel along x and y, (m, 2).
+
+    The photograph is differentiated, not the kernel, which need not end at 0.
+    """
+    extra = tail_border(len(kernel)) - len(kernel) // 2
+    by_axis = (np.asarray(np.gradient(u, axis=axis)) for axis in (1, 0))
+    across, down = (np.ascontiguousarray(one[extra:-extra, extra:-extra]) for one in by_axis)
+    both = [loops.convolve_at(one, samples.rows, samples.columns, kernel, s) for one in (across, down)]
+    return np.stack(both, axis=-1).astype(np.float64) * s
 
 
 def tiles_of(fit: PairFit) -> Indices:

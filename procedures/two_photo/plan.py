@@ -333,7 +333,7 @@ FARTHER = Ask(
     "farther", "From how many further distances will you photograph the wall?", "number", "", 0.0, low=0.0, high=3.0,
     when=lambda facts: bool(further(facts)),
 )  # fmt: skip
-MTF_NYQUIST_WORDS = "MTF at Nyquist"
+MTF_NYQUIST_WORDS = "MTF at Nyquist by noise"
 ALIKE = 0.1
 """Relative difference below which two distances are one."""
 
@@ -434,7 +434,18 @@ def enough(place: str, results: Sequence[Outcomes], facts: Facts) -> Advice:
     new_facts: dict[str, Fact] = {f"{place}_frames": float(len(results))}
     if place == "near" and (prediction := next(iter(results[-1].values())).value):
         new_facts["predicted"] = prediction
-    return Advice(len(results) >= FRAMES, say, facts=new_facts)
+    goal = first_goal(place, len(results), facts_as(TwoPhotoFacts, {**facts, **new_facts}))
+    return Advice(len(results) >= FRAMES, say, facts=new_facts, goal=goal)
+
+
+def first_goal(place: str, count: int, known: TwoPhotoFacts) -> Goal:
+    """Progress of the near and the first far photographs, whose mean has the noise over the root of their number."""
+    far = 0 if place == "near" else count
+    whole = uncertainties_up_to(known, [])[0] if known.predictions else np.inf
+    now, after = (
+        whole * float(np.sqrt(FRAMES / n)) if n else np.inf for n in (far, far + (place == "far" or count >= FRAMES))
+    )
+    return Goal(FRAMES - count + FRAMES * (place == "near"), MTF_NYQUIST_WORDS, "", now, after)
 
 
 # --- estimate ---

@@ -19,7 +19,7 @@ import scipy.linalg
 from procedures.choice import remaining_change, with_modes, with_parts
 from procedures.numbers import MTF_CROSSINGS
 from procedures.numerics.warps import homography_jacobian
-from procedures.outcome import BadParameter, Check, Outcome, Verdict, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -29,6 +29,7 @@ from procedures.two_photo.estimate import (
     TwoPhotoParameters,
     TwoPhotoPsf,
     estimate_psf_of_pair,
+    judged,
     or_refused,
     solve_pair,
     solved_psf,
@@ -75,7 +76,8 @@ def estimate_psf_of_wall(
     if len(planes) == 2:
         return estimate_psf_of_pair(planes[0], planes[1], parameters, diffraction)
     given = parameters
-    return or_refused(lambda: _joined(_pairs(planes, given, diffraction), given, diffraction), given)
+    raw = all(one.raw for one in planes)
+    return or_refused(lambda: _joined(_pairs(planes, given, diffraction), given, diffraction, raw=raw), given)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def _times_as_far(sighting: PairSighting) -> float:
 
 
 def _joined(
-    pairs: list[_WallPair], parameters: TwoPhotoParameters, diffraction: Diffraction | None
+    pairs: list[_WallPair], parameters: TwoPhotoParameters, diffraction: Diffraction | None, *, raw: bool
 ) -> Outcome[TwoPhotoPsf]:
     solved = [pair.solved for pair in pairs]
     first = solved[0].result
@@ -132,7 +134,8 @@ def _joined(
         for pair in pairs
         for check in pair.solved.checks
     ]
-    return verdict_of([*checks, _agreement(pairs, quality), *beyond_diffraction(quality, diffraction)], result)
+    checks += [_agreement(pairs, quality), *beyond_diffraction(quality, diffraction)]
+    return judged(checks, result, raw=raw)
 
 
 def weights(estimates: Sequence[Psf]) -> list[Array]:

@@ -15,6 +15,7 @@ from procedures.two_photo.diagnostics import PairDiagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
 
+MAX_UNCERTAINTY = 0.3  # relative L2 error of the PSF above which a coarser grid is tried, and the PSF is doubtful
 ZOOM_MARGIN = 1.02  # minimum of the zoom over a chosen s
 COARSE_RESIDUAL, FINE_RESIDUAL, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
 """Limits of the residual's power at coarse over fine detail, at middle over the finest, and along x over along y."""
@@ -23,6 +24,7 @@ FAR_SOFTER = 1.8
 """Fine contrast of the near photograph over the far one's above which the focus of the far one is doubtful."""
 PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
 """Significant distance of a part of the wall from one plane, in pixels and in standard uncertainties."""
+MOVED_PX = 0.1  # accepted last move of the map
 COARSE_SHARE = 0.05  # accepted difference of the wall's coarse detail, relative to its amplitude
 BEYOND_LIGHT, MISSING_LIGHT = 0.02, 4.0
 """Accepted violation of the inequality of cosines, and light missing around the core in standard uncertainties."""
@@ -224,6 +226,7 @@ def _sampling_checks(asked: Sampling, last: Trial, scale: float) -> list[Check]:
 def _refusals(d: PairDiagnostics) -> list[Check]:
     refused = Verdict.REFUSED
     flat = "choose a flat wall without relief, photograph it squarely, and keep everything out of its way"
+    unsharp = (SYMPTOM if _shifted(d) else 1.0) * (SYMPTOM if d.moved_px > MOVED_PX else 1.0)
     return [
         Check("agreement", d.agreement, 0.3, refused,
               f"the near photograph must explain the far one; it explains {max(d.agreement, 0):.0%} of it",
@@ -236,7 +239,7 @@ def _refusals(d: PairDiagnostics) -> list[Check]:
               flat),
         Check("sharpness", d.sharpness_ratio, 0.2, refused,
               f"the near photograph must be as sharp as the far one; it has {d.sharpness_ratio:.0%} of its fine "
-              "contrast", "focus again at the near distance", least=True, prior=SYMPTOM if _shifted(d) else 1.0),
+              "contrast", "focus again at the near distance", least=True, prior=unsharp),
         Check("uncertainty", d.relative_uncertainty, 1.0, refused,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF: the wall's spectrum is too weak",
               "choose a rougher wall with detail of all sizes, expose longer, or lower s or k"),
@@ -253,7 +256,7 @@ def _wall_checks(d: PairDiagnostics, s: int) -> list[Check]:
         Check("relief", d.relief_px, 0.06, doubtful,
               f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
               "choose a wall without relief", prior=1.0 if _shifted(d) else SYMPTOM),
-        Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
+        Check("uncertainty", d.relative_uncertainty, MAX_UNCERTAINTY, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "choose a rougher wall, expose longer, or lower s or k"),
         Check("band", determined, s / 2, doubtful,
@@ -290,6 +293,6 @@ def _camera_checks(d: PairDiagnostics) -> list[Check]:
               "rough", "expose both longer"),
         Check("support", d.support_cut, MAX_SUPPORT_CUT, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
-        Check("convergence", d.moved_px, 0.1, doubtful, "the map did not converge",
+        Check("convergence", d.moved_px, MOVED_PX, doubtful, "the map did not converge",
               "photograph the wall more squarely"),
     ]  # fmt: skip

@@ -25,6 +25,8 @@ from procedures.plan import (
     Diagram,
     Estimate,
     Facts,
+    Goal,
+    Outcomes,
     Plan,
     Request,
     Shoot,
@@ -122,9 +124,15 @@ def flats() -> tuple[Request, ...]:
         if quarters:
             requests.append(Ask(f"{PANEL_TURNED}{quarters}", "Turn the panel by a quarter, about the lens's axis."))
         check = partial(check_flat, quarters)
-        name, enough = f"flat {quarters + 1} of {QUARTERS}", partial(sensor_plan.enough, 1)
+        name, enough = f"flat {quarters + 1} of {QUARTERS}", partial(one_of_four, quarters)
         requests.append(Shoot(name, check, sensor_plan.estimate_none, enough, TRIES))
     return tuple(requests)
+
+
+def one_of_four(quarters: int, results: Sequence[Outcomes], facts: Facts) -> Advice:
+    """Whether the picture in this orientation is taken."""
+    left = QUARTERS - quarters - len(results)
+    return Advice(bool(results), f"Flats: {quarters + len(results)} of {QUARTERS}.", goal=Goal(left))
 
 
 def check_flat(quarters: int, frame: RawFrame, facts: Facts) -> Advice:

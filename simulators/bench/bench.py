@@ -3,9 +3,8 @@
 Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` makes them available to other programs.
 """
 
-from __future__ import annotations
-
 import itertools
+import math
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +42,7 @@ class Setup:
     """Configuration of a simulated bench.
 
     `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
-    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time. With
+    the chart. With `virtual_time` time jumps during waits; otherwise waits take their time over `speed`. With
     `motors_on_box` the motors of rail and height are powered only while the box's enable output is set.
     """
 
@@ -52,7 +51,7 @@ class Setup:
     body: BodySettings = field(default_factory=BodySettings)
     faults: Mapping[str, Faults] = field(default_factory=dict)
     develop: Develop | None = None
-    fault_events: tuple[FaultEvent, ...] = ()
+    fault_events: "tuple[FaultEvent, ...]" = ()
     virtual_time: bool = False
     speed: float = 1.0
     motors_on_box: bool = False
@@ -66,7 +65,9 @@ class SimulatedBench:
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
-        self.clock: SimClock = VirtualClock() if setup.virtual_time else FastClock(setup.speed)
+        own_time = setup.virtual_time or setup.speed != 1.0
+        speed = math.inf if setup.virtual_time else setup.speed
+        self.clock: SimClock = VirtualClock(speed) if own_time else FastClock()
         self.world = World(setup.room)
         self.folder = folder
         self._seed = setup.seed
@@ -146,7 +147,6 @@ class SimulatedBench:
             self.body.release(now_s)
 
     def address(self, device: str) -> str:
-        """The URL of a device's port."""
         return f"sim://{self.name}/{device}"
 
     def open_ports(self, devices: Sequence[str] = CABLES) -> dict[str, tuple[str, str]]:
@@ -176,7 +176,7 @@ class SimulatedBench:
         self.clock.detach(self._fault_plan)
 
 
-def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[FaultEvent, ...]]:
+def random_trouble(seed: int) -> "tuple[dict[str, Faults], tuple[FaultEvent, ...]]":
     """Random faults of cables and devices within the first minutes of a bench."""
     cables, devices = np.random.default_rng(seed).spawn(2)
     return random_faults(cables, CABLES), tuple(random_fault_events(devices))
@@ -258,7 +258,6 @@ class FaultPlan(EventSource):
         return self._due[0].moment_s if self._due else None
 
     def wake(self) -> None:
-        """Inject the faults that are due."""
         while self._due and self._due[0].moment_s <= self._clock.now_s():
             self._inject(self._due.pop(0))
 

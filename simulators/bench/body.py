@@ -106,7 +106,6 @@ class CameraBody(EventSource):
             return self._agenda[0][0] if self._agenda else None
 
     def wake(self) -> None:
-        """Carry out the actions that are due."""
         while (action := self._due(self.clock.now_s())) is not None:
             action()
 

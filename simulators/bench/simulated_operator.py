@@ -4,6 +4,7 @@ The operator begins with an empty wall and arbitrary camera settings, and is ine
 on the requests, not on time, so that a resumed session finds the bench in the same state.
 """
 
+import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,7 @@ EYES_DIOPTRES = 0.04
 """Largest error of focusing by eye or autofocus."""
 STEP_DIOPTRES = 0.03
 """A small turn of the focus ring."""
-EXACT = ("exposure_ev",)
+EXACT = ("exposure_ev", "aperture_ev")
 """Settings with detents."""
 RIM_PX, MAX_W = 8, 4.0
 """Margin of the marked region to the frame's edge, and the assumed widest blur, both in plane pixels."""
@@ -82,7 +83,7 @@ class SimulatedActions:
         self._person = person or Person()
         self._asked: dict[str, float] = {}
         self._stops = 0.0
-        self._held = at.view.held
+        self._held, self._f_number = at.view.held, at.view.camera.lens.f_number
         self._dioptres = 1 / 5.0
         self.empty_the_room()
 
@@ -97,8 +98,8 @@ class SimulatedActions:
 
     @property
     def in_real_time(self) -> bool:
-        """Whether the bench's time passes by itself."""
-        return self._at.clock.real_s(0.0) is not None
+        """Whether waiting for the bench takes time."""
+        return self._at.clock.speed < math.inf
 
     def knows(self, key: str) -> Known | None:
         """Values read at the bench: rulers to a quarter of a millimetre, the camera's data sheet."""
@@ -181,10 +182,13 @@ class SimulatedActions:
 
     def _stop_down(self, f_number: float) -> None:
         """Set the aperture and compensate the exposure time."""
-        camera = self._at.view.camera
-        self._at.view.camera = replace(camera, lens=replace(camera.lens, f_number=f_number))
+        self._set_aperture(f_number)
         self._stops = 2 * float(np.log2(f_number / F_NUMBERS["first"]))
         self._apply()
+
+    def _set_aperture(self, f_number: float) -> None:
+        camera = self._at.view.camera
+        self._at.view.camera = replace(camera, lens=replace(camera.lens, f_number=round(f_number, 2)))
 
     def _before_wall(self) -> Mount:
         """Mount of a wall centred on the camera and squared by eye."""
@@ -210,7 +214,10 @@ class SimulatedActions:
         view, body = self._at.view, self._at.body
         if view.mount is not None and not view.sheets:
             view.mount = self._mount()
-        more = self._stops + self._asked.get("exposure_ev", 0.0)
+        closed = self._asked.get("aperture_ev", 0.0)
+        if "aperture_ev" in self._asked:
+            self._set_aperture(self._f_number * 2 ** (closed / 2))
+        more = self._stops + closed + self._asked.get("exposure_ev", 0.0)
         thirds = round(3 * np.log2(self._person.exposure_s * 2**more))  # of stops from 1 s
         body.settings.exposure_s = float(2 ** (thirds / 3))
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope

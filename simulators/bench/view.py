@@ -1,7 +1,5 @@
 """View of the bench's camera: chart or sheets, with the blur of the camera's motion during the exposure."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -72,7 +70,7 @@ class SensorMount:
     pitch_mm: float = 0.35
     first_deg: float = 30.0
 
-    def turned(self, turns: Sequence[float]) -> SensorMount:
+    def turned(self, turns: Sequence[float]) -> "SensorMount":
         """The mount after turns of the screws, each of which moves its position away from the lens by the pitch.
 
         Seen from behind the camera, a screw on the right is at the left of the photograph, one at the top at its lower

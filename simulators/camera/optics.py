@@ -4,8 +4,6 @@ Frequencies are in cycles per sensor pixel. The photograph is the convolution wi
 H(f) = integral of h(x) exp(-2 pi i f . x): a tail of h towards +x smears light towards +x.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -225,15 +223,9 @@ class Optics:
 
     @classmethod
     def typical(
-        cls,
-        *,
-        f_number: float = 5.6,
-        pitch_um: float = 3.76,
-        fill: float = 1.0,
-        olpf_px: float = 0.0,
-        gaussian_px: float = 0.0,
-        wavefront: Wavefront | None = None,
-    ) -> Optics:
+        cls, *, f_number: float = 5.6, pitch_um: float = 3.76, fill: float = 1.0, olpf_px: float = 0.0,
+        gaussian_px: float = 0.0, wavefront: Wavefront | None = None,
+    ) -> "Optics":  # fmt: skip
         """Aperture and photosites, with nonzero low-pass filter, Gaussian blur and aberrations."""
         blurs: list[Blur] = [CircularPupil(f_number, wavefront or Wavefront()), PixelAperture(fill, fill)]
         if olpf_px:
@@ -274,7 +266,7 @@ class Optics:
         f_numbers = [blur.f_number for blur in self.blurs if isinstance(blur, CircularPupil)]
         return min(max(math.ceil(3 * self.pitch_um / (shortest * max(f_numbers))), 5), 10) if f_numbers else 10
 
-    def aberrated(self, more: Wavefront) -> Optics:
+    def aberrated(self, more: Wavefront) -> "Optics":
         """Add aberrations of the pupil."""
         blurs = (
             replace(blur, wavefront=blur.wavefront + more) if isinstance(blur, CircularPupil) else blur
@@ -282,6 +274,6 @@ class Optics:
         )
         return replace(self, blurs=tuple(blurs))
 
-    def also(self, *blurs: Blur) -> Optics:
+    def also(self, *blurs: Blur) -> "Optics":
         """Add causes of blur, such as movement during one exposure."""
         return Optics((*self.blurs, *blurs), self.pitch_um)

@@ -1,7 +1,5 @@
 """Sensor model: electrons with noise, full well, gain, black level, quantisation, clipping."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -87,7 +85,7 @@ class Sensor:
         top: int = 2**self.bits - 1
         return min(top, int(self.full_well_e / self.gain_e_per_dn) + min(self.black))
 
-    def at_iso(self, iso: float, base: float = 100.0) -> Sensor:
+    def at_iso(self, iso: float, base: float = 100.0) -> "Sensor":
         """The sensor with another gain: `gain_e_per_dn` is that of ISO `base`."""
         return replace(self, gain_e_per_dn=self.gain_e_per_dn * base / iso)
 

@@ -5,8 +5,6 @@ reply, before or after the order was carried out, errors in place of replies, re
 Source: ASCOM Alpaca API reference, Focuser.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable, Mapping
@@ -46,7 +44,7 @@ class AlpacaFocusers:
         self._thread.join()
 
     @property
-    def device(self) -> AlpacaFocusers:
+    def device(self) -> "AlpacaFocusers":
         """The server itself: a line and its device in one."""
         return self
 
@@ -149,11 +147,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def do_GET(self) -> None:
-        """A query."""
         self._reply(urlsplit(self.path).query)
 
     def do_PUT(self) -> None:
-        """An order."""
         self._reply(self.rfile.read(int(self.headers.get("Content-Length", 0))).decode())
 
     def log_message(self, *_: object) -> None:

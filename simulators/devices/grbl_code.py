@@ -22,15 +22,9 @@ _GROUPS = {
     61: "path",
 }
 _M_GROUPS = {
-    0: "flow",
-    1: "flow",
-    2: "flow",
-    30: "flow",
-    3: "spindle",
-    4: "spindle",
-    5: "spindle",
-    8: "flood",
-    9: "flood",
+    **dict.fromkeys((0, 1, 2, 30), "flow"),
+    **dict.fromkeys((3, 4, 5), "spindle"),
+    **dict.fromkeys((8, 9), "flood"),
 }
 _FRACTIONS = {(28, 10), (30, 10), (92, 10), (91, 10), (43, 10)}
 _TAKES_AXES = {10, 28, 30, 92, 43, 49, 0, 1, 2, 3}
@@ -214,12 +208,9 @@ def _tool_length(groups: Mapping[str, float], axes: Mapping[str, float]) -> int:
 
 
 def _motion(
-    groups: Mapping[str, float],
-    values: Mapping[str, float],
-    axes: Mapping[str, float],
-    after: Modes,
+    groups: Mapping[str, float], values: Mapping[str, float], axes: Mapping[str, float], after: Modes,
     takes: float | None,
-) -> int:
+) -> int:  # fmt: skip
     if groups.get("non_modal") == 53 and after.motion not in (0, 1):
         return 30
     if after.motion == 80:

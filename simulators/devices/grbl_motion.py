@@ -95,7 +95,6 @@ class GrblMotion:
         return (0.0, length) if forced and self._homes_down(at) else (-length, 0.0)
 
     def inside(self, target: Place) -> bool:
-        """Whether a target is in the machine space."""
         spaces = [self._space(at) for at in range(len(target))]
         return all(low - 1e-9 <= value <= high + 1e-9 for value, (low, high) in zip(target, spaces, strict=True))
 

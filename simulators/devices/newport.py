@@ -55,7 +55,6 @@ class NewportTwin(MotorController[int]):
                 self.obey(line, now_s)
 
     def obey(self, line: str, now_s: float) -> None:
-        """Execute one line."""
         raise NotImplementedError
 
     def say(self, text: str) -> None:
@@ -80,7 +79,6 @@ class Esp301Twin(NewportTwin):
         self._errors.clear()
 
     def obey(self, line: str, now_s: float) -> None:
-        """The commands of a line."""
         for text in line.split(";"):
             match = COMMAND.fullmatch(text)
             whole = len(line) <= self.longest
@@ -188,7 +186,6 @@ class Smc100Twin(NewportTwin):
         return output
 
     def obey(self, line: str, now_s: float) -> None:
-        """One command."""
         match = COMMAND.fullmatch(line)
         if match is None:
             return

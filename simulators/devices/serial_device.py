@@ -4,8 +4,6 @@ A device receives bytes with their time, and returns its output up to a time; it
 the bytes, with faults on request.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -58,7 +56,7 @@ class Unplugged(OSError):
 class Cable:
     """One serial line: bytes both ways, one reader at a time, faults."""
 
-    def __init__(self, device: SerialDevice, clock: SimClock, faults: Faults | None = None) -> None:
+    def __init__(self, device: SerialDevice, clock: SimClock, faults: "Faults | None" = None) -> None:
         self.device = device
         self.clock = clock
         self.faults = faults or Faults()

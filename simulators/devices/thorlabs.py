@@ -43,7 +43,6 @@ class AptTwin(MotorController[int]):
         self._reported = dict.fromkeys(self.motors, True)
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Messages."""
         self._received += data
         while len(self._received) >= 6:
             number, length, dest, _ = struct.unpack_from("<HHBB", self._received)

@@ -8,16 +8,15 @@ Source: TMCM-3110 TMCL firmware manual.
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from typing import cast
 
-from simulators.devices.serial_device import SerialDevice, drained
-from simulators.world.motion import Axis, brake_line, travel_line
+from simulators.devices.serial_device import Motor, MotorController
+from simulators.world.motion import Axis
 
-NEVER = float("inf")
 HOST = 2
 DATAGRAM = struct.Struct(">BBBBiB")
 OK, DAMAGED, NO_COMMAND, NO_TYPE, NO_VALUE = 100, 1, 2, 3, 4
-ROR, ROL, MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 10, 13, 136
+ROR, ROL, MST, MVP, SAP, GAP, SGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 13, 136
 CLOCK_HZ = 16e6
 SETTINGS = {
     4: 1500, 5: 900, 6: 128, 7: 16, 12: 0, 13: 0, 140: 8, 153: 5, 154: 3, 193: 1, 194: 0, 195: 0,
@@ -26,63 +25,44 @@ SETTINGS = {
 VARIABLES = 56
 
 
-@dataclass
-class TmclMotor:
-    """One motor: the axis of the world, units per microstep, its settings, and the position of its 0 in the world."""
+class TmclMotor(Motor):
+    """One motor: units per microstep, its settings, and its goal in microsteps."""
 
-    axis: Axis
-    unit_per_step: float
-    settings: dict[int, int] = field(default_factory=lambda: dict(SETTINGS))
-    zero: float = 0.0
-    goal: int = 0
-    searching: bool = False
-    busy_until_s: float = NEVER
+    def __init__(self, axis: Axis, unit_per_step: float) -> None:
+        super().__init__(axis)
+        self.unit_per_step, self.settings, self.goal = unit_per_step, dict(SETTINGS), 0
 
     def steps(self, now_s: float) -> int:
-        return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
-
-    def speed(self) -> float:
-        """Its top speed, in the axis' unit per second."""
-        return self.settings[4] * self._speed_unit()
-
-    def acceleration(self) -> float:
-        """Its acceleration, in the axis' unit per second squared."""
-        if 153 not in self.settings:
-            return self.settings[5] * self.unit_per_step
-        dividers = self.settings[153] + self.settings[154]
-        return self.settings[5] * CLOCK_HZ**2 / 2.0 ** (dividers + 29) * self.unit_per_step
+        return round(self.position(now_s) / self.unit_per_step)
 
     def _speed_unit(self) -> float:
         if 154 not in self.settings:  # newer modules use microsteps
             return self.unit_per_step
         return CLOCK_HZ / 2.0 ** (self.settings[154] + 16) * self.unit_per_step
 
-    def go(self, place: float, now_s: float) -> None:
-        """Drive to a position in the world; a switch at the end of the axis stops it at once."""
-        self.axis.halt(now_s)
-        end = min(max(place, self.axis.low), self.axis.high)
-        self.busy_until_s = travel_line([self.axis], [end], now_s, self.speed(), self.acceleration())
-
-    def brake(self, now_s: float) -> None:
-        """Decelerate and stay."""
-        if self.busy_until_s != NEVER:
-            self.busy_until_s = brake_line([self.axis], now_s, self.acceleration())
+    def go(self, position: float, now_s: float) -> None:
+        """Drive as its settings say; a switch at the end of the axis stops it at once."""
+        self.speed = self.settings[4] * self._speed_unit()
+        self.acceleration = self.settings[5] * self.unit_per_step
+        if 153 in self.settings:
+            self.acceleration *= CLOCK_HZ**2 / 2.0 ** (self.settings[153] + self.settings[154] + 29)
+        super().go(position, now_s)
 
     def search(self, what: int, now_s: float) -> int:
         """Begin, end, or query the search for its left switch."""
         if what == 0:
-            self.searching = True
-            self.go(self.axis.low, now_s)
-        elif what == 1 and self.searching:
-            self.searching = False
-            self.brake(now_s)
-        return int(self.searching)
+            self.home(now_s)
+        elif what == 1 and self.homing:
+            self.stop(now_s)
+        return int(self.homing)
 
-    def ended(self) -> None:
-        """End the drive; after a search, the position becomes 0."""
-        self.busy_until_s = NEVER
-        if self.searching:
-            self.searching, self.zero, self.goal = False, self.axis.low, 0
+    def restart(self, now_s: float) -> None:
+        super().restart(now_s)
+        self.goal = 0
+
+    def advance(self, now_s: float) -> None:
+        self.goal = 0 if self.homing and self.rest_s <= now_s else self.goal
+        super().advance(now_s)
 
     def parameter(self, number: int, now_s: float) -> int | None:
         """Value of a parameter of the axis, None if it does not exist."""
@@ -90,7 +70,7 @@ class TmclMotor:
         known = {
             0: self.goal,
             1: here,
-            2: self.settings[4] if self.busy_until_s != NEVER else 0,
+            2: self.settings[4] if self.moves() else 0,
             3: round(self.axis.velocity(now_s) / self._speed_unit()),
             8: int(here == self.goal),
             10: int(self.axis.position(now_s) >= self.axis.high),
@@ -99,31 +79,23 @@ class TmclMotor:
         return known.get(number, self.settings.get(number))
 
 
-class TmclModule(SerialDevice):
+class TmclModule(MotorController[int]):
     """One module on a line, by its address."""
 
     baud = 9600
 
-    def __init__(
-        self, motors: Sequence[tuple[Axis, float]] = (), *, address: int = 1, model: int = 3110
-    ) -> None:  # fmt: skip
+    def __init__(self, motors: Sequence[tuple[Axis, float]] = (), *, address: int = 1, model: int = 3110) -> None:
         motors = motors or [(Axis(0.0, 300.0, 120.0), 1 / 320)]
-        self.axes = dict(zip(("z_mm", "x_mm", "y_mm"), (axis for axis, _ in motors), strict=False))
-        self.motors = [TmclMotor(axis, unit) for axis, unit in motors]
+        super().__init__(dict(zip(("z_mm", "x_mm", "y_mm"), (axis for axis, _ in motors), strict=False)), ())
+        self.motors: dict[int, Motor] = {number: TmclMotor(*motor) for number, motor in enumerate(motors)}
         self.address, self.model = address, model
-        self.variables = [0] * VARIABLES
         self.obeyed: list[tuple[int, int, int, int]] = []
-        self._received, self._out = bytearray(), bytearray()
         self.restart(0.0)
 
     def restart(self, now_s: float) -> None:
         """Power cycle: all motors stand, at position 0."""
-        self._received.clear()
+        super().restart(now_s)
         self.variables = [0] * VARIABLES
-        for motor in self.motors:
-            motor.axis.halt(now_s)
-            motor.zero, motor.goal = motor.axis.position(now_s), 0
-            motor.searching, motor.busy_until_s = False, NEVER
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Commands of nine bytes each."""
@@ -133,18 +105,6 @@ class TmclModule(SerialDevice):
                 order = bytes(self._received)
                 self._received.clear()
                 self._receive_order(order, now_s)
-
-    def advance(self, now_s: float) -> bytes:
-        """Process the drives that have ended; returns the output."""
-        for motor in self.motors:
-            if motor.busy_until_s <= now_s:
-                motor.ended()
-        return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        """The end of the next drive."""
-        moment_s = min((motor.busy_until_s for motor in self.motors), default=NEVER)
-        return None if moment_s == NEVER else moment_s
 
     def _receive_order(self, order: bytes, now_s: float) -> None:
         address, command, kind, number, value, checksum = DATAGRAM.unpack(order)
@@ -174,19 +134,19 @@ class TmclModule(SerialDevice):
             return NO_COMMAND, value
         if number >= len(self.motors):
             return NO_VALUE, value
-        motor = self.motors[number]
+        motor = cast(TmclMotor, self.motors[number])
         if command in (SAP, GAP):
             return _parameter(motor, command, kind, value, now_s)
         if command == RFS:
             return (OK, motor.search(kind, now_s)) if kind in (0, 1, 2) else (NO_TYPE, value)
         if command == MVP:
             return _move(motor, kind, value, now_s)
-        if motor.searching:  # the search continues by itself
+        if motor.homing:  # the search continues by itself
             return OK, value
         if command == MST:
-            motor.brake(now_s)
+            motor.stop(now_s)
         else:
-            motor.go(motor.axis.high if command == ROR else motor.axis.low, now_s)
+            motor.go((motor.axis.high if command == ROR else motor.axis.low) - motor.place_of_zero, now_s)
         return OK, value
 
     def _variable(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
@@ -199,7 +159,7 @@ class TmclModule(SerialDevice):
 
 def _parameter(motor: TmclMotor, command: int, kind: int, value: int, now_s: float) -> tuple[int, int]:
     if command == SAP and kind == 1:
-        motor.zero = motor.axis.position(now_s) - value * motor.unit_per_step
+        motor.place_of_zero = motor.axis.position(now_s) - value * motor.unit_per_step
     elif command == SAP and kind in motor.settings:
         motor.settings[kind] = value
     result = motor.parameter(kind, now_s)
@@ -209,7 +169,6 @@ def _parameter(motor: TmclMotor, command: int, kind: int, value: int, now_s: flo
 def _move(motor: TmclMotor, kind: int, value: int, now_s: float) -> tuple[int, int]:
     if kind not in (0, 1):
         return NO_TYPE, value
-    motor.searching = False
     motor.goal = value if kind == 0 else motor.steps(now_s) + value
-    motor.go(motor.zero + motor.goal * motor.unit_per_step, now_s)
+    motor.go(motor.goal * motor.unit_per_step, now_s)
     return OK, motor.goal

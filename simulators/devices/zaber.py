@@ -12,26 +12,7 @@ from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
 SPEED_UNIT = 1.6384
-FAULT_FLAGS = [
-    "FF",
-    "FN",
-    "FZ",
-    "FH",
-    "FV",
-    "FO",
-    "FC",
-    "FM",
-    "FD",
-    "FQ",
-    "FI",
-    "FA",
-    "FR",
-    "FS",
-    "FB",
-    "FP",
-    "FE",
-    "FT",
-]
+FAULT_FLAGS = [f"F{letter}" for letter in "FNZHVOCMDQIARSBPET"]
 PRIORITY = [*FAULT_FLAGS, "WL", "WV", "WT", "WS", "WM", "WP", "WR", "WH", "NC", "NI"]
 
 
@@ -109,7 +90,6 @@ class ZaberMotor:
             self.busy_until_s, self.homing = self.halt(now_s, None), False
 
     def ended(self, now_s: float) -> None:
-        """End the movement."""
         self.busy_until_s = NEVER
         if self.stalls:
             self.stalls, self.homing = False, False

@@ -1,10 +1,11 @@
 """Clocks that run faster than real time, or jump.
 
 `FastClock` is the system's clock times a factor. `VirtualClock` stands still until a thread waits; once every
-reader has read everything due, it jumps to the next event of a device or deadline of a waiting thread.
-Waiting costs no real time, and slow machines miss no deadline.
+reader has read everything due, it jumps to the next event of a device or deadline of a waiting thread. Waiting costs
+no real time, or a fraction of it, and slow machines miss no deadline.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -72,14 +73,17 @@ class WaitingThread:
 class VirtualClock:
     """Time that passes only while all threads wait: readers for bytes, others for a condition.
 
-    Threads started by `together` are waited for as well; any other thread is treated as slow.
+    Threads started by `together` are waited for as well; any other thread is treated as slow. With a `speed` waiting
+    takes its time over that speed.
     """
 
     PATIENCE_S = 2.0  # real time for a reader to read what is due
     BREATH_S = 0.0002
+    SHORT_S, LONG_S = 0.002, 0.02  # a wait in real time is at least and at most that long
 
-    def __init__(self) -> None:
-        self._now_s = 0.0
+    def __init__(self, speed: float = math.inf) -> None:
+        self.speed = speed
+        self._now_s = self._due_s = 0.0
         self._one = threading.Lock()
         self._book = threading.Lock()
         self._sources: list[EventSource] = []
@@ -93,7 +97,6 @@ class VirtualClock:
             self._sources.append(source)
 
     def detach(self, source: EventSource) -> None:
-        """Remove a source."""
         with self._book:
             self._sources.remove(source)
 
@@ -188,6 +191,11 @@ class VirtualClock:
         with self._book:
             moments = [waiter.deadline_s for waiter in self._waiters.values()]
             moments += [moment for source in sources if (moment := source.next_event_s()) is not None]
-            self._now_s = max(self._now_s, min(moments))
+            step_s = min(max(min(moments) - self._now_s, 0.0), self.LONG_S * self.speed)
+            self._due_s += step_s / self.speed
+        if self._due_s > self.SHORT_S:
+            time.sleep(self._due_s)
+            self._due_s = 0.0
+        self._now_s += step_s
         for source in sources:
             source.wake()

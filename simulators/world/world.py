@@ -137,7 +137,6 @@ class World:
         return room.ambient_c + warming + room.swing_c * math.sin(2 * math.pi * t_s / room.swing_period_s)
 
     def set_lamp(self, level: float, now_s: float) -> None:
-        """Switch the lamp to `level` in [0, 1]."""
         with self._lock:
             self._lamp_s.append(max(now_s, self._lamp_s[-1]))
             self._lamp.append(level)

@@ -118,7 +118,8 @@ def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
 
 PRESENT, WANTED = 1, 2
 """Values of the lines of the outlines."""
-DASH = 3
+DASH, SLANT = 3, 1.3
+"""Length of dashes, and of those of upright lines relative to it: no line lies along the dashes' ends."""
 
 
 def outline_lines(outline: Outline | None, shape: tuple[int, ...], width: int = 1) -> Levels:
@@ -132,8 +133,8 @@ def outline_lines(outline: Outline | None, shape: tuple[int, ...], width: int = 
             corners = np.rint(np.array(points) * (columns, rows) - 0.5).clip(-9999, 9999).astype(np.int32)
             drawn = cv2.polylines(np.zeros_like(lines), [corners], True, 1, width).astype(bool)
             if value == WANTED:
-                y, x = np.indices(shape) // (DASH * width)
-                drawn &= (x + y) % 2 == 0
+                y, x = np.indices(shape)
+                drawn &= (x + SLANT * y) // (DASH * width) % 2 == 0
             lines[drawn] = value
     return lines
 

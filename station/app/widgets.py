@@ -5,6 +5,7 @@ Every text from outside passes `literal`, which shows markup, escape sequences a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -113,7 +114,9 @@ class Drawn(Widget):
         """One of the lines."""
         strip = self._strips[y] if y < len(self._strips) else _text_strip("")
         ground = self.rich_style
-        return strip.adjust_cell_length(self.size.width, ground).apply_style(Style(bgcolor=ground.bgcolor))
+        return strip.adjust_cell_length(self.size.width, ground).apply_style(
+            Style(color=ground.color, bgcolor=ground.bgcolor)
+        )
 
 
 class Picture(Drawn):
@@ -279,7 +282,7 @@ class Readings(Part):
 
     def _entry(self, one: Reading) -> tuple[Content, ...]:
         mark = self.glyphs.good if one.good else self.glyphs.bad
-        value = f"{one.value:.3g} {one.unit}".strip()
+        value = f"{value_in_words(one)} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
         lines = (first, literal(f"   {limits}", "dim")) if limits else (first,)
@@ -306,6 +309,14 @@ def angle_level(value: float, low: float, high: float, glyphs: Glyphs) -> str:
     cells[cell(low)], cells[cell(high)] = "[", "]"
     cells[cell(value)] = "O" if glyphs.ascii else "●"
     return "".join(cells)
+
+
+def value_in_words(one: Reading) -> str:
+    """Its value, to a hundredth of its tolerance."""
+    largest = max((abs(limit) for limit in (one.low, one.high) if limit), default=0.0)
+    places = 3 if not largest else max(0, 2 - math.floor(math.log10(largest)))
+    value = round(one.value, places) + 0.0 if math.isfinite(one.value) else one.value
+    return f"{value:.0f}" if 1000 <= abs(value) < math.inf else f"{value:.3g}"
 
 
 def limits_in_words(one: Reading) -> str:

@@ -27,7 +27,7 @@ from station.calibration.folder_photographs import Item
 from station.common.durable_files import holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
-from station.results.result_files import PUBLISHING, RECORD, sealed_text
+from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
@@ -62,24 +62,14 @@ class Batch:
 
     @property
     def failed(self) -> Iterator[ItemRow]:
-        """The items that are not usable."""
         return (self.rows[place] for place in self.tally.failed)
 
 
 def run_batch(
-    items: Sequence[Item],
-    job: Job,
-    *,
-    jobs: int = 1,
-    cluster: str | None = None,
-    allowance: Allowance | None = None,
-    tls: Tls = None,
-    stop: Stop | None = None,
-    report: Callable[[ItemRow], None] = lambda row: None,
-    function: Work = work,
-    force: bool = False,
-    parquet: bool = False,
-) -> tuple[Batch, str]:
+    items: Sequence[Item], job: Job, *, jobs: int = 1, cluster: str | None = None, allowance: Allowance | None = None,
+    tls: Tls = None, stop: Stop | None = None, report: Callable[[ItemRow], None] = lambda row: None,
+    function: Work = work, force: bool = False, parquet: bool = False,
+) -> tuple[Batch, str]:  # fmt: skip
     """Work on all items, write each result at once, then the summaries; returns the record's text too.
 
     Raises BadParameter if the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no
@@ -111,15 +101,9 @@ def run_batch(
 
 
 def _answers(
-    items: Sequence[Item],
-    job: Job,
-    jobs: int,
-    cluster: str | None,
-    allowance: Allowance | None,
-    tls: Tls,
-    stop: Stop,
-    function: Work,
-) -> Generator[tuple[int, ItemRow | Lost], None, None]:
+    items: Sequence[Item], job: Job, jobs: int, cluster: str | None, allowance: Allowance | None, tls: Tls,
+    stop: Stop, function: Work,
+) -> Generator[tuple[int, ItemRow | Lost], None, None]:  # fmt: skip
     jobs = min(jobs, len(items))
     allowance = allowance or Allowance.fair(jobs)
     if cluster is None:
@@ -161,7 +145,7 @@ def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
     with ExitStack() as stack:
         files = {name: stack.enter_context(written(out / name, write)) for name, write in writers.items()}
         hashes = {name: one.sha256 for name, one in files.items()}
-        before = known_hashes(out)  # after a crash the note states which files are a batch's
+        before = own_hashes(out)  # after a crash the note states which files are a batch's
         note = {name: [*before.get(name, ()), one] for name, one in hashes.items()}
         write_whole(out / PUBLISHING, json.dumps({"files": note}).encode())
         for one in files.values():
@@ -235,8 +219,8 @@ LINE_BEGINS = '{"files": '
 
 def check_own(out: Path) -> None:
     """Raise BadParameter if a file that a batch would overwrite was not written by a batch."""
-    known = known_hashes(out)
-    own = {RECORD: bool(_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
+    known = own_hashes(out)
+    own = {RECORD: bool(json_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
     own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PARQUET, PAGE)}
     foreign = [name for name, known in own.items() if (out / name).exists() and not known]
     if foreign:
@@ -244,25 +228,6 @@ def check_own(out: Path) -> None:
             f"{out} holds {', '.join(foreign)}, which no batch has written as it is now",
             "name a new folder with --out, move the file away, or add --force to write over it",
         )
-
-
-def known_hashes(out: Path) -> dict[str, list[str]]:
-    """Possible hashes of a batch's files by name, from its record and from the note of an interrupted one."""
-    record, by_name = _object(out / RECORD), dict[str, list[str]]()
-    files_of_record = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
-    for files in (files_of_record, _object(out / PUBLISHING).get("files")):
-        for name, hashes in files.items() if isinstance(files, dict) else ():
-            by_name.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
-    return by_name
-
-
-def _object(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; an empty one if there is none."""
-    try:
-        value = json.loads(read_own(path))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return value if isinstance(value, dict) else {}
 
 
 def _begins(path: Path, letters: str) -> bool:

@@ -43,7 +43,6 @@ class StoredRows(Sequence[ItemRow]):
         self._sorted: list[int] | None = None
 
     def add(self, number: int, row: ItemRow) -> None:
-        """Write the row of an item."""
         data = line_of(row)
         self._out.write(data)
         self._out.flush()
@@ -176,17 +175,8 @@ class Tally:
 # --- The summary of a batch, one line for each plane: as CSV, and as Parquet with typed columns; rows are streamed ---
 
 HEAD = (
-    "files",
-    "verdict",
-    "plane",
-    "plane_verdict",
-    "reason",
-    "remedy",
-    "specification",
-    "against",
-    "folder",
-    "sha256",
-)
+    "files", "verdict", "plane", "plane_verdict", "reason", "remedy", "specification", "against", "folder", "sha256",
+)  # fmt: skip
 """First columns of the summary."""
 NOTED = (
     ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),

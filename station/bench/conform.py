@@ -92,7 +92,6 @@ class StageRig:
         return {name: self.axes[name].position(self.clock.now_s()) for name in self.stage.travel()}
 
     def moves(self) -> bool:
-        """Whether an axis moves."""
         if self.axes is None:
             return self.stage.moving()
         return any(self.axes[name].moves(self.clock.now_s()) for name in self.stage.travel())

@@ -23,31 +23,18 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 from drivers.errors import BadConfiguration, Clock, DeviceError, EmergencyStopped, NotConnected, SystemClock
 from drivers.frames import ExposureMetadata
-from drivers.interfaces import (
-    Camera,
-    Condition,
-    Device,
-    FrameFormat,
-    Identity,
-    Imu,
-    Light,
-    Rangefinder,
-    Shaker,
-    Shutter,
-    Stage,
-)
+from drivers.interfaces import Camera, Condition, Device, FrameFormat, Identity, Imu, Light, Shaker, Shutter, Stage
 from drivers.making import DriverOptions, MakerContext
 from drivers.wire.connection import Transcript
 from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
-from station.bench.motions import Motions
-from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
+from station.bench.motions import Motions, StopRecord, StopRequest, stop_all, stops_on_wires
 from station.common.models import TableSource, read_model
 
 if TYPE_CHECKING:
@@ -98,7 +85,6 @@ class SimulatedSurroundings(Surroundings):
 
     @property
     def hands(self) -> OperatorActions:
-        """The simulated operator."""
         return self._truth.hands
 
     def stand_before(self, subject: str) -> None:
@@ -120,6 +106,22 @@ class DeviceRow:
     identity: Identity | None
     condition: Condition
     error: DeviceError | None = None
+
+
+D = TypeVar("D")
+
+
+class NamedDevice(Generic[D]):
+    """The device of this name in a bench. Raises BadConfiguration if there is none."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, bench: Bench, _: object = None) -> D:
+        if self._name not in bench.devices:
+            name = self._name
+            raise BadConfiguration(f"no device has the name {name}", f"add [devices.{name}] to station.toml")
+        return cast(D, bench.devices[self._name])
 
 
 @dataclass
@@ -158,49 +160,13 @@ class Bench:
             return DeviceRow(name, driver, device.address, None, device.condition(), error)
         return DeviceRow(name, driver, device.address, identity, device.condition())
 
-    def _find(self, name: str) -> Device:
-        if name not in self.devices:
-            raise BadConfiguration(f"no device has the name {name}", f"add [devices.{name}] to station.toml")
-        return self.devices[name]
-
-    @property
-    def stage(self) -> Stage:
-        """The rail or gantry. Raises BadConfiguration if there is none, like the following properties."""
-        return cast(Stage, self._find("stage"))
-
-    @property
-    def head(self) -> Stage:
-        """The pan-tilt head."""
-        return cast(Stage, self._find("head"))
-
-    @property
-    def camera(self) -> Camera:
-        return cast(Camera, self._find("camera"))
-
-    @property
-    def shutter(self) -> Shutter:
-        """The shutter box."""
-        return cast(Shutter, self._find("shutter"))
-
-    @property
-    def shaker(self) -> Shaker:
-        """The camera's shaker."""
-        return cast(Shaker, self._find("shaker"))
-
-    @property
-    def imu(self) -> Imu:
-        """The IMU on the camera."""
-        return cast(Imu, self._find("imu"))
-
-    @property
-    def rangefinder(self) -> Rangefinder:
-        """The laser."""
-        return cast(Rangefinder, self._find("rangefinder"))
-
-    @property
-    def light(self) -> Light:
-        """The lamp."""
-        return cast(Light, self._find("light"))
+    stage = NamedDevice[Stage]("stage")
+    head = NamedDevice[Stage]("head")
+    camera = NamedDevice[Camera]("camera")
+    shutter = NamedDevice[Shutter]("shutter")
+    shaker = NamedDevice[Shaker]("shaker")
+    imu = NamedDevice[Imu]("imu")
+    light = NamedDevice[Light]("light")
 
     def log_wires(self, folder: Path | None) -> None:
         """From now on, write each line's transcript to a file in this folder; to none if None."""

@@ -67,7 +67,6 @@ TWINS: dict[str, tuple[Callable[[], Twin], dict[str, Any]]] = {
 
 
 def _twins() -> dict[str, tuple[Callable[[], Twin], dict[str, Any]]]:
-    """Twins of built-in and of added drivers."""
     added = ((name, options_of(name).twin) for name in drivers() if name not in BUILTIN)
     return {**TWINS, **{name: (twin, {}) for name, twin in added if twin is not None}}
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from procedures.numbers import CYCLES, name_at
+from procedures.numbers import CYCLES, PROBABILITY, name_at
 from procedures.outcome import Quantity, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
@@ -90,7 +91,12 @@ def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult
     rows, columns = plane.samples.shape
     roi = best.roi
     place = "" if roi is None else place_of(roi.x + roi.width / 2, roi.y + roi.height / 2, (rows, columns))
-    return PlaneResult.of_outcome(plane.name, best, numbers=numbers, pitch=plane.pitch, place=str(place))
+    values = {} if best.value is None else _probable(best.value)
+    return PlaneResult.of_outcome(plane.name, best, numbers=numbers, values=values, pitch=plane.pitch, place=str(place))
+
+
+def _probable(edge: EdgeMtf) -> dict[str, float]:
+    return {PROBABILITY: edge.probability} if math.isfinite(edge.probability) else {}
 
 
 def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
@@ -146,6 +152,7 @@ def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
     numbers = convert_numbers(_numbers(edge, record.at), result.unit, result.factor)
     return entry | {
         **{name: asdict(number) | _budget(edge, name, result.factor) for name, number in numbers.items()},
+        **_probable(edge),
         "normal_deg": edge.normal_deg,
         "order": edge.order,
         "diagnostics": dict(edge.diagnostics),

@@ -30,8 +30,8 @@ from station.results.record_head import RecordHead
 from station.results.result_files import npy
 
 SCHEMA = "station/geometry/1"
-NODES, POINTS = "nodes.npy", "points.npy"
-"""Tables of the chart's plan, and of the points of all views; after the prefix of the plane."""
+NODES, CHART, POINTS = "nodes.npy", "chart.npy", "points.npy"
+"""Tables of the chart's plan and its deviations from it, and of the points of all views; after the plane's prefix."""
 
 
 def geometry_measurement(
@@ -143,7 +143,7 @@ def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
     return {
         f"{prefix}covariance.npy": npy(geometry.covariance),
         f"{prefix}joint_covariance.npy": npy(geometry.adjustment.full_covariance),
-        f"{prefix}chart.npy": npy(geometry.shape.deviations_mm),
+        f"{prefix}{CHART}": npy(geometry.shape.deviations_mm),
         f"{prefix}{NODES}": npy(geometry.adjustment.problem.nodes),
         f"{prefix}{POINTS}": npy(_points(geometry)),
         f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),

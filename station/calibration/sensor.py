@@ -196,11 +196,7 @@ def _step(numbers: Numbers) -> float:
 def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
     dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
     recording = SensorRecording(
-        _once(of.darks, lambda one: one.exposure_s),
-        _once(of.lights, lambda one: one.light),
-        photons_known,
-        dark,
-        flat,
+        _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light), photons_known, dark, flat
     )
     return characterise(recording, np.random.default_rng(SEED))
 

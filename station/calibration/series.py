@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from procedures.numbers import EDGE_MTF50, MTF50_HORIZONTAL, MTF50_VERTICAL, STREHL, WAVEFRONT_RMS, label
+from procedures.pattern_psf.focus.sweep import Peak, best_focus
 from station.common.sanitise import printable
 from station.results.exports import csv_bytes
 
@@ -25,11 +27,12 @@ DRAWS, SEED = 20_000, 1
 
 @dataclass(frozen=True)
 class SeriesSetting:
-    """Setting of the camera; None where it recorded nothing."""
+    """Setting of the camera; None where it recorded nothing. `focus_steps` are small steps of the ring to infinity."""
 
     f_number: float | None
     focus_mm: float | None
     iso: float | None
+    focus_steps: float | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,11 @@ class Best:
     unit: str
 
     @property
+    def short(self) -> str:
+        """The setting in few characters."""
+        return f"f/{self.f_number:g}"
+
+    @property
     def words(self) -> str:
         """The setting as a sentence."""
         value = f"{self.value:.4g} ± {self.uncertainty:.2g} {self.unit}"
@@ -78,11 +86,14 @@ ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"
 """Entries of a row that are the same throughout a series."""
 
 
+NOTED = ("f_number", "focus_distance_mm", "iso", "focus_steps")
+
+
 def points_of(rows: Sequence[Any]) -> list[Point]:
     """Every number of every plane at every setting, in order, from the usable rows of a batch."""
     means: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
     for row in rows:
-        setting = SeriesSetting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
+        setting = SeriesSetting(*(_number(row.noted.get(key)) for key in NOTED))
         for plane, one in row.planes.items():
             for number, parts in NUMBERS.items() if one.verdict in ("pass", "doubtful") else ():
                 if all(part in one.numbers for part in parts):
@@ -103,8 +114,7 @@ def several(rows: Sequence[Any]) -> list[str]:
 
 
 def _order(one: Point) -> tuple[Any, ...]:
-    setting = (one.setting.f_number, one.setting.focus_mm, one.setting.iso)
-    return one.plane, one.number, *(-1.0 if value is None else value for value in setting)
+    return one.plane, one.number, *(-inf if value is None else value for value in vars(one.setting).values())
 
 
 def _number(value: object) -> float | None:
@@ -153,9 +163,42 @@ def _best(plane: str, by_aperture: Mapping[float, Point]) -> Best:
     return Best(plane, list(by_aperture)[i], chance, points[i].value, points[i].uncertainty, points[i].unit)
 
 
+@dataclass(frozen=True)
+class BestFocus:
+    """The sharpest position of the focus ring of a plane."""
+
+    plane: str
+    peak: Peak
+
+    @property
+    def short(self) -> str:
+        """The position in few characters."""
+        return f"{self.peak.place:+.2f} steps"
+
+    @property
+    def words(self) -> str:
+        """The position as a sentence."""
+        one = self.peak
+        at = f"{one.place:+.2f} ± {one.place_uncertainty:.2f} steps of the ring"
+        return f"{self.plane}: sharpest at {at}, MTF50 {one.score:.4g} ± {one.score_uncertainty:.2g} cycles/pixel"
+
+
+def best_focuses(points: Sequence[Point]) -> list[BestFocus]:
+    """The sharpest focus of every plane whose MTF50 has a maximum over the steps of the ring."""
+    best = []
+    for plane in dict.fromkeys(one.plane for one in points):
+        own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50]
+        steps = [math.nan if one.setting.focus_steps is None else one.setting.focus_steps for one in own]
+        peak = best_focus(steps, [one.value for one in own], [one.uncertainty for one in own])
+        if peak is not None:
+            best.append(BestFocus(plane, peak))
+    return best
+
+
 def series_table(points: Sequence[Point]) -> bytes:
     """All points as CSV."""
-    head = ["plane", "number", "f_number", "focus_distance [mm]", "iso", "value", "uncertainty", "unit", "photographs"]
+    head = ["plane", "number", "f_number", "focus_distance [mm]", "iso", "focus_steps", "value", "uncertainty", "unit",
+            "photographs"]  # fmt: skip
     rows = [
         [
             one.plane, one.number, *(_cell(value) for value in vars(one.setting).values()), f"{one.value:.9g}",

@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import jobs_option
-from station.cli.terminal.command import StationCommand, json_option, strict_option
-from station.cli.terminal.force import force_option, forced
-from station.cli.terminal.numbers import FiniteNumber
-from station.common.errors import INTERRUPTED, log, log_json_option, logs_json
+from station.cli.terminal.command import FiniteNumber, command, force_option
+from station.common.errors import INTERRUPTED, log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -37,20 +35,16 @@ MOST_NAMED = 40
 """Number of unusable photographs on the screen; the files list all."""
 
 
-@click.command("batch", cls=StationCommand)
+@command("batch", strict=True, as_json=True)
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @jobs_option
 @click.option("--cluster", metavar="ADDRESS|local", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
-    "--cluster-tls",
-    "tls",
-    metavar="CA CERT KEY",
-    nargs=3,
-    type=click.Path(path_type=Path),
+    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=click.Path(path_type=Path),
     help="Files for a cluster at tls://... : authority, own certificate, own key.",
-)
+)  # fmt: skip
 @click.option(
     "--memory-mb",
     type=click.IntRange(256, 1 << 24),
@@ -61,24 +55,12 @@ MOST_NAMED = 40
 )
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
 @click.option("--parquet", is_flag=True, help="Write summary.parquet beside summary.csv (extra `parquet`).")
-@strict_option
-@json_option
 @force_option
-@log_json_option
 def batch(
-    folders: tuple[Path, ...],
-    file: Path,
-    out: Path,
-    jobs: int | None,
-    cluster: str | None,
-    tls: tuple[Path, Path, Path] | None,
-    memory_mb: int | None,
-    time_s: float,
-    reports: bool,
-    parquet: bool,
-    strict: bool,
-    as_json: bool,
-) -> None:
+    folders: tuple[Path, ...], file: Path, out: Path, jobs: int | None, cluster: str | None,
+    tls: tuple[Path, Path, Path] | None, memory_mb: int | None, time_s: float, reports: bool, parquet: bool,
+    strict: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
     Results of an earlier run with the same procedure are used again. The first Ctrl-C finishes the items in work, the
@@ -100,20 +82,11 @@ def batch(
 
 
 def carry_out(
-    procedure: BatchProcedure,
-    folders: tuple[Path, ...],
-    out: Path,
-    *,
-    jobs: int | None,
-    reports: bool,
-    strict: bool = False,
-    as_json: bool = False,
-    cluster: str | None = None,
-    tls: tuple[Path, Path, Path] | None = None,
-    time_s: float = 3600,
-    memory_bytes: int | None = None,
+    procedure: BatchProcedure, folders: tuple[Path, ...], out: Path, *, jobs: int | None, reports: bool,
+    strict: bool = False, as_json: bool = False, cluster: str | None = None,
+    tls: tuple[Path, Path, Path] | None = None, time_s: float = 3600, memory_bytes: int | None = None,
     parquet: bool = False,
-) -> None:
+) -> None:  # fmt: skip
     """Run a batch, report its progress, and exit with its code."""
     from station.batch.item import Job, finished
     from station.batch.process_pool import Allowance, Stop
@@ -134,7 +107,7 @@ def carry_out(
     ):
         done, text = run_batch(
             items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, report=report,
-            force=forced(), parquet=parquet,
+            force=force_option.given(), parquet=parquet,
         )  # fmt: skip
     if as_json:
         click.echo(text, nl=False)
@@ -183,7 +156,7 @@ def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[
     suffixes, inputs = procedure.suffixes, procedure.inputs
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
     if batch.pairs is not None:
-        return in_rows(frames, batch.pairs, most=None if inputs is Inputs.SCENE else 2) + missed
+        return in_rows(frames, batch.pairs, most=2 if inputs is Inputs.PAIR else None) + missed
     if inputs in IN_PAIRS:
         return _without_files(in_pairs(frames, batch.endings), batch) + missed
     if inputs is Inputs.FOLDER:
@@ -230,7 +203,7 @@ def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
         facts |= {"specification": row.specification} if row.specification else {}
         log("item", words, level=level, remedy=row.remedy, reused=row.reused, dur_ms=milliseconds, **facts)
 
-    if sys.stderr.isatty() and not logs_json():
+    if sys.stderr.isatty() and not log_json_option.given():
         with bar(total) as progress:
             yield lambda row: progress(f"{rate.step()}  {_sentence(row)}")
     else:

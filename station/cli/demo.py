@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import StationCommand, json_option, strict_option
+from station.cli.terminal.command import SEED, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
-from station.common.errors import REFUSED, log, log_json_option
+from station.common.errors import REFUSED, log
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -28,16 +27,13 @@ WIDE = 100
 """Least width of a terminal at which the table shows both directions, columns."""
 
 
-@click.command("demo", cls=StationCommand)
+@command("demo", strict=True, as_json=True)
 @click.option(
     "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
 )
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
-@strict_option
-@json_option
-@log_json_option
 def demo(out: Path, seed: int, rendered: bool, guided: bool, strict: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:

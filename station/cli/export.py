@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.terms import plane_name
-from station.cli.terminal.command import StationCommand
-from station.cli.terminal.numbers import FiniteNumber
-from station.common.errors import log, log_json_option
+from station.cli.terminal.command import FiniteNumber, command
+from station.common.errors import log
 
 if TYPE_CHECKING:
     from station.calibration.exports.lensfun import GivenNames
@@ -24,7 +23,7 @@ LENSES = ("lensfun", "dng")
 """Formats of distortion and vignetting; lensfun also of lateral colour."""
 
 
-@click.command("export", cls=StationCommand)
+@command("export")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="The format.")
 @click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first plane]")
@@ -41,7 +40,6 @@ LENSES = ("lensfun", "dng")
 @click.option("--f-number", type=FiniteNumber(min=0.1), help="lensfun: of the vignetting.  [default: from the field]")
 @click.option("--pixel-pitch-um", type=FiniteNumber(min=0.1), help="lensfun.  [default: by the focal length]")
 @click.argument("out", type=click.Path(path_type=Path))
-@log_json_option
 def export(
     result: Path, form: str, plane: str | None, field: Path | None, vignetting: Path | None, gain_map: bool,
     photo: Path | None, maker: str, camera: str | None, lens: str | None, focal_length_mm: float | None,
@@ -69,7 +67,8 @@ def export(
 
 
 def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> None:
-    from station.calibration.exports.geometry import export_camera, read_camera
+    from station.calibration.exports.geometry import export_camera
+    from station.calibration.stored_cameras import read_camera
     from station.common.durable_files import write_whole
 
     export = export_camera(read_camera(result, plane), form)
@@ -95,9 +94,9 @@ def _export_lensfun(
 ) -> None:
     from procedures.field.field_file import read_camera as read_exposure
     from procedures.field.field_file import read_colours
-    from station.calibration.exports.geometry import read_camera
     from station.calibration.exports.lensfun import export_lensfun
     from station.calibration.exports.psf import field_path
+    from station.calibration.stored_cameras import read_camera
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.durable_files import write_whole
 
@@ -119,7 +118,7 @@ def _export_dng(
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
     from station.calibration.exports.dng import export_dng
-    from station.calibration.exports.geometry import read_camera
+    from station.calibration.stored_cameras import read_camera
     from station.calibration.stored_results import procedure_of
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.durable_files import write_whole

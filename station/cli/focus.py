@@ -15,9 +15,8 @@ import click
 from procedures.numbers import EDGE_MTF50, S_OVER_T
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import SEED, command
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 from station.results.record_head import other_causes_entry
 
@@ -28,7 +27,7 @@ BAR = 30
 """Characters of the longest bar."""
 
 
-@click.command(cls=StationCommand)
+@command("focus", log_json=False)
 @click.option("--watch", "folder", type=click.Path(path_type=Path), help="Folder in which photographs arrive.")
 @inherited(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
@@ -47,19 +46,9 @@ BAR = 30
 @click.option("--frames", type=click.IntRange(min=1), help="Number of photographs.  [default: until Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write one JSON object per photograph to stdout.")
 def focus(
-    folder: Path | None,
-    config: Path | None,
-    simulate: bool,
-    simulated_seed: int,
-    bits: Path | None,
-    seed: int | None,
-    s: int,
-    k: int,
-    plane: str | None,
-    equal_steps: bool,
-    frames: int | None,
-    as_json: bool,
-) -> None:
+    folder: Path | None, config: Path | None, simulate: bool, simulated_seed: int, bits: Path | None,
+    seed: int | None, s: int, k: int, plane: str | None, equal_steps: bool, frames: int | None, as_json: bool,
+) -> None:  # fmt: skip
     """Report the sharpness of every new photograph of the chart, the best so far, and which way to turn the ring.
 
     MTF50 in cycles per pixel of the plane, along its rows and columns; their difference is the astigmatism. Where the

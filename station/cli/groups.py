@@ -1,7 +1,5 @@
 """`station psf ...` and `station mtf ...`: procedures in groups."""
 
-from __future__ import annotations
-
 import click
 
 from station.cli.terminal.lazy import LazyGroup
@@ -12,6 +10,7 @@ PSF_COMMANDS = {
     "witnessed": ("procedure_command", "witnessed", "From one photograph of the noise chart with three witnesses."),
     "two-photo": ("procedure_command", "two-photo", "From two photographs of a wall at different distances."),
     "series": ("procedure_command", "series", "Over aperture, focus and ISO, from one mounting."),
+    "stability": ("procedure_command", "stability", "How far repeated PSFs agree, over regions of frequencies."),
     "field": ("procedure_command", "field", "Over the whole frame, from charts at many places."),
 }
 MTF_COMMANDS = {"edge": ("procedure_command", "edge", "Across slanted edges, ISO 12233 e-SFR.")}

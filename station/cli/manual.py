@@ -7,12 +7,14 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -25,15 +27,12 @@ MOST_HITS = 20
 """Sections that a search lists."""
 
 
-@click.command("manual", cls=StationCommand)
+@command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
 @click.option(
-    "--html",
-    "folder",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
+    "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",
-)
+)  # fmt: skip
 @click.option(
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )
@@ -54,13 +53,21 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
         log("pictures", "drawing the pictures: the procedures measure what simulated cameras photograph")
         with progress(len(PARTS)) as shown:
-            pictures = manual_pictures(shown)
+            pictures = manual_pictures(partial(_printed, context.find_root().command), shown)
         click.echo(write_manual(pages, folder, pictures))
     elif words:
         click.echo_via_pager(_formatted(_hits(pages, words)))
     else:
         text = find_page(pages, name).text if topic else index_text(pages)
         click.echo_via_pager(_formatted(for_terminal(text)))
+
+
+def _printed(program: click.Command, words: Sequence[str]) -> str:
+    """What a command writes to stdout."""
+    out = io.StringIO()
+    with redirect_stdout(out), suppress(SystemExit):
+        program.main(list(words), prog_name="station")
+    return out.getvalue()
 
 
 def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:

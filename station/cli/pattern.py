@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.sheet import PAPERS, paper_named, papers_of_locale
-from station.cli.terminal.command import StationCommand
-from station.cli.terminal.numbers import SEED, FiniteNumber
+from station.cli.terminal.command import SEED, FiniteNumber, command
 
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import ImagingGeometry
 
 
-@click.command(cls=StationCommand)
+@command("pattern", log_json=False)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
     "--paper",
@@ -48,19 +47,10 @@ if TYPE_CHECKING:
 @click.option("--f-number", type=FiniteNumber(min=0.1), help="Of the aperture, with both.")
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
 def pattern(
-    out: Path,
-    paper: str | None,
-    tile: bool,
-    width_mm: float | None,
-    seed: int | None,
-    bits: Path | None,
-    edges: bool,
-    cell_pixels: int,
-    focal_length_mm: float | None,
-    pixel_pitch_um: float | None,
-    f_number: float | None,
-    monochrome: bool,
-) -> None:
+    out: Path, paper: str | None, tile: bool, width_mm: float | None, seed: int | None, bits: Path | None,
+    edges: bool, cell_pixels: int, focal_length_mm: float | None, pixel_pitch_um: float | None,
+    f_number: float | None, monochrome: bool,
+) -> None:  # fmt: skip
     """Write the noise chart to OUT.
 
     PDF and SVG are pages with rulers, advice and distances, for printing at 100 %; PNG and PGM are the chart alone

@@ -21,9 +21,7 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
-from station.cli.terminal.command import StationCommand, json_option, strict_option
-from station.cli.terminal.force import force_option, forced
-from station.cli.terminal.numbers import FiniteNumber
+from station.cli.terminal.command import FiniteNumber, StationCommand, force_option, json_option, options, strict_option
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
@@ -48,7 +46,6 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
 
 
 def __getattr__(name: str) -> click.Command:
-    """The command of the procedure of that name."""
     if name.startswith("_") or name not in procedure_names():
         raise AttributeError(name)
     return command_for(procedure_named(name))
@@ -69,7 +66,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         run(procedure, paths, chosen, given)
 
     command: Any = click.pass_context(lambda context, **given: measure(**given))
-    options = [
+    of_result = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
@@ -79,11 +76,8 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         json_option,
         log_json_option,
     ]  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    command = terms_options(command) if procedure.has_mtf else specification_option(force_option(command))
-    for one in reversed(settings):
-        command = _option(one)(command)
+    of_terms = [terms_options] if procedure.has_mtf else [specification_option, force_option]
+    command = options(*map(_option, settings), *of_terms, *of_result)(command)
     argument = click.argument(
         "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
         metavar=procedure.argument or metavar,
@@ -124,13 +118,9 @@ def _option(one: ModelField) -> Any:
     if one.kind is bool:
         return click.option(*flags, is_flag=True, default=None, help=one.description)
     return click.option(
-        *flags,
-        type=_type(one),
-        multiple=one.several,
-        required=one.required,
-        help=shown,
+        *flags, type=_type(one), multiple=one.several, required=one.required, help=shown,
         metavar=one.extra("metavar") or None,
-    )
+    )  # fmt: skip
 
 
 class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
@@ -178,14 +168,9 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
     settings.check()
     batch = BatchProcedure(procedure, settings, terms)
     carry_out(
-        batch,
-        (*paths,),
-        given["out"],
-        jobs=given["jobs"],
-        reports=given["report"],
-        strict=given["strict"],
+        batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], strict=given["strict"],
         as_json=given["as_json"],
-    )
+    )  # fmt: skip
 
 
 def _results(
@@ -206,7 +191,7 @@ def _results(
         results = procedure.measurements(paths, settings, terms, shown)
         for place in procedure.places(paths):
             start = time.perf_counter()
-            with ResultFolder(out / place, force=forced()) as folder:
+            with ResultFolder(out / place, force=force_option.given()) as folder:
                 measurement = next(results)
                 taken = round(time.perf_counter() - start, 3)
                 given_settings = measurement.head.settings or to_record(settings)

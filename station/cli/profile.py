@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.terminal.columns import columns
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import FiniteNumber, columns, command, options
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import FiniteNumber
-from station.common.errors import log, log_json_option
+from station.common.errors import log
 
 if TYPE_CHECKING:
     from procedures.raw import Exposure
@@ -31,22 +28,18 @@ def profile() -> None:
     """Keep measured fields by camera, lens, aperture and focus, and export them."""
 
 
-def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The library, and the settings that identify a field."""
-    options = (
-        click.option(
-            "--library", type=click.Path(path_type=Path),
-            help="Folder of the library.  [default: STATION_PROFILES, else in the user's data]",
-        ),
-        click.option("--camera", help="As its photographs record it."),
-        click.option("--lens", help="As its photographs record it."),
-        click.option("--f-number", type=FiniteNumber(min=0.1)),
-        click.option("--focal-length-mm", type=FiniteNumber(min=0.1)),
-        click.option("--focus-m", type=FiniteNumber(min=0.001), help="Distance of focus."),
-    )  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+settings_options = options(
+    click.option(
+        "--library", type=click.Path(path_type=Path),
+        help="Folder of the library.  [default: STATION_PROFILES, else in the user's data]",
+    ),
+    click.option("--camera", help="As its photographs record it."),
+    click.option("--lens", help="As its photographs record it."),
+    click.option("--f-number", type=FiniteNumber(min=0.1)),
+    click.option("--focal-length-mm", type=FiniteNumber(min=0.1)),
+    click.option("--focus-m", type=FiniteNumber(min=0.001), help="Distance of focus."),
+)  # fmt: skip
+"""The library, and the settings that identify a field."""
 
 
 def _settings(camera: str | None, lens: str | None, f_number: float | None, focal_length_mm: float | None,
@@ -59,11 +52,10 @@ def _settings(camera: str | None, lens: str | None, f_number: float | None, foca
     )  # fmt: skip
 
 
-@click.command("add", cls=StationCommand)
+@command("add")
 @click.argument("result", type=click.Path(path_type=Path))
 @settings_options
 @click.option("--replace", is_flag=True, help="Replace the profile with the same settings.")
-@log_json_option
 def profile_add(result: Path, library: Path | None, replace: bool, **given: Any) -> None:
     """Add RESULT of `station psf field`, its folder or field.h5, to the library.
 
@@ -75,11 +67,9 @@ def profile_add(result: Path, library: Path | None, replace: bool, **given: Any)
     log("added", f"added {added.path}", path=str(added.path))
 
 
-@click.command("find", cls=StationCommand)
+@command("find", as_json=True)
 @click.argument("photo", type=click.Path(path_type=Path), required=False)
 @settings_options
-@json_option
-@log_json_option
 def profile_find(photo: Path | None, library: Path | None, as_json: bool, **given: Any) -> None:
     """Find the fields for PHOTO, or for the settings given, the best first; all fields without either.
 
@@ -114,7 +104,7 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-@click.command("export", cls=StationCommand)
+@command("export")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice(FORMATS), required=True, help="The program.")
 @click.option(
@@ -123,7 +113,6 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
 )  # fmt: skip
 @click.option("--columns", type=click.IntRange(2, 64), default=9, show_default=True, help="Filters along the frame.")
 @click.argument("out", type=click.Path(path_type=Path))
-@log_json_option
 def profile_export(result: Path, form: str, noise_gain: float, columns: int, out: Path) -> None:
     """Write the field RESULT, of the library or of `station psf field`, as the file OUT for another program.
 

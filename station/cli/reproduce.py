@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import StationCommand, json_option
+from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress as progress_shown
-from station.common.errors import log, log_json_option
+from station.common.errors import log
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -21,24 +21,19 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
-@click.command("reproduce", cls=StationCommand)
+@command("reproduce", as_json=True)
 @click.argument("name", required=False)
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
-    "--data",
-    type=click.Path(path_type=Path, file_okay=False),
-    envvar="STATION_SHARED_DATA",
-    show_envvar=True,
+    "--data", type=click.Path(path_type=Path, file_okay=False), envvar="STATION_SHARED_DATA", show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
-)
+)  # fmt: skip
 @click.option(
     "--fetch",
     is_flag=True,
     help="Download missing photographs from the authors' repositories, and render missing films.",
 )
-@json_option
-@log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, fetch: bool, as_json: bool) -> None:
     """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 

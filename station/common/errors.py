@@ -76,57 +76,38 @@ def _tell(error: Exception) -> int:
 
 Fact = str | float | int | None
 
-_LOG_JSON = "station.log_json"
-_QUIET = "station.quiet"
+
+class ContextFlag:
+    """A flag of commands that is kept in their context, for the code below them; that of a group is for all its
+    commands."""
+
+    def __init__(self, *names: str, help: str, is_eager: bool = False) -> None:
+        self._key = f"station{names[-1]}"
+        self._option = click.option(
+            *names, is_flag=True, expose_value=False, is_eager=is_eager, callback=self._keep, help=help
+        )
+
+    def __call__(self, command: Callable[..., Any]) -> Callable[..., Any]:
+        """Add the flag to a command."""
+        return self._option(command)
+
+    def _keep(self, context: click.Context, option: click.Parameter, chosen: bool) -> None:
+        context.meta[self._key] = chosen or self.given(context)
+
+    def given(self, context: click.Context | None = None) -> bool:
+        """Whether the running command has it."""
+        context = context or click.get_current_context(silent=True)
+        return context is not None and bool(context.meta.get(self._key))
 
 
-def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--log-json` to a command."""
-    option = click.option(
-        "--log-json",
-        is_flag=True,
-        expose_value=False,
-        is_eager=True,
-        callback=lambda context, _, chosen: context.meta.__setitem__(_LOG_JSON, chosen),
-        help="Write every progress and log line as a JSON object.",
-    )
-    return option(command)
-
-
-def logs_json() -> bool:
-    """Whether the running command writes its log lines as JSON objects."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(_LOG_JSON))
-
-
-def quiet_option(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--quiet` to a command; that of a group is for all its commands."""
-    option = click.option(
-        "-q",
-        "--quiet",
-        is_flag=True,
-        expose_value=False,
-        callback=lambda context, _, chosen: context.meta.__setitem__(_QUIET, chosen or is_quiet(context)),
-        help="Write only warnings and errors to stderr.",
-    )
-    return option(program)
-
-
-def is_quiet(context: click.Context | None = None) -> bool:
-    """Whether the running command writes only warnings and errors."""
-    context = context or click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(_QUIET))
+log_json_option = ContextFlag("--log-json", is_eager=True, help="Write every progress and log line as a JSON object.")
+quiet_option = ContextFlag("-q", "--quiet", help="Write only warnings and errors to stderr.")
 
 
 def log(
-    event: str,
-    sentence: str,
-    *,
-    level: str = "info",
-    remedy: str = "",
-    other_causes: Sequence[Cause] = (),
+    event: str, sentence: str, *, level: str = "info", remedy: str = "", other_causes: Sequence[Cause] = (),
     **facts: Fact,
-) -> None:
+) -> None:  # fmt: skip
     """Write one line to stderr: the sentence and its remedy, or the event with its facts.
 
     A quiet program omits level "info".
@@ -136,9 +117,9 @@ def log(
     other_causes : alternative causes, each with its own remedy
     facts : values of the event; numbers that are not finite become null
     """
-    if level == "info" and is_quiet():
+    if level == "info" and quiet_option.given():
         return
-    if logs_json():
+    if log_json_option.given():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
         text: dict[str, Any] = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         if other_causes:

@@ -1,7 +1,5 @@
 """Ed25519 signatures (RFC 8032): keys in PEM files, signing, and checks of what was signed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

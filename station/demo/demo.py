@@ -75,12 +75,10 @@ class Demonstration:
 
     @property
     def planes(self) -> tuple[ComparedPlane, ...]:
-        """Planes of all photographs."""
         return tuple(plane for shot in self.shots for plane in shot.planes)
 
     @property
     def refused(self) -> tuple[ComparedPlane, ...]:
-        """Planes without a PSF."""
         return tuple(plane for plane in self.planes if plane.comparison is None)
 
 
@@ -156,13 +154,9 @@ def run_demo(
 
 
 def _shoot(
-    root: Path,
-    setup: Staging,
-    chart: Source,
-    parameters: PatternParameters,
-    rng: np.random.Generator,
+    root: Path, setup: Staging, chart: Source, parameters: PatternParameters, rng: np.random.Generator,
     progress: Progress,
-) -> DemoPhotograph:
+) -> DemoPhotograph:  # fmt: skip
     """One photograph, from the scene to the result files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")
@@ -183,12 +177,7 @@ def _shoot(
 
 
 def compared_planes(
-    frame: RawFrame,
-    truth: Photograph,
-    chart: Source,
-    parameters: PatternParameters,
-    setup: Staging,
-    progress: Progress,
+    frame: RawFrame, truth: Photograph, chart: Source, parameters: PatternParameters, setup: Staging, progress: Progress
 ) -> Iterator[ComparedPlane]:
     """Every plane estimated from the file and compared with the true PSF."""
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)

@@ -90,7 +90,6 @@ def _uncertainty(width: float, noise: float, mtf50: float, parameters: PatternPa
 
 
 def _exposure_s(camera: SimulatedCamera) -> float:
-    """The exposure at which white is at `WHITE`."""
     return WHITE * camera.sensor.full_well_e / camera.white_e_per_s
 
 
@@ -142,7 +141,6 @@ class TruthComparison:
 
     @property
     def ratio(self) -> float:
-        """Error over expected error."""
         return self.error / self.expected
 
     @property

@@ -23,7 +23,6 @@ class EventReporter:
     _reported: set[str] = field(default_factory=set)
 
     def notify(self, event: Event) -> None:
-        """Report one event."""
         match event:
             case StepBegan(step):
                 self._reported.clear()

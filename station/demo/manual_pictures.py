@@ -3,15 +3,14 @@
 The pictures are drawn when the manual is written for a browser, so that they show what the program does today.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir
 from dataclasses import replace
 from html import unescape
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,6 +19,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
+from rich.console import Console
+from rich.text import Text
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
@@ -76,20 +77,24 @@ IMAGE = re.compile(r'<img[^>]* src="data:image/png;base64,([^"]+)" alt="([^"]*)"
 DRAWING = re.compile(r'<svg role="img" aria-label="([^"]*)".*?</svg>', re.DOTALL)
 PATIENCE_S = 60.0
 """Limit of the wait for a screen."""
+DUMP = "60x80,Y,u16be,0,65535"
+"""Layout of samples without a header."""
 CELL_MM = 300 / 320
 """Side of a printed cell."""
 Pictures = dict[str, bytes]
 
 
-def manual_pictures(progress: Progress = silent) -> Mapping[str, bytes]:
-    """The pictures by the name of their files; a step of progress for each of `PARTS`."""
+def manual_pictures(printed: Callable[[Sequence[str]], str], progress: Progress = silent) -> Mapping[str, bytes]:
+    """The pictures by the name of their files; a step of progress for each of `PARTS`. `printed(words)` is what a
+    command writes to stdout."""
     pictures: Pictures = {}
     with TemporaryDirectory() as folder:
         for part in PARTS:
             drawn = part(Path(folder))
             progress(f"drew {', '.join(drawn)}")
             pictures |= drawn
-    return pictures
+        with chdir(folder):
+            return pictures | _terminal_pictures(Path(), printed)
 
 
 def _of_page(page: str, begins: Mapping[str, str]) -> Pictures:
@@ -252,7 +257,7 @@ def _library(folder: Path) -> Pictures:
     y, x = np.mgrid[:80, :60]
     away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
     light = 0.1 + 0.7 * ndtr(away / 0.7) + 0.004 * np.random.default_rng(10).standard_normal(x.shape)
-    path, raw = folder / "dump.raw", "60x80,Y,u16be,0,65535"
+    path, raw = folder / "dump.raw", DUMP
     path.write_bytes(np.rint(65535 * light).astype(">u2").tobytes())
     page = _measured("edge", [path], folder / "dump", raw=raw)
     plane = read_frame(path, layout=DumpLayout.parse(raw)).planes["Y"]
@@ -355,6 +360,49 @@ def _screens(folder: Path) -> Pictures:
         return {name: self_contained(svg).encode() for name, svg in asyncio.run(drawn()).items()}
     finally:
         lab.close()
+
+
+COMMANDS = (
+    ("witnessed", "psf witnessed --help"),
+    ("series", "psf series --help"),
+    ("rig", "rig --help"),
+    ("profile-add", "profile add field --library library --camera Simulated --lens Wide --f-number 4"),
+    ("profile-find", "profile find --library library --camera Simulated --lens Wide --f-number 4"),
+    ("profile-export", "profile export field --to gmic filters"),
+    ("sharpen", "sharpen charts.pgm --field field/field.h5 --out sharp"),
+    ("refocus", "refocus --help"),
+    ("explain", "explain certified"),
+    ("verify", "verify certified/certificate.html"),
+    ("session-list", "session list --sessions edge"),
+    ("session-show", "session show SESSION --sessions edge"),
+    ("session-resume", "session resume --sessions edge"),
+    ("session-recompute", "session recompute SESSION --sessions edge"),
+    ("session-report", "session report SESSION --sessions edge"),
+    ("session-index", "session index --sessions edge"),
+    ("session-delete", "session delete SESSION --sessions edge --yes"),
+    ("conform", "conform zaber --operations 5"),
+    ("simulate", "simulate --for-s 0"),
+    ("completion", "completion bash"),
+    ("init", "init project"),
+    ("manual-search", "manual search mtf50"),
+)
+"""Pictures of what commands write, by name, in an order in which each finds its files."""
+ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
+
+
+def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
+    """What every command of `COMMANDS` writes, as a terminal shows it."""
+    printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
+    session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
+    pictures: Pictures = {}
+    for name, command in COMMANDS:
+        words = command.replace("SESSION", session).split()
+        lines = [line[:COLUMNS_SHOWN] for line in printed(words).splitlines()]
+        rest = ["..."] if len(lines) > ROWS_SHOWN else []
+        console = Console(record=True, width=COLUMNS_SHOWN, file=StringIO())
+        console.print(Text("\n".join([f"$ station {' '.join(words)}", *lines[:ROWS_SHOWN], *rest])))
+        pictures[f"terminal-{name}.svg"] = self_contained(console.export_svg(title="station")).encode()
+    return pictures
 
 
 PARTS: tuple[Callable[[Path], Pictures], ...] = (

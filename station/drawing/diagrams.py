@@ -46,10 +46,10 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
 
 
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:
-    """Plot, sentence and table."""
+    """Plot or drawing, sentence and table."""
     sentence = textwrap.wrap(diagram.say, width=96)
     return [
-        *drawn(diagram, WIDTH, HEIGHT, ascii),
+        *(diagram.drawing.splitlines() or drawn(diagram, WIDTH, HEIGHT, ascii)),
         "",
         *sentence,
         *([""] if diagram.rows else []),

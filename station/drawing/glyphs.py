@@ -1,7 +1,5 @@
 """Characters for states and bars, by the capabilities of the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from textwrap import shorten
+from textwrap import shorten, wrap
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,8 @@ BRAILLE = 0x2800
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character, [row][column]."""
 DASH = 4
+LOW = 7
+"""Height below which a label is shortened to one line."""
 CUT = "..."
 """Marks a shortened label."""
 
@@ -46,18 +48,24 @@ class TerminalFrame:
 def plot(
     curves: Sequence[TerminalCurve], frame: TerminalFrame, width: int, height: int, ascii: bool = False
 ) -> list[str]:
-    """`height` lines of at most `width` characters: curves, ends of both axes, and whole words of the label."""
-    canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1), 1 if ascii else 2, 1 if ascii else 4)
+    """`height` lines of at most `width` characters: curves, ends of both axes, and whole words of the label, which
+    continues below a narrow plot."""
+    low, high = f"{frame.x[0]:.3g}", f"{frame.x[1]:.3g}"
+    room = max(0, width - GUTTER - len(low) - len(high))
+    more = wrap(frame.label, width) if len(frame.label) > room - 2 and height >= LOW and width > GUTTER else []
+    more = more if len(more) <= height - LOW + 1 else []
+    canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1 - len(more)), 1 if ascii else 2, 1 if ascii else 4)
     for curve in curves:
         _draw(canvas, curve, frame)
     lines = canvas.letters() if ascii else canvas.braille()
-    ends = {0: f"{frame.y[1]:.3g}", len(lines) - 1: f"{frame.y[0]:.3g}"}
+    top, bottom = (f"{end:.3g}"[: GUTTER - 1] for end in frame.y[::-1])
+    if top == bottom:
+        top, bottom = (f"{end:.3f}".lstrip("0") for end in frame.y[::-1])
+    ends = {len(lines) - 1: bottom, 0: top}
     side = "|" if ascii else "│"
     body = [f"{ends.get(i, ''):>{GUTTER - 1}.{GUTTER - 1}}{side}{line}" for i, line in enumerate(lines)]
-    low, high = f"{frame.x[0]:.3g}", f"{frame.x[1]:.3g}"
-    room = max(0, width - GUTTER - len(low) - len(high))
-    label = shorten(frame.label, room - 2, placeholder=CUT) if room - 2 > len(CUT) else ""
-    return [*body, f"{'':{GUTTER}}{low}{label:^{room}}{high}"[:width]]
+    label = "" if more or room - 2 <= len(CUT) else shorten(frame.label, room - 2, placeholder=CUT)
+    return [*body, f"{'':{GUTTER}}{low}{label:^{room}}{high}"[:width], *more]
 
 
 class _Canvas:

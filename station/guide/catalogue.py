@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], RecordHead], str]
 
 
-def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+def psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    """The planes of PSFs, with the exposure of the first photograph."""
     from station.calibration.planes import plane_result
     from station.results.units import pixels_of
     from station.sessions.state import in_terms
@@ -61,7 +62,7 @@ class GuidedProcedure:
 
     title: str
     plan: Callable[..., Plan]
-    results: Results = _psf_results
+    results: Results = psf_results
     write: Write = _write_psf
     in_session: bool = False
     general: bool = False
@@ -116,6 +117,13 @@ PLANS = {
         "sharp image and depth map from blurred photographs", "restoration", "restore", in_session=True
     ),
     "edge": _general("MTF across slanted edges", "edge"),
+    **{
+        f"{setting}-series": replace(
+            _guided(f"the PSF over {setting}, from one mounting", "series"),
+            plan=_imported("station.guide.plans.series", f"{setting}_plan"),
+        )
+        for setting in ("aperture", "focus")
+    },
     "witnessed": replace(
         _guided(
             "the PSF with witnesses: two exposures, two distances, a defocus", "witnessed", "witnessed", in_session=True

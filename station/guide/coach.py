@@ -48,6 +48,8 @@ def until_held(
 RIGHT, LEFT, DOWN, UP = "→", "←", "↓", "↑"
 LEAST_SHARE = 0.01
 """Offsets and changes of size below this share of the frame or the size are not mentioned."""
+LEAST_TURN_DEG = 1.0
+"""Nor are smaller turns in the frame."""
 
 
 def ways(outline: Outline, shape: tuple[int, ...]) -> list[tuple[str, float]]:
@@ -63,6 +65,8 @@ def way_words(outline: Outline, shape: tuple[int, ...]) -> str:
     parts = [f"{' '.join(words)} of the frame"] if words else []
     if abs(outline.growth - 1) >= LEAST_SHARE:
         parts.append(f"{100 * abs(outline.growth - 1):.0f} % {'larger' if outline.growth > 1 else 'smaller'}")
+    if abs(outline.turn_deg) >= LEAST_TURN_DEG:
+        parts.append(f"turned {'clockwise' if outline.turn_deg > 0 else 'counter-clockwise'}")
     return ", ".join(parts)
 
 

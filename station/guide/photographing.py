@@ -18,7 +18,7 @@ from station.guide.dialogue import AGAIN, STOP, Coach, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
 from station.guide.frontend import FrameEvent, GoalEvent, ProgressEvent, ScanEvent
 from station.guide.manual_camera import HandCamera
-from station.sessions.journal_head import same_bits
+from station.sessions.journal import same_bits
 from station.sessions.session import SessionShot
 
 Check = Callable[[RawFrame, Facts], Advice]
@@ -206,7 +206,7 @@ class PhotographRequests:
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
-        advice = shoot.enough(results, self._talk.facts)
+        advice = shoot.enough(results, {**self._talk.facts, **self._rig.abilities()})
         self._talk.learn_from_photograph(advice.facts)
         if advice.contradictory:
             resolve(self._talk, self._asks, advice.say, advice.contradictory, last=self._progress.exhausted())

@@ -42,6 +42,7 @@ WHY: Mapping[str, str] = {
         "The sharpest focus depends on the distance, which has changed.",
     ),
     "focus_by": "A bracket of five photographs finds the sharpest focus better than the eye.",
+    "apertures": "One photograph is taken at each. The lens is sharpest between its aberrations and diffraction.",
     "wanted_mtf50": "Shots are taken until their mean is as certain as this: half of it needs four times as many.",
     "places": "More places show more detail over the frame; each needs a photograph.",
     "views": "Each view is placed where it reduces the uncertainty of the camera most. Twelve are usually enough.",

@@ -23,7 +23,7 @@ from procedures.raw import Exposure
 from station.common.sanitise import printable, stated
 from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
-from station.procedure.schema import procedure_named
+from station.procedure.schema import procedure_named, procedure_names
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
@@ -31,12 +31,14 @@ from station.reports.report import METHODS, DriftLine, Report, ReportLine, Repor
 from station.reports.report_page import measurement_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-from station.results.reader import read_record
+from station.results.reader import read_record, read_result
 from station.results.record_head import environment_of, temperature_during
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.state import SessionShot, SessionState, replay, terms_of_session
 
 PAGE = "report.html"
+COMMANDS = {"restoration": "restore"}
+"""Procedures of plans with other names."""
 REPORTED = "reported"
 """Event in the journal with the hash of the page."""
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
@@ -75,16 +77,16 @@ def _drawn(report: Report) -> str:
 
 
 def session_report(folder: Path, result: SessionResult | None = None) -> Report:
-    """Report of a session's last result without a page of its own. Raises Refused without PSFs; Damaged if a photograph
-    has changed."""
+    """Report of a session's last result. Raises Refused without a result or a page; Damaged if a photograph has
+    changed."""
     record = _with_result(folder)
     plan, last = record.state.plan, record.state.results[-1]
     certified = plan in METHODS or entry_named(plan).general
-    if not certified and PAGE in last.files:
-        raise Refused(f"the procedure {plan} has no certificate", "see report.html in the result's folder")
     if not certified and last.verdict == Verdict.REFUSED:
         raise Refused(f"a refused result of {plan} has no page", "see the reason in result.json")
     verify(folder, record.state)
+    if not certified and PAGE in last.files:
+        return _of_measurement(record)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
     return _report(record, state, result or compute(folder, state, plan_named(state.plan, folder)))
@@ -111,6 +113,21 @@ def _kept_page(folder: Path, record: SessionRecord) -> str | None:
         return None
     same = written[-1].event == REPORTED and written[-1].data["sha256"] == hashlib.sha256(text.encode()).hexdigest()
     return text if same else None
+
+
+def _of_measurement(record: SessionRecord) -> Report:
+    """Report of a result that a procedure's command would write too. Raises Refused without such a command."""
+    state, last = record.state, record.state.results[-1]
+    name = COMMANDS.get(state.plan, state.plan)
+    if name not in procedure_names():
+        raise Refused(f"the procedure {state.plan} has no certificate", "see report.html in the result's folder")
+    report = procedure_named(name).report(read_result(record.folder / last.folder))
+    subject, made = f"{printable(state.camera)}, {printable(state.lens)}", last.at[:16].replace("T", " ") + " UTC"
+    return replace(
+        report, subject=subject, made=made,
+        conditions=[*_conditions(state), *environment_lines(_environment(state))], devices=list(_devices(record)),
+        software=last.about["machine"]["software"], files=[f"{last.folder}/{name}" for name in last.files],
+    )  # fmt: skip
 
 
 def _report(record: SessionRecord, state: SessionState, result: SessionResult) -> Report:

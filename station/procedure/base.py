@@ -17,6 +17,7 @@ from procedures.developed import is_developed, read_developed
 from procedures.outcome import BadParameter, ColourInput, Miss, Outcome
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
+from procedures.plan import Advice
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.folder_photographs import PHOTOGRAPHS
@@ -98,13 +99,9 @@ def upper_plane(name: str | None) -> str | None:
 class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
-    raw: Annotated[
-        str | None,
-        setting(
-            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-            metavar="WxH,RGGB,u16le,BLACK,WHITE",
-        ),
-    ] = None
+    raw: Annotated[str | None, setting(
+        "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+        metavar="WxH,RGGB,u16le,BLACK,WHITE")] = None  # fmt: skip
 
     @property
     def layout(self) -> DumpLayout | None:
@@ -248,7 +245,6 @@ class Procedure(ABC, Generic[S]):
 
     @property
     def schema(self) -> str:
-        """Name of the schema of its record."""
         return f"station/{self.name}/1"
 
     @property
@@ -259,6 +255,10 @@ class Procedure(ABC, Generic[S]):
     def steps(self, paths: Sequence[Path]) -> int:
         """Number of progress steps of a measurement of these files."""
         return len(paths)
+
+    def check_photograph(self, frame: RawFrame, settings: Mapping[str, Any]) -> Advice:
+        """Whether a photograph of the guided plan counts, and the pose to match; the settings are those given."""
+        return Advice(True, "The photograph has been read.")
 
     @abstractmethod
     def measure(
@@ -303,7 +303,6 @@ class Procedure(ABC, Generic[S]):
         return measurement_report(measurement, self.name, title=self.title, method=self.method)
 
     def draws(self, measurement: Measurement) -> bool:
-        """Whether a measurement has a page."""
         return self.has_page and not measurement.refused
 
     def page(self, measurement: Measurement) -> bytes:

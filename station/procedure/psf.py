@@ -38,7 +38,6 @@ class OpticsReading(PlaneSettings, frozen=True, kw_only=True):
 
     @property
     def optics(self) -> dict[str, Any]:
-        """Pitch, aperture and wavelength by name."""
         return {name: getattr(self, name) for name in ("pixel_pitch_um", "f_number", "wavelength_nm")}
 
     def read(self, path: Path) -> RawFrame:
@@ -53,7 +52,6 @@ class OpticsReading(PlaneSettings, frozen=True, kw_only=True):
         return partial(diffraction_limit, exposure, needed=needed, **self.optics)
 
     def pixels(self, frame: RawFrame) -> Mapping[str, Pixels]:
-        """The pixels of each plane."""
         return pixels_of(frame, self.pixel_pitch_um)
 
     def plane_pixels(self, frame: RawFrame) -> Pixels:

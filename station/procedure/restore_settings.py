@@ -30,14 +30,10 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     """The cause of the blur, the descent, and what is known of the camera."""
 
     blur: Annotated[Literal["defocus", "motion", "both"], setting("Cause of the blur.")]
-    shape: Annotated[
-        Texts,
-        setting(
-            "pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
-            "result, or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for "
-            "each image. With --prototype-region whole, kernels from an earlier result."
-        ),
-    ] = ()
+    shape: Annotated[Texts, setting(
+        "pillbox, gaussian[:K], polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a "
+        "result, or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for "
+        "each image. With --prototype-region whole, kernels from an earlier result.")] = ()  # fmt: skip
     samples_per_pixel: (
         Annotated[int, setting("Sampling if the shapes are PSFs, not on [-1, 1].", least=1, most=1000)]
         | Literal["auto"]
@@ -47,23 +43,18 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         setting("w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]"),
     ] = ()
     offset: Annotated[
-        tuple[float, ...],
-        setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]"),
+        tuple[float, ...], setting("Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]")
     ] = ()
     defocus_shape: Annotated[
         Texts,
         setting("With --blur both, where --shape is that of motion: the aperture's shape, one or one for each image."),
     ] = ()
     defocus_ratio: Annotated[
-        tuple[float, ...],
-        setting("Half-width of that defocus in pixels per unit of w, one or one for each image."),
+        tuple[float, ...], setting("Half-width of that defocus in pixels per unit of w, one or one for each image.")
     ] = ()
-    defocus_offset: Annotated[
-        tuple[float, ...],
-        setting(
-            "Half-width of that defocus at w = 0, pixels; negative for a plane of focus within the scene.  [default: 0]"
-        ),
-    ] = ()
+    defocus_offset: Annotated[tuple[float, ...], setting(
+        "Half-width of that defocus at w = 0, pixels; negative for a plane of focus within the scene.  [default: 0]"
+    )] = ()  # fmt: skip
     max_w: Annotated[
         float | None,
         setting("Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's plus one]"),
@@ -78,21 +69,13 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     ] = "both"
     total_variation: Annotated[bool, setting("Picture prior by total variation instead of Tikhonov.")] = False
     depth_total_variation: Annotated[bool, setting("Prior of w by total variation.")] = False
-    prototype_region: Annotated[
-        str | None,
-        setting(
-            "Flat part for the estimation of unknown motion; auto searches for one; whole is a flat scene, whose "
-            "motions may be of any form, in two images or more.",
-            metavar="X,Y,W,H",
-        ),
-    ] = None
-    recorded_path: Annotated[
-        Texts,
-        setting(
-            "Path of the rig during each exposure, two columns x y at equal times: starts the search of its shape.",
-            metavar="FILE",
-        ),
-    ] = ()
+    prototype_region: Annotated[str | None, setting(
+        "Flat part for the estimation of unknown motion; auto searches for one; whole is a flat scene, whose "
+        "motions may be of any form, in two images or more.",
+        metavar="X,Y,W,H")] = None  # fmt: skip
+    recorded_path: Annotated[Texts, setting(
+        "Path of the rig during each exposure, two columns x y at equal times: starts the search of its shape.",
+        metavar="FILE")] = ()  # fmt: skip
     imu: Annotated[
         Texts,
         setting(
@@ -101,30 +84,21 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
             metavar="FILE",
         ),
     ] = ()
-    poses: Annotated[
-        Texts,
-        setting(
-            "Poses of the camera during each exposure, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as "
-            "--imu.",
-            metavar="FILE",
-        ),
-    ] = ()
+    poses: Annotated[Texts, setting(
+        "Poses of the camera during each exposure, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as "
+        "--imu.",
+        metavar="FILE")] = ()  # fmt: skip
     focal_px: Annotated[float | None, setting("Focal length in pixels of the plane, for --imu and --poses.")] = None
     max_inverse_depth: Annotated[float | None, setting("1 / the smallest distance in the scene, 1/m, for these.")] = (
         None
     )
     exposure_s: Annotated[tuple[float, ...], setting("Exposure time, for --imu.  [default: as recorded]")] = ()
     imu_within_s: Annotated[
-        float,
-        setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0),
+        float, setting("Bound of the error of the records' times, for --imu: one shift within it is fitted.", least=0.0)
     ] = 0.0
-    metres: Annotated[
-        Literal["front", "behind"] | None,
-        setting(
-            "Give depth in metres: the scene is in front of the plane of focus, or behind it. --ratio and --offset "
-            "come from the camera's data."
-        ),
-    ] = None
+    metres: Annotated[Literal["front", "behind"] | None, setting(
+        "Give depth in metres: the scene is in front of the plane of focus, or behind it. --ratio and --offset "
+        "come from the camera's data.")] = None  # fmt: skip
     f_number: tuple[
         Annotated[
             float, setting("For --metres, one or one for each image.  [default: as recorded]", least=0.5, most=100)
@@ -143,15 +117,10 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
     ] = ()
     focal_length_mm: Annotated[float, setting("For --metres.  [default: as recorded]", least=0.1)] | None = None
     pixel_pitch_um: Annotated[float, setting("For --metres: of the sensor's pixels.", least=0.1)] | None = None
-    camera_uncertainty: Annotated[
-        float,
-        setting(
-            "For --metres: relative standard uncertainty of the focus distance, and of focal length over f-number and "
-            "pixel pitch; 0 for calibrated values.",
-            least=0,
-            most=0.5,
-        ),
-    ] = 0.01
+    camera_uncertainty: Annotated[float, setting(
+        "For --metres: relative standard uncertainty of the focus distance, and of focal length over f-number and "
+        "pixel pitch; 0 for calibrated values.",
+        least=0, most=0.5)] = 0.01  # fmt: skip
     reference: Annotated[
         Path | None,
         setting("A sharp photograph of the same scene from the same place, with which the result is compared."),
@@ -246,9 +215,11 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
             if self.f_number or self.focus_m or self.focal_length_mm or self.pixel_pitch_um:
                 raise _unfit("--f-number, --focus-m, --focal-length-mm and --pixel-pitch-um go with --metres")
             return
-        if self.blur != "defocus" or any(one != "pillbox" for one in self.shape):
+        models = {one.partition(":")[0] for one in self.shape}
+        if self.blur != "defocus" or len(set(self.shape)) > 1 or models - {"pillbox", "gaussian"}:
             raise _unfit(
-                "--metres goes with --blur defocus --shape pillbox: there w is the radius of the lens's blur circle"
+                "--metres goes with --blur defocus and --shape pillbox or gaussian:K: there w follows from the radius "
+                "of the lens's blur circle"
             )
         if self.ratio or self.offset:
             raise _unfit("--metres takes ratio and offset of the blurs from the camera's data")
@@ -272,7 +243,7 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         if len(self.shape) not in (1, images):
             raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shape)}")
         for name in self.shape:
-            if self.blur != "defocus" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
+            if self.blur != "defocus" and name.partition(":")[0] in ("pillbox", "gaussian", "polygon"):
                 raise _unfit(
                     f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
                 )

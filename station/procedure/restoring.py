@@ -21,6 +21,7 @@ from procedures.restoration.flat_part import region_of
 from procedures.restoration.ground_truth import check_ground_truth, compare_to_ground_truth
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.result import Restoration
+from procedures.restoration.masks.blur_models import spread_of
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.checks import check_photographs, trust_of
 from procedures.restoration.masks.mask_fields import MaskField, Masks
@@ -42,13 +43,7 @@ from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from station.calibration.restoration import developed
-from station.calibration.restoration.inputs import (
-    doubt_of,
-    poses_of_records,
-    read_blur_shape,
-    read_kernels,
-    read_poses,
-)
+from station.calibration.restoration.inputs import doubt_of, poses_of_records, read_blur_shape, read_kernels, read_poses
 from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.restore_settings import RestoreSettings
@@ -228,7 +223,8 @@ def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[Camer
         if lacking:
             raise BadParameter(f"photograph {n + 1} does not record all data for metres", f"give {lacking}")
         focal, number, focus_mm, pitch = (float(value or 0) for value in known.values())
-        lenses.append(CameraSetting(focal, number, focus_mm, pitch * next(iter(frame.planes.values())).pitch))
+        pitch_um = pitch * next(iter(frame.planes.values())).pitch
+        lenses.append(CameraSetting(focal, number, focus_mm, pitch_um, spread_of(settings.shape[0])))
     return lenses
 
 
@@ -244,7 +240,7 @@ def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
     offsets = tuple(side * beta for _, beta in related)
     ratios = tuple(alpha for alpha, _ in related)
     return msgspec.structs.replace(
-        settings, shape=("pillbox",), ratio=ratios, offset=offsets if any(abs(one) > 1e-9 for one in offsets) else ()
+        settings, ratio=ratios, offset=offsets if any(abs(one) > 1e-9 for one in offsets) else ()
     )
 
 

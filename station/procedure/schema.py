@@ -117,6 +117,7 @@ BUILTIN: Mapping[str, str] = {
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "series": "station.procedure.builtin.series:PROCEDURE",
     "sharpen": "station.procedure.builtin.sharpen:PROCEDURE",
+    "stability": "station.procedure.builtin.stability:PROCEDURE",
     "tilt": "station.procedure.builtin.tilt:PROCEDURE",
     "two-photo": "station.procedure.builtin.two_photo:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",

@@ -15,7 +15,7 @@ from procedures.numbers import RADIAL, Group, in_group, label
 from station.common.sanitise import stated
 from station.reports.certificate_figure import curves_figure, qr_code
 from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
-from station.reports.report import METHODS, Report, comparison
+from station.reports.report import METHODS, Report, comparison, parameters_words
 from station.results.comparison import MEASUREMENT, SPECIFICATION
 from station.results.plane_result import PlaneResult
 from station.results.result_files import SEAL, json_text
@@ -67,7 +67,7 @@ def certificate_sections(report: Report) -> list[Section]:
         ],
     )
     lines = [[line.name, line.words] for line in (*report.conditions, *report.devices)]
-    given = ", ".join(f"{name} = {value}" for name, value in report.parameters.items() if value is not None)
+    given = parameters_words(report.parameters)
     version = report.software.get("version") or "not installed"
     method = Note(f"{report.method or report.procedure}. {given}; calibration-station {version}.")
     return [

@@ -98,7 +98,7 @@ def residual_figure(geometry: Geometry, one: PosedView, name: str) -> Figure:
 
 def chart_figure(geometry: Geometry, name: str) -> Figure:
     """Deviations of the chart in its plane as arrows, out of it as colours."""
-    axes = plot_axes(4.4, 4.2, (0.08, 0.75, 0.42, 0.08))
+    axes = plot_axes(4.6, 4.2, (0.08, 0.95, 0.42, 0.08))
     deviations, plan = geometry.shape.deviations_mm, chart_nodes(1.0)[:, :2]
     half = float(plan.max()) * (1 + 1 / BINS)
     bend = deviations[:, 2].reshape(BINS, BINS)

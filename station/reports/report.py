@@ -25,6 +25,8 @@ from station.results.terms import specification_verdict
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "refused")
 """Verdicts of measurements, the best first."""
+MOST_PARAMETERS, LONGEST = 60, 200
+"""Parameters that a page lists, and characters of the longest."""
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
@@ -184,6 +186,15 @@ def measurement_report(
         duration_s=measurement.head.duration_s,
         result=measurement.result,
     )
+
+
+def parameters_words(parameters: Mapping[str, Any]) -> str:
+    """Parameters as "s = 4, k = 17": of a session's many facts the short ones, and no more than fit on a page."""
+    known = ((name, " ".join(map(str, one)) if isinstance(one, list | tuple) else str(one))
+             for name, one in parameters.items() if one is not None and not isinstance(one, Mapping))  # fmt: skip
+    words = [f"{name} = {one}" for name, one in known if len(one) <= LONGEST]
+    rest = len(words) - MOST_PARAMETERS
+    return ", ".join([*words[:MOST_PARAMETERS], *([f"and {rest} more, in result.json"] if rest > 0 else [])])
 
 
 def environment_lines(environment: Mapping[str, Any] | None) -> Iterator[ReportLine]:

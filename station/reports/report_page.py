@@ -33,7 +33,7 @@ from station.reports.page import (
     tag,
     value_of,
 )
-from station.reports.report import Report, comparison, numbers_of_page
+from station.reports.report import Report, comparison, numbers_of_page, parameters_words
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
@@ -93,7 +93,8 @@ def report_page(
         if own or plane.unavailable:
             name = plane_name(plane.name, tag(plane.verdict))
             words = [sentence(one) for one in plane.unavailable]
-            sections.append(Section(name, [*words, *own], new_page=bool(blocks), anchor=f"plane-{plane.name}"))
+            new_page = bool(blocks) and plane is shown[0][0]  # the first page stands alone
+            sections.append(Section(name, [*words, *own], new_page=new_page, anchor=f"plane-{plane.name}"))
     if report.drift:
         rows = [[one.name, one.per_hour, one.per_kelvin] for one in report.drift]
         sections.append(Section("Drift over the session", [Table(rows, ["", "per hour", "per kelvin"]), Note(DRIFT)]))
@@ -185,17 +186,13 @@ def _provenance(report: Report) -> Section:
          html('<code class="hash">{}</code>', one.sha256)]
         for one in report.shots
     ]  # fmt: skip
-    given = [f"{name} = {_parameter(value)}" for name, value in report.parameters.items() if value is not None]
+    given = parameters_words(report.parameters)
     made = [f"calibration-station {report.software.get('version') or 'not installed'}"]
     made += [f"{name} {version}" for name, version in report.software.get("packages", {}).items()]
     took = [] if report.duration_s is None else [Note(f"time taken {report.duration_s} s")]
     blocks: list[Block] = [Table(rows, ["input", "exposure", "SHA-256"], "rrr")] if rows else []
-    blocks += [Note(html("{}. ", ", ".join(given)))] if given else []
+    blocks += [Note(html("{}. ", given))] if given else []
     return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took], closing=len(rows) <= MAX_WHOLE_ROWS)
-
-
-def _parameter(value: object) -> object:
-    return " ".join(map(str, value)) if isinstance(value, list | tuple) else value
 
 
 def _citation(report: Report) -> Section:

@@ -44,20 +44,29 @@ def restoration_measurement(name: str, result: Restored, head: RecordHead) -> Me
     """The measurement of the planes together, called `name`; a refusal has no files."""
     outcome, restoration = result.outcome, result.outcome.value
     if restoration is None:
-        plane = PlaneResult.of_outcome(name, outcome, pitch=0)
-        return Measurement(RESTORATION, head, (plane,), entries=verdict_entry(outcome), results_key="result")
+        return Measurement(
+            RESTORATION, head, (restored_plane(name, outcome),), entries=verdict_entry(outcome), results_key="result"
+        )
+    plane = restored_plane(name, outcome)
+    entries = {**verdict_entry(outcome), **_entries(restoration, result.distances)}
+    return Measurement(
+        RESTORATION, head, (plane,), entries=entries, files=_files(restoration, result.distances),
+        results_key="result", result=result,
+    )  # fmt: skip
+
+
+def restored_plane(name: str, outcome: Outcome[Restoration]) -> PlaneResult:
+    """Verdict, depth and diagnostics of a restoration; verdict alone of a refusal."""
+    restoration = outcome.value
+    if restoration is None:
+        return PlaneResult.of_outcome(name, outcome, pitch=0)
     per, unit = restoration.unit.per_pixel, restoration.unit.name
     spread = float(np.median(restoration.w_std)) * per
     method = "median over the map; uncertainty: the median of each place's least"
     numbers = {W_MEDIAN: Quantity(float(np.median(restoration.w)) * per, unit, spread, method, restoration.w.size)}
     values = {W_LEAST: float(restoration.w.min()) * per, W_GREATEST: float(restoration.w.max()) * per,
               **asdict(restoration.diagnostics)}  # fmt: skip
-    plane = PlaneResult.of_outcome(name, outcome, numbers=numbers, values=values, pitch=0)
-    entries = {**verdict_entry(outcome), **_entries(restoration, result.distances)}
-    return Measurement(
-        RESTORATION, head, (plane,), entries=entries, files=_files(restoration, result.distances),
-        results_key="result", result=result,
-    )  # fmt: skip
+    return PlaneResult.of_outcome(name, outcome, numbers=numbers, values=values, pitch=0, estimate=restoration)
 
 
 def _entries(restoration: Restoration, distances: Distances | None) -> dict[str, Any]:

@@ -35,21 +35,22 @@ def _surface_figure(tilt: Tilt) -> Figure:
     """Measured heights over the frame, and the fitted surface."""
     sensor, (width, height) = tilt.sensor, tilt.sensor.size_mm
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, STEPS), np.linspace(-height / 2, height / 2, STEPS))
-    fitted = sensor.height_at(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
-    most = max(float(np.abs(fitted).max()), float(np.abs(sensor.heights_um).max()), 1e-3)
+    mean, measured = float(sensor.plane[0]), sensor.heights_um - sensor.plane[0]
+    fitted = sensor.height_at(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape) - mean
+    most = max(float(np.abs(fitted).max()), float(np.abs(measured).max()), 1e-3)
     axes = plot_axes(4.4, 3.6 * min(height / width, 1.5) + 0.5, (0.08, 0.75, 0.42, 0.08))
     looks: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     lines = axes.contour(x, y, fitted, 9, linewidths=1.0, **looks)
     axes.clabel(lines, fontsize=7, fmt="%.0f")
     dots: dict[str, Any] = {"s": 36, "edgecolors": INK, "linewidths": 0.5, "zorder": 3}
     x, y = sensor.places_mm.T
-    heights = axes.scatter(x, y, c=sensor.heights_um, **dots, **looks)
+    heights = axes.scatter(x, y, c=measured, **dots, **looks)
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=FAINT, lw=0.8))
     bare(axes, xlim=(-0.52 * width, 0.52 * width), ylim=(0.52 * height, -0.52 * height), aspect="equal")
     colour_bar(axes, heights, BAR_RIGHT)
     caption = (
-        "Height of the sensor behind best focus, as the photograph shows the frame: dots are measured, their colour is "
-        "the value; lines are the plane with the lens’s curvature."
+        "Height of the sensor behind best focus less its mean, as the photograph shows the frame: dots are measured, "
+        "their colour is the value; lines are the plane with the lens’s curvature."
     )
     return finished(axes, "surface", caption, xlabel="µm behind best focus")
 

@@ -1,7 +1,5 @@
 """Comparison of numbers with their limits: each by itself, a plane's together, the worst of all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -63,7 +61,7 @@ class Comparison:
         return {"verdict": self.judged and str(self.judged), "limits": limits}
 
     @classmethod
-    def from_record(cls, entry: object) -> Comparison | None:
+    def from_record(cls, entry: object) -> "Comparison | None":
         """The comparison in a record; None without a valid one."""
         try:
             limits = [{name: one[key] for name, key in _ENTRIES.items()} for one in entry["limits"]]  # type: ignore[index]

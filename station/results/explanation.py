@@ -29,6 +29,8 @@ REMEDIES = {
     "tail": "give --f-number and --pixel-pitch-um, which fix the far tail",
     "mismatch": "check focus and flatness: the model does not explain the photograph down to its noise",
     "processing": "switch off sharpening and denoising, or photograph RAW",
+    "wide mask": "switch off clarity and local contrast, or photograph RAW",
+    "ghost": "keep bright surfaces out of the frame, and photograph the chart on a dark wall",
     "variation": "use a smaller chart, or one nearer to the frame's centre",
     "focus": "focus again at either distance, or leave the focus",
     "choice": "photograph the chart larger, so that s and k matter less",

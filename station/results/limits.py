@@ -85,7 +85,6 @@ class Specification:
 
     @property
     def frequencies(self) -> tuple[Frequency, ...]:
-        """Those at which an MTF is limited."""
         return tuple(dict.fromkeys(Frequency(one.at, one.unit) for one in self.limits if one.at is not None))
 
     @property
@@ -94,7 +93,6 @@ class Specification:
         return tuple(dict.fromkeys(one.place for one in self.limits))
 
     def to_record(self) -> dict[str, Any]:
-        """Entry of a record."""
         limits = [one.to_record() for one in self.limits]
         return {"title": self.title, "path": self.source, "sha256": self.sha256, "limits": limits}
 

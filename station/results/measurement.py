@@ -1,7 +1,5 @@
 """Result of a procedure, from which record, page, batch table, limits and certificate are derived."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -57,15 +55,13 @@ class Measurement:
 
     @property
     def by_name(self) -> dict[str, PlaneResult]:
-        """The planes by name."""
         return {one.name: one for one in self.planes}
 
     @property
     def refused(self) -> bool:
-        """Whether all planes are refused."""
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
-    def compared(self, terms: Terms) -> Measurement:
+    def compared(self, terms: Terms) -> "Measurement":
         """The measurement with every plane compared with the limits of a specification."""
         if not terms.specification.limits:
             return self

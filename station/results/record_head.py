@@ -56,7 +56,6 @@ class RecordHead:
     settings: Mapping[str, Any] | None = None
 
     def to_record(self) -> dict[str, Any]:
-        """Its entries."""
         entries = {
             "procedure": self.procedure,
             "input": [asdict(one) for one in self.input],

@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -68,9 +67,7 @@ class ResultFolder:
             raise self._unwritable(error) from error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         shutil.rmtree(self.staging, ignore_errors=True)
         release(self._held)
         for folder in self._created:
@@ -103,7 +100,7 @@ class ResultFolder:
         self._check([name.as_posix() for name in staged])
         for name in staged:
             disk.settle(self.staging / name)
-        older = self._written()
+        older = own_hashes(self.path)
         self._note({**older, **{name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}})
         (self.path / RECORD).unlink(missing_ok=True)
         folders = {self.path / name.parent for name in staged}
@@ -130,7 +127,7 @@ class ResultFolder:
         """Raise BadParameter if one of these files exists and is foreign."""
         if self.force:
             return
-        older = self._written()
+        older = own_hashes(self.path)
         foreign = [name for name in sorted(names) if (self.path / name).exists() and not self._is_own(name, older)]
         if foreign:
             raise BadParameter(
@@ -141,25 +138,26 @@ class ResultFolder:
     def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
         """Whether a file is what this program wrote under this name."""
         if name == RECORD:
-            return str(_json(self.path / RECORD).get("schema", "")).startswith("station/")
+            return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
-
-    def _written(self) -> dict[str, list[str]]:
-        """The hashes that the older result's files may have: by its record, and by one that was being published."""
-        hashes: dict[str, list[str]] = {}
-        for record in (_json(self.path / RECORD), _json(self.path / PUBLISHING)):
-            files = record.get("files")
-            for name, digests in files.items() if isinstance(files, dict) else ():
-                if isinstance(digests, str | list) and _is_inside(str(name)):
-                    hashes.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
-        return hashes
 
     def _note(self, files: Mapping[str, Sequence[str]]) -> None:
         """Store the names of own files while they are replaced: after a crash there is no record."""
         (self.path / PUBLISHING).write_text(json_text({"files": {name: list(one) for name, one in files.items()}}))
 
 
-def _json(path: Path) -> dict[str, Any]:
+def own_hashes(folder: Path) -> dict[str, list[str]]:
+    """The hashes that the files of a result may have: by its record, and by one that was being published."""
+    hashes: dict[str, list[str]] = {}
+    for record in (json_object(folder / RECORD), json_object(folder / PUBLISHING)):
+        files = record.get("files")
+        for name, digests in files.items() if isinstance(files, dict) else ():
+            if isinstance(digests, str | list) and _is_inside(str(name)):
+                hashes.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
+    return hashes
+
+
+def json_object(path: Path) -> dict[str, Any]:
     """The object in a file; empty if it cannot be read."""
     try:
         value = json.loads(read_own(path))

@@ -1,7 +1,5 @@
 """Terms of a result: unit of frequencies, requested frequencies of the MTF, specification."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,7 +32,7 @@ class Terms:
         asked = (*self.at, *self.specification.frequencies)
         return tuple(sorted({one.per_pixel(pixels) for one in asked}))
 
-    def with_known_unit(self, pixels: Pixels) -> Terms:
+    def with_known_unit(self, pixels: Pixels) -> "Terms":
         """The terms, in cycles per pixel if the data for the unit are unknown."""
         try:
             pixels.factor(self.unit)

@@ -4,8 +4,6 @@ A stop needs no token: anybody who sees a problem may stop the bench. Requests t
 another site are refused, including the stop, as nobody at the bench has made them.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import ipaddress

@@ -1,7 +1,5 @@
 """Answers to requests: JSON; errors state what was required, what was received, and the remedy."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

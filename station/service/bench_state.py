@@ -1,7 +1,5 @@
 """State of the bench for its clients: devices, axes, run, newest picture; and its emergency stop."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -106,6 +104,7 @@ def run_record(status: RunStatus) -> dict[str, Any]:
         "plan": status.plan,
         "step": status.step,
         "instruction": status.instruction,
+        "drawing": status.drawing,
         "doing": {"say": status.doing, "done": status.done, "total": status.total},
         "advice": status.advice.say if status.advice is not None else "",
         "coach": coach_record(status),

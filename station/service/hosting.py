@@ -1,7 +1,5 @@
 """A server in a thread of its own, on a port that is reserved in advance."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import socket
@@ -87,7 +85,6 @@ class Hosting:
 
     @property
     def port(self) -> int:
-        """The port it listens on."""
         number: int = self.listening.getsockname()[1]
         return number
 
@@ -144,18 +141,15 @@ class LimitedConnection(H11Protocol):
         self._find_room()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended."""
         self._cancel_deadline()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """A part of a request was received."""
         super().data_received(data)
         if not self.owes_request:
             self._cancel_deadline()
 
     def on_response_complete(self) -> None:
-        """A request was answered."""
         super().on_response_complete()
         if self.owes_request:
             self._expect_request()
@@ -201,7 +195,7 @@ class LimitedConnection(H11Protocol):
     def _address(self) -> str:
         return self.client[0] if self.client else ""
 
-    def _has_room(self, crowd: Iterable[LimitedConnection], most: int) -> bool:
+    def _has_room(self, crowd: "Iterable[LimitedConnection]", most: int) -> bool:
         """Whether at most this many are open, after closing the one whose request has been due longest."""
         others = [other for other in crowd if other is not self and other in self.connections]
         if len(others) < most:

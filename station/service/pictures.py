@@ -1,7 +1,5 @@
 """The newest photograph as a picture for a browser."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 

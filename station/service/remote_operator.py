@@ -1,7 +1,5 @@
 """An operator reached over the network: events of a run are kept for clients, and questions wait for an answer."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -13,6 +11,7 @@ from procedures.raw import Plane
 from station.guide.answers import parse
 from station.guide.frontend import (
     CONSENTS,
+    DiagramEvent,
     Event,
     FrameEvent,
     GoalEvent,
@@ -35,7 +34,7 @@ class RunStatus:
     """The status of a run.
 
     session, plan : of the run
-    step, instruction : the present step
+    step, instruction, drawing : the present step; no drawing after its first photograph
     doing, done, total : the present operation, with its countable parts
     advice : from the last frame examined, whose plane has this `shape`
     hold_s : time for which its pose must still be held; None outside its tolerance
@@ -50,6 +49,7 @@ class RunStatus:
     plan: str = ""
     step: str = ""
     instruction: str = ""
+    drawing: str = ""
     doing: str = ""
     done: int = 0
     total: int = 0
@@ -79,12 +79,10 @@ class RemoteOperator:
 
     @property
     def status(self) -> RunStatus:
-        """The present status of the run."""
         with self._lock:
             return self._status
 
     def notify(self, event: Event) -> None:
-        """Update the status by an event."""
         if isinstance(event, FrameEvent):
             self._show(event.plane)
         with self._lock:
@@ -148,14 +146,16 @@ def after(status: RunStatus, event: Event) -> RunStatus:
         case RunBegan(plan, session, _, gave):
             return RunStatus(session=session.name, plan=plan.name, gave=gave)
         case StepBegan(step):
-            begun = replace(status, step=step.title, instruction=step.instruction)
-            return replace(begun, trouble=None, doing="", done=0, total=0, advice=None, hold_s=None, goal=None)
+            begun = RunStatus(status.session, status.plan, step.title, step.instruction, step.drawing)
+            return replace(begun, question=status.question, result=status.result, gave=status.gave)
         case StepEnded(step, gave):
             return replace(status, gave={**status.gave, step.name: gave})
         case ProgressEvent(say, done, total):
             return replace(status, doing=say, done=done, total=total)
         case FrameEvent(plane, advice, hold_s):
-            return replace(status, advice=advice, hold_s=hold_s, shape=plane.samples.shape)
+            return replace(status, drawing="", advice=advice, hold_s=hold_s, shape=plane.samples.shape)
+        case DiagramEvent(diagram):
+            return replace(status, drawing=diagram.drawing or status.drawing)
         case GoalEvent(goal):
             return replace(status, goal=goal)
         case ProblemEvent():

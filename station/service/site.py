@@ -1,7 +1,5 @@
 """The served application: the page, the interface for programs, and Alpaca."""
 
-from __future__ import annotations
-
 import asyncio
 import mimetypes
 import threading
@@ -67,7 +65,6 @@ class Control:
     served: ServedBench
 
     def routes(self) -> list[Route]:
-        """The routes of the interface."""
         return [
             Route("/status", self.status),
             Route("/picture", self.picture),
@@ -96,7 +93,6 @@ class Control:
         return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 
     def plans(self, request: Request) -> Response:
-        """The available plans."""
         return answer({"plans": dict(self._lab.plans())})
 
     def run(self, request: Request) -> Response:
@@ -149,7 +145,6 @@ class Sessions:
     closing: Event
 
     def routes(self) -> list[Route]:
-        """The routes of the interface."""
         return [
             Route("/sessions", self.everything),
             Route("/sessions/{name}", self.one),
@@ -196,7 +191,6 @@ class Sessions:
         raise NotThere(f"{folder.name} has no file {name!r} in a result {number}", "its session lists the files")
 
     def report(self, request: Request) -> Response:
-        """Its report, an HTML page."""
         folder = self._folder(request)
         results = read_session(folder).state.results
         if results and REPORT in results[-1].files:

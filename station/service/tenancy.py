@@ -1,7 +1,5 @@
 """Exclusive use of the bench by a run, or a client's exposure or move. Queries and stops are always allowed."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -13,14 +13,13 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from procedures.outcome import ProcedureError
 from station.common.durable_files import files_in, holds
 from station.common.sanitise import encodable
 from station.results.result_files import RECORD
-from station.sessions.journal_head import HEAD
+from station.sessions.journal import HEAD
 from station.sessions.layout import CONFIG, DERIVED, FOLDERS, JOURNAL
 from station.sessions.reader import damaged_results, read_session, sessions_in
 from station.sessions.state import SessionState
@@ -69,7 +68,6 @@ class IndexEntry:
     damage: str
 
     def record(self) -> dict[str, Any]:
-        """For programs."""
         return {**asdict(self), "folder": str(self.folder)}
 
 
@@ -126,9 +124,7 @@ class Index:
             self.update()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     # --- queries

@@ -13,8 +13,7 @@ from typing import Any, Protocol
 
 from station.common.durable_files import holds, sha256_of, write_errors
 from station.results.result_files import RECORD
-from station.sessions.journal import Contents, Damaged, read_journal
-from station.sessions.journal_head import HEAD, Gap, gap, machine
+from station.sessions.journal import HEAD, Contents, Damaged, Gap, gap, machine, read_journal
 from station.sessions.layout import (
     CONFIG,
     DERIVED,
@@ -60,7 +59,6 @@ class SessionRecord:
         return "" if self.contents.torn and self.gap.lines == 1 else self.gap.words
 
     def record(self) -> dict[str, Any]:
-        """For programs."""
         from station.results.result_files import plain  # here, because its imports are slow
 
         return {"schema": "station/session/1", "folder": str(self.folder), "state": plain(asdict(self.state))}

@@ -17,8 +17,6 @@ hash, copied, read back, given an unused name in originals/, and then confirmed:
 after a crash completes what was announced and not confirmed.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading
@@ -27,7 +25,6 @@ from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from drivers.errors import Clock
@@ -47,8 +44,7 @@ from station.common.durable_files import (
     write_errors,
 )
 from station.common.toml_text import toml_text
-from station.sessions.journal import Contents, Journal, JournalLine
-from station.sessions.journal_head import machine
+from station.sessions.journal import Contents, Journal, JournalLine, machine
 from station.sessions.layout import (
     CONFIG,
     DERIVED,
@@ -105,18 +101,9 @@ class Session:
 
     @classmethod
     def create(
-        cls,
-        root: Path,
-        *,
-        plan: str,
-        camera: str,
-        lens: str,
-        config: Mapping[str, Any],
-        clock: Clock,
-        seed: int = 0,
-        today: Today = utc_now,
-        disk: Disk | None = None,
-    ) -> Session:
+        cls, root: Path, *, plan: str, camera: str, lens: str, config: Mapping[str, Any], clock: Clock, seed: int = 0,
+        today: Today = utc_now, disk: Disk | None = None,
+    ) -> "Session":  # fmt: skip
         """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
@@ -144,14 +131,9 @@ class Session:
 
     @classmethod
     def open(
-        cls,
-        folder: Path,
-        clock: Clock,
-        *,
-        today: Today = utc_now,
-        disk: Disk | None = None,
+        cls, folder: Path, clock: Clock, *, today: Today = utc_now, disk: Disk | None = None,
         without: Collection[int] = (),
-    ) -> Session:
+    ) -> "Session":  # fmt: skip
         """Open the session in a folder, and complete everything that a crash interrupted.
 
         `state.notices` lists what was repaired and which exposures must be repeated.
@@ -191,9 +173,7 @@ class Session:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # --- the journal ---------------------------------------------------------------------------------------------

@@ -8,38 +8,29 @@ Each corruption prints its mean shift of MTF50, the verdicts, and P(pass and |z|
 Clopper-Pearson interval (95 %, one-sided); z is the error over the stated standard uncertainty. Clean photographs print
 P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 and of the curve.
 
-`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
+`python -m tests.benchmarks.adversarial [WORD ...] [--estimator edge|chart|wall] [--count 100] [--seed 1]`: only
 corruptions whose names hold one of the words.
 """
 
-from __future__ import annotations
-
 import argparse
-import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
+from scipy.stats import beta
 
-import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy as np  # noqa: E402
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter  # noqa: E402
-from scipy.stats import beta  # noqa: E402
-
-from procedures.pattern import CELLS, Chart  # noqa: E402
-from procedures.pattern_print.formats import bitmap  # noqa: E402
-from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
-from procedures.two_photo.estimate import estimate_psf_of_pair  # noqa: E402
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_print.formats import bitmap
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
+from procedures.slanted_edge.strip import Roi
+from procedures.two_photo.estimate import estimate_psf_of_pair
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -388,12 +379,9 @@ def resampled(scale: float, shift_px: float, how: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         y, column = np.indices(x.shape).astype(np.float32)
         return cv2.remap(
-            x,
-            column * np.float32(scale) + np.float32(shift_px),
-            y * np.float32(scale) + np.float32(shift_px),
-            how,
+            x, column * np.float32(scale) + np.float32(shift_px), y * np.float32(scale) + np.float32(shift_px), how,
             borderMode=cv2.BORDER_REFLECT,
-        )
+        )  # fmt: skip
 
     return Corruption(process=process)
 
@@ -546,7 +534,8 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`."""
+    """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
+    probability that MTF50 lies within two uncertainties."""
 
     verdict: str
     reason: str
@@ -554,6 +543,7 @@ class Answer:
     uncertainty: float = np.nan
     curve: Array | None = None
     curve_uncertainty: Array | None = None
+    probability: float = np.nan
 
 
 def by_edge(plane: Plane, seed: int) -> Answer:
@@ -564,7 +554,8 @@ def by_edge(plane: Plane, seed: int) -> Answer:
         return Answer(str(outcome.verdict), outcome.reason)
     number = edge.numbers["mtf50"]
     values, spreads = (np.interp(CURVE, edge.frequencies, part) for part in (edge.mtf, edge.uncertainty))
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_chart(plane: Plane, seed: int) -> Answer:
@@ -575,7 +566,8 @@ def by_chart(plane: Plane, seed: int) -> Answer:
     quality = outcome.value.quality
     number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 def by_wall(near: Plane, far: Plane) -> Answer:
@@ -588,7 +580,8 @@ def by_wall(near: Plane, far: Plane) -> Answer:
     values, spreads = (
         np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     )
-    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
+    return Answer(str(outcome.verdict), outcome.reason, *known)
 
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}

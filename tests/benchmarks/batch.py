@@ -1,11 +1,8 @@
 """400 photographs, 12 of them broken, through `station batch`: one process, two, a Dask cluster that loses a worker.
 
-python tests/benchmarks/batch.py [photographs, default 400] [--keep FOLDER]
+python -m tests.benchmarks.batch [photographs, default 400] [--keep FOLDER]
 """
 
-from __future__ import annotations
-
-import argparse
 import contextlib
 import json
 import os
@@ -19,16 +16,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-
-from procedures.pattern import Chart  # noqa: E402
-from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage  # noqa: E402
-from simulators.camera.camera import pixels_at  # noqa: E402
-from simulators.world.scene import Scene  # noqa: E402
+from procedures.pattern import Chart
+from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage
+from simulators.camera.camera import pixels_at
+from simulators.world.scene import Scene
+from tests.benchmarks import ROOT, options
 
 BOUND_MB, BOUND_RATIO = 600, 1.8
 PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal = { min = 0.4 }\n'
@@ -76,9 +70,10 @@ def spoil(folder: Path, camera, scene: Scene, chart: Chart, rng: np.random.Gener
 def children(pid: int) -> list[int]:
     """All processes below a process (Linux)."""
     found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found += [child, *children(child)]
+    with contextlib.suppress(OSError):  # it has ended
+        for task in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in map(int, task.read_text().split()):
+                found += [child, *children(child)]
     return found
 
 
@@ -168,10 +163,7 @@ def check(out: Path, broken: set[str], count: int) -> str:
 
 def main() -> None:
     """Make the frames, run, print."""
-    words = argparse.ArgumentParser()
-    words.add_argument("count", type=int, nargs="?", default=400)
-    words.add_argument("--keep", type=Path)
-    given = words.parse_args()
+    given = options(__doc__, "count", count=400, keep=None)
     with tempfile.TemporaryDirectory() as temporary:
         root = given.keep or Path(temporary)
         start = time.perf_counter()

@@ -1,15 +1,12 @@
 """Memory, processor time and size of a batch's files over its number of photographs, with made-up rows.
 
-    python tests/benchmarks/batch_size.py [ROWS ..., default 1000 10000 100000]
+    python -m tests.benchmarks.batch_size [ROWS ..., default 1000 10000 100000]
 
 Each size runs in a process of its own: rows of two planes with eight numbers each go through the writer of `station
 batch` into results.jsonl, then the summary as CSV and Parquet, the page and the record are written. The memory is the
 greatest of the process, less what it had before the first row.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import os
 import resource
@@ -19,16 +16,14 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402
-
-from procedures.numbers import NUMBERS  # noqa: E402
-from station.batch.item import ItemRow, Job, PlaneRow  # noqa: E402
-from station.batch.procedure_file import read_procedure  # noqa: E402
-from station.batch.run import Batch, _write  # noqa: E402
-from station.batch.stored_rows import StoredRows  # noqa: E402
+from procedures.numbers import NUMBERS
+from station.batch.item import ItemRow, Job, PlaneRow
+from station.batch.procedure_file import read_procedure
+from station.batch.run import Batch, _write
+from station.batch.stored_rows import StoredRows
+from tests.benchmarks import options
 
 NAMES = [name for name in NUMBERS if name.startswith("mtf")][:8]
 FILES = ("results.jsonl", "summary.csv", "summary.parquet", "report.html", "result.json")
@@ -84,17 +79,14 @@ def _run(job: Job, count: int, rng: np.random.Generator) -> float:
 
 def main() -> None:
     """Measure each size in a new process; print a table."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("rows", type=int, nargs="*", default=[1000, 10_000, 100_000])
-    words.add_argument("--here", action="store_true", help="one size in this process, as JSON")
-    given = words.parse_args()
+    given = options(__doc__, "rows", rows=[1000, 10_000, 100_000], here=False)
     if given.here:
         print(json.dumps(measure(given.rows[0])))
         return
     head = ("rows", "memory MB", "rows s", "files s", *FILES)
     print("  ".join(f"{one:>15}" for one in head))
     for count in given.rows:
-        command = [sys.executable, __file__, str(count), "--here"]
+        command = [sys.executable, "-m", "tests.benchmarks.batch_size", str(count), "--here"]
         done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ})
         print("  ".join(f"{value:15.4g}" for value in json.loads(done.stdout).values()), flush=True)
 

@@ -1,14 +1,12 @@
 """A photograph through a simulated lens, corrected through the measured field: what is gained, and how long it takes.
 
-    python tests/benchmarks/correction.py gain            PSNR against the scene: several fields, and none
-    python tests/benchmarks/correction.py loss            what fields' errors cost against the lens's own, and as told
-    python tests/benchmarks/correction.py speed [MEGAPIXELS]   four planes of a mosaic; 24 by default
+    python -m tests.benchmarks.correction gain            PSNR against the scene: several fields, and none
+    python -m tests.benchmarks.correction loss            what fields' errors cost against the lens's own, and as told
+    python -m tests.benchmarks.correction speed [MEGAPIXELS]   four planes of a mosaic; 24 by default
 
 The scene is a public photograph (matplotlib's sample of Grace Hopper, of the U.S. Navy), blurred by the lens's own
 transfer functions on a grid of places. Fields are measured at 5 x 5 and 7 x 5 charts with errors as charts have them.
 """
-
-from __future__ import annotations
 
 import os
 import resource
@@ -18,8 +16,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from unittest import mock
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import cv2
 import matplotlib

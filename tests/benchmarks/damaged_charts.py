@@ -4,29 +4,22 @@ A pass is wrong where MTF50, along rows or columns, lies farther than three of i
 the undamaged photograph's. An unsharp mask of a tenth leaves a PSF that a lens could have, too: such copies are told
 apart, and are not counted.
 
-python tests/benchmarks/damaged_charts.py [words that the copies' names must hold]
+python -m tests.benchmarks.damaged_charts [words that the copies' names must hold]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections import Counter
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
+from procedures.outcome import Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
+from procedures.raw import Plane, read_frame
+from tests.benchmarks import SHARED
+from tests.procedures.pattern_psf.damage import CHANGES, SLIGHT, damaged
 
-from procedures.outcome import Verdict  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternPsf, estimate_psf  # noqa: E402
-from procedures.raw import Plane, read_frame  # noqa: E402
-from tests.procedures.pattern_psf.damage import CHANGES, SLIGHT, damaged  # noqa: E402
-
-DATA = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "data")) / "pattern_photo"
+DATA = SHARED / "pattern_photo"
 NUMBERS = ("mtf50_horizontal", "mtf50_vertical")
 FAR = 3.0
 """Stated standard uncertainties from the undamaged value beyond which nothing may pass."""

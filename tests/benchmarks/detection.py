@@ -3,16 +3,12 @@
 python -m tests.benchmarks.detection
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 import numpy as np

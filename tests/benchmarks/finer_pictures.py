@@ -1,25 +1,15 @@
 """Several photographs through the measured field, as one picture twice as fine as the sensor: how near it comes to the
 scene that a renderer of its own drew on that grid, against one photograph corrected on the sensor's grid and enlarged.
 
-python tests/benchmarks/finer_pictures.py
+python -m tests.benchmarks.finer_pictures
 """
 
-from __future__ import annotations
+import cv2
+import numpy as np
 
-import os
-import sys
-from pathlib import Path
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy as np  # noqa: E402
-
-from procedures.correction.estimate import CorrectionParameters, correct  # noqa: E402
-from tests.procedures.correction.lens_photographs import RGGB, Sensor  # noqa: E402
-from tests.procedures.correction.small_lens import RIM, SmallLens, burst, scene  # noqa: E402
+from procedures.correction.estimate import CorrectionParameters, correct
+from tests.procedures.correction.lens_photographs import RGGB, Sensor
+from tests.procedures.correction.small_lens import RIM, SmallLens, burst, scene
 
 SHAPE, PLANE = (120, 160), (60, 80)
 COUNTS = (2, 4, 8)

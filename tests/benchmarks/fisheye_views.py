@@ -11,34 +11,26 @@ Prints the views that are used, the reasons of the others, the points' errors ov
 over the covered frame, and the processor's time.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
-import os
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import cv2
+import numpy as np
+from scipy.interpolate import BSpline, RectBivariateSpline
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 
-import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy as np  # noqa: E402
-from scipy.interpolate import BSpline, RectBivariateSpline  # noqa: E402
-from scipy.ndimage import gaussian_filter  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
-
-from procedures.geometry.chart_bins.photographs import views_of  # noqa: E402
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.uncertainty import enclosed  # noqa: E402
-from procedures.geometry.views import chart_nodes  # noqa: E402
-from procedures.pattern import BLOCK, CELLS, Chart  # noqa: E402
-from procedures.pattern_print.formats import bitmap  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
+from procedures.geometry.chart_bins.photographs import views_of
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.geometry.uncertainty import enclosed
+from procedures.geometry.views import chart_nodes
+from procedures.pattern import BLOCK, CELLS, Chart
+from procedures.pattern_print.formats import bitmap
+from procedures.raw import Plane
 
 Array = np.ndarray
 

@@ -1,7 +1,5 @@
 """Small files of every format that the station reads, written by its own writers, and how each is read."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct
@@ -16,7 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import cv2
@@ -53,7 +50,7 @@ from procedures.restoration.unknown_motion.recorded_paths import read_path, reco
 from procedures.slanted_edge.estimate import estimate_edges
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
-from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
+from station.calibration.exports.geometry import FORMATS, export_camera
 from station.calibration.field_photographs import focus_positions
 from station.calibration.restoration.inputs import (
     COLUMNS,
@@ -67,8 +64,8 @@ from station.calibration.restoration.inputs import (
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import Shots, find_shots
 from station.calibration.sensor_models import read_sensor
+from station.calibration.stored_cameras import read_camera, read_rig_camera
 from station.calibration.vignetting import measure_flats, read_joint_formula, read_vignetting
-from station.procedure.builtin.rig import read_rig_camera
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.reader import read_result
@@ -77,11 +74,9 @@ from station.results.result_files import ResultFolder, damage
 from station.results.specification_file import read_specification
 from station.sessions.index import Index
 from station.sessions.reader import check_whole, read_session, verify, verify_results
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessions"))
-from faulty_disk import FaultyDisk
-from work import Camera as SessionCamera
-from work import Work
+from tests.station.sessions.faulty_disk import FaultyDisk
+from tests.station.sessions.work import Camera as SessionCamera
+from tests.station.sessions.work import Work
 
 SIZE = (40, 60)
 

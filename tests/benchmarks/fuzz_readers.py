@@ -1,6 +1,6 @@
 """Mutates small files of every format and reads them: each must end in a right result or a stated refusal.
 
-    python tests/benchmarks/fuzz_readers.py [--mutations 6000] [--seed RANDOM] [--only npz,exr] [--keep FOLDER]
+    python -m tests.benchmarks.fuzz_readers [--mutations 6000] [--seed RANDOM] [--only npz,exr] [--keep FOLDER]
 
 The files are those of `fuzz_files`. Each mutation of one (bytes flipped, runs zeroed, cut out, doubled or swapped,
 numbers made extreme, the end missing; words of text replaced) is read by a fork with every library loaded, limited in
@@ -10,9 +10,6 @@ comes to is counted: 0 read, 2, 4, 5 refused as stated, 70 something unforeseen,
 is told, with which a run is repeated, and `--keep` keeps the files that came to neither.
 """
 
-from __future__ import annotations
-
-import argparse
 import gc
 import json
 import os
@@ -29,11 +26,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fuzz_files import AFTER, FEW, READERS, restored, samples
-from fuzz_structure import STRUCTURED, restructured
-
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.multiscale import filter_film
+from tests.benchmarks import options
+from tests.benchmarks.fuzz_files import AFTER, FEW, READERS, restored, samples
+from tests.benchmarks.fuzz_structure import STRUCTURED, restructured
 
 ROOM, TIME_S = 2_000_000_000, 60
 """Address space beside what the program has, bytes; seconds of processor."""
@@ -42,28 +39,9 @@ IN_ONE = 40
 STATED = ("0", "2", "4", "5")
 EXTREMES = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 WORDS = (
-    "nan",
-    "inf",
-    "-1",
-    "0",
-    "1e999",
-    "1e308",
-    "-1e308",
-    "1e200",
-    "1e-320",
-    "2147483648",
-    "9" * 30,
-    "[1.0]",
-    "9" * 400,
-    "[" * 3000,
-    '"',
-    "{}",
-    "null",
-    "true",
-    "\0",
-    "\x1b[2J",
-    "a" * 9999,
-)
+    "nan", "inf", "-1", "0", "1e999", "1e308", "-1e308", "1e200", "1e-320", "2147483648", "9" * 30, "[1.0]",
+    "9" * 400, "[" * 3000, '"', "{}", "null", "true", "\0", "\x1b[2J", "a" * 9999,
+)  # fmt: skip
 
 # --- mutations ---------------------------------------------------------------------------------------------------
 
@@ -316,12 +294,7 @@ def _tell(name: str, counts: Counts, took_s: float) -> None:
 
 def main() -> None:
     """Mutate, read, count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mutations", type=int, default=6000)
-    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
-    parser.add_argument("--only", default="", help="Parts of names, with commas between.")
-    parser.add_argument("--keep", type=Path, help="Folder for the files that came to no stated end.")
-    given = parser.parse_args()
+    given = options(__doc__, mutations=6000, seed=random.SystemRandom().randrange(1 << 32), only="", keep=None)
     print(f"seed {given.seed}", flush=True)
     counts = fuzz(given.mutations, given.seed, [one for one in given.only.split(",") if one], given.keep)
     total = sum((one.codes for one in counts.values()), Counter[str]())

@@ -1,7 +1,5 @@
 """Mutations that leave a file readable as its format and change what it holds: arrays of another rank, odd numbers."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -6,12 +6,9 @@ A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -22,10 +19,22 @@ from typing import Any
 import cv2
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
-
-from simulated_views import (  # noqa: E402
+from procedures.geometry.adjustment import AdjustmentProblem, adjust
+from procedures.geometry.cameras import MODELS
+from procedures.geometry.chart_bins.photographs import view_of
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.geometry.reference import first_state, fit_formula, fit_model
+from procedures.geometry.shape import estimated_node_errors, shape_model
+from procedures.geometry.uncertainty import projection_uncertainty
+from procedures.pattern import Chart
+from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart
+from procedures.pattern_psf.correspondences import bin_centres
+from procedures.raw import Plane, read_frame
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import Optics
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
+from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
     TrueCamera,
@@ -34,22 +43,6 @@ from simulated_views import (  # noqa: E402
     take,
     true_poses,
 )
-
-from procedures.geometry.adjustment import AdjustmentProblem, adjust  # noqa: E402
-from procedures.geometry.cameras import MODELS  # noqa: E402
-from procedures.geometry.chart_bins.photographs import view_of  # noqa: E402
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.reference import first_state, fit_formula, fit_model  # noqa: E402
-from procedures.geometry.shape import estimated_node_errors, shape_model  # noqa: E402
-from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart  # noqa: E402
-from procedures.pattern_psf.correspondences import bin_centres  # noqa: E402
-from procedures.raw import Plane, read_frame  # noqa: E402
-from simulators.camera.camera import Lens, SimulatedCamera  # noqa: E402
-from simulators.camera.optics import Optics  # noqa: E402
-from simulators.camera.sensor import Sensor  # noqa: E402
-from simulators.world.scene import Scene  # noqa: E402
 
 SHOOT = Shoot(print_mm=0.05, bend_mm=0.5)
 RICH, POOR = "RAD_TAN_THIN_PRISM_FISHEYE", "OPENCV"

@@ -5,19 +5,13 @@ sensor that is tilted behind f/2.8, whose screws are turned until that would not
 sheets behind 160 x 120 pixels of each plane, restored in all ways that are asked for.
 """
 
-from __future__ import annotations
-
 import json
-import os
 import sys
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 

@@ -5,14 +5,9 @@ Usage: live_focus.py [latency | sweeps [N]], by default both. On a machine that 
 clock are theirs as well; beside them stand the processor times of the thread that reads and measures.
 """
 
-from __future__ import annotations
-
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does
-
 import asyncio
 import functools
+import os
 import platform
 import shutil
 import sys

@@ -6,38 +6,30 @@ estimators. The chart is photographed once for every s: auto, 2, 3, 4 and 5. Of 
 number that both have is compared: MTF50, MTF at Nyquist and FWHM, along rows and along columns. An edge's numbers are
 along its normal, and so are the chart's and the wall's that it is held against.
 
-python tests/benchmarks/methods_agree.py [cameras of each kind, default 1]
+python -m tests.benchmarks.methods_agree [cameras of each kind, default 1]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-
-from procedures.outcome import Outcome, Verdict  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf  # noqa: E402
-from procedures.pattern_psf.estimate import estimate_psf as by_chart  # noqa: E402
-from procedures.psf import Psf  # noqa: E402
-from procedures.quality import Quality, mtf50_along, mtf_along  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
-from procedures.two_photo.estimate import TwoPhotoPsf  # noqa: E402
-from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall  # noqa: E402
-from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
-from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
-from tests.procedures.two_photo import endless as of_wall  # noqa: E402
+from procedures.outcome import Outcome, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
+from procedures.pattern_psf.estimate import estimate_psf as by_chart
+from procedures.psf import Psf
+from procedures.quality import Quality, mtf50_along, mtf_along
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge
+from procedures.slanted_edge.strip import Roi
+from procedures.two_photo.estimate import TwoPhotoPsf
+from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall
+from tests.procedures.pattern_psf import analytic_camera as of_chart
+from tests.procedures.slanted_edge import analytic as of_edge
+from tests.procedures.two_photo import endless as of_wall
 
 CHART = Chart.from_seed(1)
 CAMERAS = {

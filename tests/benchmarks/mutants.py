@@ -50,7 +50,7 @@ PRELOADED = (
     "scipy.optimize", "scipy.signal", "textual.app",
 )  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
-PROCEDURE = ("base", "optics", "registry", "schema", "settings")
+PROCEDURE = ("base", "psf", "schema")
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo",)),
@@ -62,17 +62,9 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("station/batch",), ("tests/station/batch",)),
     "stop path": (
         (
-            "station/common/stop_signals.py",
-            "station/bench/stopping.py",
-            "station/bench/stage_watch.py",
-            "station/bench/motions.py",
-            "drivers/transport.py",
-            "drivers/grbl.py",
-            "drivers/protocols/grbl.py",
-            "drivers/move_checks.py",
-            "drivers/move_checks.py",
-            "drivers/watchdog.py",
-            "drivers/zaber.py",
+            "station/common/stop_signals.py", "station/bench/stage_watch.py",
+            "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
+            "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),
         ("tests/station/bench", "tests/drivers", "tests/conformance"),
     ),
@@ -84,7 +76,7 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
         ("tests/procedures/corruption", "tests/procedures/slanted_edge"),
     ),
-}
+}  # fmt: skip
 """Area -> its sources and its tests."""
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,

@@ -1,32 +1,25 @@
 """Speed and accuracy of the PSF from the chart: the real photograph, and the photographs with known PSFs.
 
-python tests/benchmarks/pattern_psf.py [folder of shared data]
+python -m tests.benchmarks.pattern_psf [folder of shared data]
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import os
 import platform
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "pattern_psf")]
+import cv2
+import numpy as np
+import numpy.typing as npt
 
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy.typing as npt  # noqa: E402
-from alignment import aligned_error  # noqa: E402
-
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf  # noqa: E402
-from procedures.raw import Plane, read_frame  # noqa: E402
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.raw import Plane, read_frame
+from tests.benchmarks import SHARED, options
+from tests.procedures.pattern_psf.alignment import aligned_error
 
 PUBLISHED_S = {"ls": 0.40, "nnls": 1.27}
 """The published C program on the same photograph, in seconds of one core of the machine it was measured on."""
@@ -45,7 +38,7 @@ PUBLISHED_NON_NEGATIVE = {
 by name and noise added; where one is missing it did not find the chart, or its answer is far from any (error over
 0.5). Write the photographs by
 
-    python tests/benchmarks/pattern_psf.py [folder of shared data] --write FOLDER
+    python -m tests.benchmarks.pattern_psf [folder of shared data] --write FOLDER
 
 and give each to `psf_estim -p bits.pgm -s 4 -k K -t 2 PHOTOGRAPH ANSWER`, K as in its name."""
 
@@ -140,10 +133,7 @@ def write(folder: Path, out: Path) -> None:
 
 def main() -> None:
     """Print the environment and both tables, or write the photographs of the second."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("data", nargs="?", type=Path, default=ROOT.parent / "shared" / "data", help="shared data")
-    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the photographs with known PSFs")
-    asked = parser.parse_args()
+    asked = options(__doc__, "data", data=SHARED, write=None)
     data, synthetic = asked.data, asked.data / "synthetic" / "pattern"
     if asked.write is not None:
         write(synthetic, asked.write)

@@ -9,8 +9,6 @@ scene is drawn once and whose noise anew; or
 psf_field.py corners [N], the same of N fields from the guide's usual tour, told at the tour's four corners.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource
@@ -22,9 +20,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
@@ -46,6 +41,7 @@ from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 from station.demo.digital_twin import align
+from tests.benchmarks import ROOT
 
 S, K = 4, 17
 PIXELS = 102.4  # s/t = 1.6
@@ -341,7 +337,7 @@ def speed(folder: Path) -> None:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     words = [sys.executable, "-m", "station", "psf", "field", str(folder), "--out", str(out)]
-    subprocess.run(words, check=True, stderr=subprocess.DEVNULL, cwd=Path(__file__).resolve().parents[2])
+    subprocess.run(words, check=True, stderr=subprocess.DEVNULL, cwd=ROOT)
     wall = time.perf_counter() - start
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

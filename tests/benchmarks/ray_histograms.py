@@ -1,9 +1,7 @@
 """Ray histogram fusion on the Cornell box: quality, time and memory against the published program and NL-means.
 
-python tests/benchmarks/ray_histograms.py [quality] [speed] [memory]; the data folder is $STATION_SHARED_DATA/rays.
+python -m tests.benchmarks.ray_histograms [quality] [speed] [memory]; the data folder is $STATION_SHARED_DATA/rays.
 """
-
-from __future__ import annotations
 
 import os
 import platform
@@ -12,7 +10,6 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -24,11 +21,11 @@ from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import read_npz
+from tests.benchmarks import ROOT, SHARED
 
 Doubles = npt.NDArray[np.float64]
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "data")) / "rays"
+DATA = SHARED / "rays"
 PUBLISHED_DB = {  # (samples, kappa, scales): clipped, unclipped; from the data's README
     (256, 1.0, 1): (45.37, 39.59), (256, 1.0, 2): (45.55, 41.60), (256, 1.0, 3): (46.35, 42.18),
     (256, 0.8, 2): (45.78, 42.19), (256, 0.8, 3): (46.15, 42.57), (64, 1.0, 2): (41.36, 37.49),

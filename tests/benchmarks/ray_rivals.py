@@ -1,6 +1,6 @@
 """Two later filters of the same statistics, from their published descriptions, for comparison with ours.
 
-python tests/benchmarks/ray_rivals.py prints the PSNR of all of them on the Cornell box, and with names of the project's
+python -m tests.benchmarks.ray_rivals prints the PSNR of all of them on the Cornell box, and with names of the project's
 scenes after it, on small renders of those. Neither rival is given feature buffers (albedo, normals), as ours is not.
 
 - *Welch*: pixels are averaged with those around, by distance, whose means a Welch test does not tell apart (Sakai and
@@ -12,8 +12,6 @@ scenes after it, on small renders of those. Neither rival is given feature buffe
 The published films hold no covariance of the colours. There the second is given the correlation that suits it best.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterator
@@ -24,7 +22,6 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
-from ray_histograms import DATA, film_of  # the script beside this one
 from scipy import ndimage
 
 from procedures.ray_histogram.comparison import psnr_db, shown_error
@@ -37,6 +34,7 @@ from procedures.ray_histogram.uncertainty import coverage, standard_uncertainty
 from procedures.reading.arrays import read_npz
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import SCENES
+from tests.benchmarks.ray_histograms import DATA, film_of
 
 Doubles = npt.NDArray[np.float64]
 THREADS = os.cpu_count() or 1

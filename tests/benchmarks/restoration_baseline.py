@@ -3,8 +3,6 @@
 The step along a direction of descent is found by bisection of the cost's slope. What `restore` is compared with.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,15 +1,12 @@
 """A burst of frames held by hand, restored by `station restore` as its user would, against their registered mean.
 
-`python tests/benchmarks/restoration_burst.py [--frames 100] [--side 200] [--max-w 5]`. The scene is matplotlib's sample
+`python -m tests.benchmarks.restoration_burst [--frames 100] [--side 200] [--max-w 5]`. The scene is matplotlib's sample
 of Grace Hopper (of the U.S. Navy), at half its size. Each frame lies otherwise (some pixels, some tenths of a degree),
 is blurred by the lens and by a shake of its own, and has noise and 8 bits: drawn by splines and the path's points in
 Fourier, sharing no code with the restoration. The first frame is the one that is not moved. The mean is that of all
 frames registered by OpenCV's ECC, turn and shift, to the first; PSNR after registration to the truth.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import platform
 import tempfile
@@ -20,11 +17,12 @@ import cv2
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
-from restoration_measured_shake import score
-from restoration_shaken import Shaken
 from scipy.ndimage import affine_transform, gaussian_filter, gaussian_filter1d
 
 from station.__main__ import main as station
+from tests.benchmarks import options
+from tests.benchmarks.restoration_measured_shake import score
+from tests.benchmarks.restoration_shaken import Shaken
 
 Array = NDArray[np.float64]
 LENS_PX, SHAKE_PX, NOISE = 0.6, 1.5, 0.01
@@ -83,11 +81,7 @@ def registered_mean(frames: list[NDArray[np.uint8]]) -> Array:
 
 def main() -> None:
     """Print both PSNRs, the verdict and the time."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--side", type=int, default=200)
-    parser.add_argument("--max-w", type=float, default=10)
-    asked = parser.parse_args()
+    asked = options(__doc__, frames=100, side=200, max_w=10.0)
     rng = np.random.default_rng(3)
     fine = scene(asked.side)
     frames = [sensor(frame(fine, rng, still=n == 0), rng) for n in range(asked.frames)]

@@ -1,21 +1,15 @@
 """Colour pairs of a mosaic at 40 dB: error at the found depth over that at the true one, how grey a grey scene stays.
 
-    python tests/benchmarks/restoration_colour.py [SIDE]
+    python -m tests.benchmarks.restoration_colour [SIDE]
 
 SIDE, 176 by default: rows of the sensor. Scenes of `restoration_scenes`, blurred on the sensor's grid.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
-from restoration_scenes import picture
 from scipy.ndimage import gaussian_filter
 
 from procedures.raw import Plane
@@ -24,6 +18,7 @@ from procedures.restoration.colour.mosaic import mosaics, spread
 from procedures.restoration.joint.estimate import restoration_of
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import BlurOperator
+from tests.benchmarks.restoration_scenes import picture
 
 ORIGINS = {"R": (0, 0), "G1": (1, 0), "G2": (0, 1), "B": (1, 1)}
 LIGHT = np.array([0.6, 1.0, 0.7])[:, None, None]

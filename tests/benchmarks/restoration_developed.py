@@ -1,13 +1,11 @@
 """Shaken photographs as JPEG and PNG files: how well `station restore` restores them, and its stated error.
 
-    python tests/benchmarks/restoration_developed.py PICTURE ... [--seeds 2]
+    python -m tests.benchmarks.restoration_developed PICTURE ... [--seeds 2]
 
 Each PICTURE (any sharp 8-bit picture in colour; those of scikit-image were used) is decoded to light, blurred by two
 random motions of 4.5 pixels each way by SciPy's convolution, and gets the noise of photons. It is encoded as sRGB of 16
 and 8 bits and as JPEG by Pillow. The kernels are unknown to the program.
 """
-
-from __future__ import annotations
 
 import argparse
 import json

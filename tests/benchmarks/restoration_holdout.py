@@ -1,6 +1,6 @@
 """Restoration on other scenes than the shared pairs, against the same restoration told the true depth.
 
-`python tests/benchmarks/restoration_holdout.py [--noise 40] [--blur KIND] [--depth KIND] [--seed N] [--descent]`
+`python -m tests.benchmarks.restoration_holdout [--noise 40] [--blur KIND] [--depth KIND] [--seed N] [--descent]`
 
 `--noise clean`, 40 or 20 dB; KIND of blur: vibration, uniform, coma, pillbox; of depth: square, leaf. `--descent` also
 runs Algorithm I as published, from the same start. The penalties of matching were chosen on pairs of seed 1 at 40 and
@@ -8,21 +8,19 @@ runs Algorithm I as published, from the same start. The penalties of matching we
 picture and its noise.
 """
 
-from __future__ import annotations
-
 import argparse
 import platform
 import time
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_baseline import descent
-from restoration_scenes import Scene, scene
 
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.joint.schedule import Schedule, Scheme
+from tests.benchmarks.restoration_baseline import descent
+from tests.benchmarks.restoration_scenes import Scene, scene
 
 Array = NDArray[np.floating]
 BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")

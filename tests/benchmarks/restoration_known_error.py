@@ -1,21 +1,19 @@
 """Stated over actual error of pictures restored with known kernels; scenes with which nothing was chosen.
 
-    python tests/benchmarks/restoration_known_error.py [--chosen]
+    python -m tests.benchmarks.restoration_known_error [--chosen]
 
 Two photographs of 170 x 170 pixels, kernels of tremor of 13 to 19 pixels, 12 bits. `--chosen`: the pictures and kernels
 with which the formula of the error was chosen. Requires scikit-image; the mean and the range are printed last.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
-from restoration_shaken import RIM, Conditions, shaken
 from scipy.ndimage import shift
 
 from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
 from procedures.restoration.joint.kernel_sizes import default_max_w, stacks_of
+from tests.benchmarks.restoration_shaken import RIM, Conditions, shaken
 
 HELD_OUT = (("gravel", 0.004), ("chelsea", 0.003), ("camera", 0.008), ("grass", 0.002), ("astronaut", 0.003),
             ("clock", 0.004), ("brick", 0.002))  # fmt: skip

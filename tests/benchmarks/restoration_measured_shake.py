@@ -1,6 +1,6 @@
 """Real photographs of real camera shake with its measured kernels: PSNR of the restoration, and of a plain filter.
 
-`python tests/benchmarks/restoration_measured_shake.py FOLDER [--photographs 2] [--weights 0.3 1 3] [--unknown]`. FOLDER
+`python -m tests.benchmarks.restoration_measured_shake FOLDER [--photographs 2] [--weights 0.3 1 3] [--unknown]`. FOLDER
 holds the public set of Levin et al. (2009), 4 scenes x 8 kernels: `im05_flit01.mat` to `im08_flit08.mat` with the sharp
 picture x, the photograph y and the kernel f. Eight groups of photographs, two of each scene. `--weights` also restores
 with these multiples of the weight that the station chose; `--unknown` finds the kernels from the photographs, and tells
@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_shaken import Shaken
 from scipy.io import loadmat
 from scipy.ndimage import shift
 from scipy.optimize import OptimizeResult, minimize
@@ -30,6 +29,7 @@ from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_rat
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.photograph_blur import BlurSpec, SceneBlur, UnknownMotion, blur_of
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels, kernels_of_flat_scene
+from tests.benchmarks.restoration_shaken import Shaken
 
 Array = NDArray[np.float64]
 SCENES = (5, 6, 7, 8)

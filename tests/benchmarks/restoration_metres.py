@@ -1,20 +1,15 @@
 """Depth in metres from two apertures: how far the distances err, and how many lie within the stated uncertainty.
 
-    python tests/benchmarks/restoration_metres.py [SIDE ...]     front, behind
+    python -m tests.benchmarks.restoration_metres [SIDE ...]     front, behind
 
 Scenes of 0.5 to 3 m before a lens of 12 mm at f/2.8 and f/3.5, 6 um pixels, noise 40 dB below the photographs. Light is
 spread by the lens's own blur circles, drawn at a ninth of a pixel; the restoration's code is not used. The camera's
 settings are known exactly, or with errors of their stated uncertainty.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 from scipy.signal import fftconvolve

@@ -1,13 +1,11 @@
 """Two apertures of scenes in depth, rendered by Mitsuba 3: stated uncertainties of picture and distances, and the time.
 
-    python tests/benchmarks/restoration_mitsuba.py FOLDER [--scenes board ball] [--seed 1]
+    python -m tests.benchmarks.restoration_mitsuba FOLDER [--scenes board ball] [--seed 1]
 
 Requires `pip install mitsuba`; renders are kept in FOLDER. Glowing walls of grain, lines and discs, 0.6 to 2.8 m before
 a lens of 12 mm at f/2.8 and f/3.5 focused at 3.6 m (or at 0.43 m: behind), 6 um pixels; thin lens and occlusion are
 Mitsuba's, with 1024 stratified samples per pixel. Noise 40 dB below the photographs' contrast. z: error over u.
 """
-
-from __future__ import annotations
 
 import argparse
 import time
@@ -16,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from restoration_scenes import picture
 
 from procedures.restoration.joint.estimate import restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
 from procedures.restoration.metres import BEHIND, FRONT, CameraUncertainty, ambiguity, distances_of, unexplained
+from tests.benchmarks.restoration_scenes import picture
 
 Array = np.ndarray
 SHAPE, RIM, SAMPLES = (220, 300), 12, 1024

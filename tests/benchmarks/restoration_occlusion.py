@@ -1,19 +1,13 @@
 """Beside steps of depth a near thing hides what lies behind it: what a restoration says of itself there, and elsewhere.
 
-`python tests/benchmarks/restoration_occlusion.py`
+`python -m tests.benchmarks.restoration_occlusion`
 
 Two flats 200 x 240, rays traced to what they meet first; steps of 0.7 to 2 pixels of blur, two apertures and two
 motions, noise 40 and 30 dB below the photographs. Parts: the frame beside steps as the restoration names it, and the
 rest.
 """
 
-from __future__ import annotations
-
-import sys
 from itertools import product
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 

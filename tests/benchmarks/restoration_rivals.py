@@ -1,14 +1,11 @@
 """Restoration against its rivals on the same photographs: RMSE in grey levels of 255, rim of 16 left out.
 
-`python tests/benchmarks/restoration_rivals.py FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
+`python -m tests.benchmarks.restoration_rivals FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
 synthetic/restoration. Rivals get the parameters, and where they take one depth the depth, that bring them nearest to
 the truth; the station finds its own. `--descent` also runs Algorithm I as published. Wiener and Richardson-Lucy need
 scikit-image.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import platform
 import time
@@ -16,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_baseline import descent
 
 from procedures.raw import read_frame
 from procedures.restoration.first_depth import initial_depth
@@ -26,6 +22,8 @@ from procedures.restoration.joint.estimate import RestorationParameters, noise_o
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import gaussian, mask_stack, pillbox, read_shape
 from procedures.restoration.masks.blur_operator import MaskStack
+from tests.benchmarks import options
+from tests.benchmarks.restoration_baseline import descent
 
 Array = NDArray[np.float64]
 # grids on which rivals are tuned: depths as percentiles of the true w, Wiener's balance, iterations
@@ -153,11 +151,7 @@ def compare(case: Case, known: float | None, thesis: bool) -> None:
 
 def main() -> None:
     """Print environment and one table for each case."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("cases", nargs="*")
-    parser.add_argument("--descent", action="store_true")
-    asked = parser.parse_args()
+    asked = options(__doc__, "folder", "cases", folder=Path, cases=[], descent=False)
     cases = json.loads((asked.folder / "cases.json").read_text())
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for name in asked.cases or cases:

@@ -1,7 +1,5 @@
 """Scenes for restoration beside the shared pairs: discs, lines, dots, grain; slopes, bumps and steps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

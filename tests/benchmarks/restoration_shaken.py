@@ -1,7 +1,5 @@
 """Photographs of flat scenes shaken by a hand-held camera: real pictures, kernels of 13 to 27 pixels as measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from itertools import product

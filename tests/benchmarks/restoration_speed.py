@@ -1,9 +1,7 @@
 """Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop; a whole scheme.
 
-`python tests/benchmarks/restoration_speed.py [--scheme] [--memory MEGAPIXELS]`
+`python -m tests.benchmarks.restoration_speed [--scheme] [--memory MEGAPIXELS]`
 """
-
-from __future__ import annotations
 
 import os
 import platform

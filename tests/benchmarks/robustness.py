@@ -1,27 +1,19 @@
 """Random photographs of the chart, and photographs without one: what is right, refused, and wrongly passed.
 
-python tests/benchmarks/robustness.py [photographs, default 200] [chartless, default 100]
+python -m tests.benchmarks.robustness [photographs, default 200] [chartless, default 100]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections import Counter
 from multiprocessing import get_context
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "pattern_psf")]
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-from alignment import aligned_error  # noqa: E402
-
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from tests.simulators.random_scenes import Trials, random_camera, random_scene  # noqa: E402
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.raw import Plane
+from tests.procedures.pattern_psf.alignment import aligned_error
+from tests.simulators.random_scenes import Trials, random_camera, random_scene
 
 WRONG = 3.0
 """Errors from this many times the expected on are wrong answers, not unlucky ones."""

@@ -1,6 +1,6 @@
 """How right a sensor's numbers are: every truth against its 95 % interval, coverage over many sets, the peer, speed.
 
-python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [low] [speed] [published FOLDER]
+python -m tests.benchmarks.sensor [truth] [coverage [SETS]] [low] [speed] [published FOLDER]
 
 truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-, DSNU 1.5 DN, PRNU 0.5 %, two sinusoids,
           200 outliers, a response that bends by 1 %
@@ -12,25 +12,20 @@ published a clone of the public repository EMVA1288/datasets: every number again
 Agreement with the published program on its own simulated data is tested in tests/procedures/sensor/test_peer.py.
 """
 
-from __future__ import annotations
-
 import platform
 import sys
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]
+import numpy as np
 
-import numpy as np  # noqa: E402
-
-from procedures.sensor.estimate import characterise  # noqa: E402
-from procedures.sensor.stacks import StackSums, measure_level  # noqa: E402
-from procedures.sensor.uniformity import spatial_variances  # noqa: E402
-from station.calibration.sensor import measure_sensor  # noqa: E402
-from station.calibration.sensor_folder import find_shots  # noqa: E402
-from tests.procedures.sensor.known_sensor import SHARES, KnownSensor  # noqa: E402
-from tests.procedures.sensor.peer import peer_numbers  # noqa: E402
+from procedures.sensor.estimate import characterise
+from procedures.sensor.stacks import StackSums, measure_level
+from procedures.sensor.uniformity import spatial_variances
+from station.calibration.sensor import measure_sensor
+from station.calibration.sensor_folder import find_shots
+from tests.procedures.sensor.known_sensor import SHARES, KnownSensor
+from tests.procedures.sensor.peer import peer_numbers
 
 WAVES = {"row_wave": (0.8, 0.0731), "column_wave": (0.6, 0.2113)}
 

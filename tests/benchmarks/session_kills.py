@@ -1,6 +1,6 @@
 """Kills simulated sessions at random moments and resumes them: nothing may be lost, and the result must be the same.
 
-    python tests/benchmarks/session_kills.py [--kills 500] [--seed 1]
+    python -m tests.benchmarks.session_kills [--kills 500] [--seed 1]
 
 Each session is a run of a small plan on the simulated bench (homing, a look, two shots that count, the estimate) in a
 process of its own, which is killed (SIGKILL) or gets a full disk until it may go to its end. Then its files are held
@@ -13,9 +13,6 @@ against those of a session that nothing disturbed.
 - `limit`: no file may grow beyond a random size; the system refuses the rest of the write.
 """
 
-from __future__ import annotations
-
-import argparse
 import importlib
 import json
 import math
@@ -36,8 +33,6 @@ from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
-
 from procedures.outcome import ProcedureError
 from procedures.raw import read_frame
 from simulators.bench.body import Opening
@@ -51,10 +46,9 @@ from station.guide.scripted import ScriptedOperator
 from station.results.result_files import RECORD, SEAL
 from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessions"))
-import short_plan
-from short_plan import ENTRY, SHOTS, photographs, plan
+from tests.benchmarks import options
+from tests.station.sessions import short_plan
+from tests.station.sessions.short_plan import ENTRY, SHOTS, photographs, plan
 
 catalogue.PLANS |= ENTRY
 session_report.session_page = lambda folder, computed: "no part of this: it takes longer than all the rest"
@@ -312,11 +306,8 @@ def chosen(rng: random.Random, duration_s: float, operations: int, size: int) ->
 
 def main() -> int:
     """Kill, resume, compare; the exit code is 0 where nothing was lost and nothing differs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    start, rng = time.perf_counter(), random.Random(options.seed)
+    given = options(__doc__, kills=500, seed=1)
+    start, rng = time.perf_counter(), random.Random(given.seed)
     frames = photographs()
     warm = Path(tempfile.mkdtemp(prefix="kills-"))
     (warm / "frame.dng").write_bytes(frames["look"])
@@ -336,7 +327,7 @@ def main() -> int:
     print(f"undisturbed: {duration_s:.2f} s, {operations} operations on the disk", flush=True)
     faults: Counter[str] = Counter()
     sessions, wrong, weathered = 0, 0, 0
-    while sum(faults.values()) < options.kills:
+    while sum(faults.values()) < given.kills:
         root = warm / f"{sessions:04d}"
         sessions += 1
         for _ in range(rng.randint(1, 4)):

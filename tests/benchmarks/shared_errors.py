@@ -1,11 +1,9 @@
 """What PSF, centre and bins of a chart share, against repeated photographs: found over predicted spread, correlations.
 
-    python tests/benchmarks/shared_errors.py [photographs]
+    python -m tests.benchmarks.shared_errors [photographs]
 
 A quarter of a second each. A correlation of n photographs is off by 1 / sqrt(n).
 """
-
-from __future__ import annotations
 
 import sys
 

@@ -4,27 +4,19 @@ Cameras are analytic (tests/procedures/pattern_psf/analytic_camera.py), noise is
 at white. Told are the share of photographs that is doubted as sharpened, how much of that the noise alone tells, and
 the amount that the noise tells; of photographs as they are, false alarms.
 
-python tests/benchmarks/sharpened_charts.py [photographs of each kind, 4] [unsharpened ones of each camera, 40]
+python -m tests.benchmarks.sharpened_charts [photographs of each kind, 4] [unsharpened ones of each camera, 40]
 """
 
-from __future__ import annotations
-
-import os
 import sys
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "pattern_psf")]
+import numpy as np
 
-import numpy as np  # noqa: E402
-from analytic_camera import View, circular, exposed, light, mtf50  # noqa: E402
-from damage import sharpened  # noqa: E402
-
-from procedures.outcome import Verdict, causes_of  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
+from procedures.outcome import Verdict, causes_of
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.raw import Plane
+from tests.procedures.pattern_psf.analytic_camera import View, circular, exposed, light, mtf50
+from tests.procedures.pattern_psf.damage import sharpened
 
 CHART = Chart.from_seed(1)
 CAMERAS = {"f/2.8": circular(3.25), "f/5.6": circular(1.62, fill=0.9), "f/8": circular(1.14, blur_px=0.3)}
@@ -76,7 +68,7 @@ def main() -> None:
             bits, noise = (14, 0.008) if seed % 2 else (8, 0.015)
             plane = exposed(picture, np.random.default_rng([7, seed]), bits=bits, noise=noise)
             value, _, reason = found(plane)
-            sigmas.append(value.diagnostics["sharpened_sigmas"])
+            sigmas.append(value.diagnostics["sharpened_by"] / value.diagnostics["sharpening_uncertainty"])
             alarms += "sharpened" in reason
     print(
         f"as they are: {alarms} of {len(sigmas)} doubted as sharpened; by noise {max(sigmas):.2f} standard "

@@ -7,12 +7,9 @@ They give points to some hundredths of a pixel; noise of `--noise-px` is added t
 readout time, its error in per cent and in stated uncertainties, and what the program says of the shutter.
 """
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np
-from fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.chart_bins.photographs import views_of
@@ -20,6 +17,7 @@ from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
 from procedures.pattern import Chart
 from procedures.raw import Plane
+from tests.benchmarks.fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 
 SIZE, RATE_HZ = (1280, 960), 30.0
 LENS = polynomial(SIZE, 1000.0, (643.0, 477.0), (-0.012, 0.004, -0.0015, 0.0002))

@@ -3,36 +3,28 @@
 The public recipe: Gaussian PSF of MTF50 0.25 cycles/pixel, 12 bit, 0.641 electrons a step, PRNU 0.85 %, read noise 2.5
 electrons. Then one camera with diffraction before charts with edges, PSF and edges from the same frames.
 
-python tests/benchmarks/slanted_edge.py [edges, default 200] [charts, default 30] [frames with both, default 100]
+python -m tests.benchmarks.slanted_edge [edges, default 200] [charts, default 30] [frames with both, default 100]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "slanted_edge")]
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-from scenes import FULL_WELL_E, RECIPE, edge_light, exposed, gaussian, true_mtf50  # noqa: E402
-
-from procedures.cross_check.estimate import check_edges  # noqa: E402
-from procedures.outcome import Quantity  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
-from simulators.camera.camera import Lens, SimulatedCamera  # noqa: E402
-from simulators.camera.optics import Optics  # noqa: E402
-from simulators.camera.sensor import Sensor  # noqa: E402
-from simulators.world.scene import Scene  # noqa: E402
+from procedures.cross_check.estimate import check_edges
+from procedures.outcome import Quantity
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import estimate_edge
+from procedures.slanted_edge.strip import Roi
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import Optics
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
+from tests.procedures.slanted_edge.scenes import FULL_WELL_E, RECIPE, edge_light, exposed, gaussian, true_mtf50
 
 MTF50 = 0.25
 

@@ -4,27 +4,19 @@ Edges are drawn from analytic transfer functions (tests/procedures/slanted_edge/
 cutoffs, what a sharp camera reads, sharpened pictures. The plain chain has four bins to a pixel, the correction of its
 derivative, a Hamming window over the whole region, and nothing else.
 
-python tests/benchmarks/slanted_edge_truth.py [frames of each diffraction, default 100] [of each other, default 20]
+python -m tests.benchmarks.slanted_edge_truth [frames of each diffraction, default 100] [of each other, default 20]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "slanted_edge")]
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-from analytic import Array, Camera, edge, photograph  # noqa: E402
-
-from procedures.outcome import Quantity  # noqa: E402
-from procedures.quality import Diffraction  # noqa: E402
-from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
+from procedures.outcome import Quantity
+from procedures.quality import Diffraction
+from procedures.slanted_edge.estimate import estimate_edge
+from procedures.slanted_edge.strip import Roi
+from tests.procedures.slanted_edge.analytic import Array, Camera, edge, photograph
 
 DIFFRACTION = {
     "f_c 3.25 (f/2.8)": Camera(3.25),

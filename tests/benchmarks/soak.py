@@ -1,6 +1,6 @@
 """Random operation with photographs while the lines and the camera fail: positions, photographs, leaks.
 
-    python tests/benchmarks/soak.py [--seeds 4] [--first 0] [--operations 500] [--firmware grbl.elf --box grbl_box]
+    python -m tests.benchmarks.soak [--seeds 4] [--first 0] [--operations 500] [--firmware grbl.elf --box grbl_box]
 
 Half of the operations are those of `station conform`; the others are guided runs that home, move, and take a series of
 photographs into a session, under one random fault of a line or of the camera, some of them ended by a stop, an
@@ -14,8 +14,6 @@ truly were. After each operation:
 
 With `--firmware` the stage is GRBL's own program in simavr (see tests/conformance/grbl_transcript.py), else the twin.
 """
-
-from __future__ import annotations
 
 import argparse
 import hashlib
@@ -35,31 +33,27 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-
-from conformance.grbl_firmware import FirmwareInSimavr  # noqa: E402
-
-from drivers.dng import Shot, write_dng  # noqa: E402
-from drivers.errors import DeviceError  # noqa: E402
-from procedures.outcome import Outcome, Verdict  # noqa: E402
-from procedures.plan import Advice, Go, Home, Plan, Shoot, Step  # noqa: E402
-from simulators.bench.bench import Setup, SimulatedBench  # noqa: E402
-from simulators.bench.body import Opening  # noqa: E402
-from simulators.devices.serial_device import (  # noqa: E402
+from drivers.dng import Shot, write_dng
+from drivers.errors import DeviceError
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import Advice, Go, Home, Plan, Shoot, Step
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.bench.body import Opening
+from simulators.devices.serial_device import (
     Cable,
     Faults,
     plug,
     unplug,
 )
-from station.bench import conform  # noqa: E402
-from station.bench.conform import FAULTS, Broken, StageRig, disturb, require  # noqa: E402
-from station.bench.opening import Bench, make_bench, simulated_tables  # noqa: E402
-from station.guide.frontend import ProblemEvent  # noqa: E402
-from station.guide.run import Run  # noqa: E402
-from station.guide.scripted import ScriptedOperator  # noqa: E402
-from station.guide.vibration import SettlingTimeouts  # noqa: E402
-from station.sessions.session import Session  # noqa: E402
+from station.bench import conform
+from station.bench.conform import FAULTS, Broken, StageRig, disturb, require
+from station.bench.opening import Bench, make_bench, simulated_tables
+from station.guide.frontend import ProblemEvent
+from station.guide.run import Run
+from station.guide.scripted import ScriptedOperator
+from station.guide.vibration import SettlingTimeouts
+from station.sessions.session import Session
+from tests.conformance.grbl_firmware import FirmwareInSimavr
 
 PHOTOGRAPHS = 3
 LINE_FAULTS = (*FAULTS, "clogged")

@@ -6,8 +6,6 @@ As a program: the control, which does nothing but sleep and notes in FILE when i
 the tries, so that a stop which came late with them was the scheduler's.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

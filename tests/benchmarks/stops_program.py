@@ -7,8 +7,6 @@ the descriptor CONTROL begins a run; STATUS tells `m` before the move, which wai
 SIGUSR1 raises an exception in what the front end is doing.
 """
 
-from __future__ import annotations
-
 import asyncio
 import io
 import os

@@ -1,7 +1,5 @@
 """The benchmarks are not run with the tests: that what they import is still there, is looked up in the sources."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

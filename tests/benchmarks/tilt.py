@@ -4,19 +4,13 @@ Usage: tilt.py [ROUNDS [CORNER_UM [SEED [BEHIND_UM]]]]: measure, turn, measure a
 CORNER_UM and a middle BEHIND_UM too far behind, which the lens's scale of distances does not know: its backfocus.
 """
 
-from __future__ import annotations
-
 import json
-import os
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
@@ -26,6 +20,7 @@ from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from tests.benchmarks import ROOT
 
 PITCH_UM, PIXELS = 11.88, 102.4
 SENSOR = Sensor(500, 750, None, bits=14, full_well_e=60000.0, gain_e_per_dn=3.78)
@@ -80,7 +75,7 @@ def measured(folder: Path, table: Path, distance_mm: float) -> dict:
         "--chart-tilt-deg", "0", "--pixel-pitch-um", str(PITCH_UM), "--focal-length-mm", str(LENS.focal_length_mm),
         "--nominal-mm", str(distance_mm), "--out", str(out),
     ]  # fmt: skip
-    done = subprocess.run(command, check=False, cwd=Path(__file__).resolve().parents[2])
+    done = subprocess.run(command, check=False, cwd=ROOT)
     if done.returncode not in (0, 1):
         raise SystemExit(done.returncode)
     return json.loads((out / "result.json").read_text())["planes"]["Y"]

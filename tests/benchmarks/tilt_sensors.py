@@ -5,16 +5,9 @@ before a lens at f/2.8 with coma, astigmatism and a curved field. PSFs come from
 rendered photograph's estimate; every position is told with an error of 0.5 um. `tilt.py` renders the photographs too.
 """
 
-from __future__ import annotations
-
-import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.interpolate import CubicSpline

@@ -5,30 +5,23 @@ three cutoffs, square photosites, walls of 1/f detail and of leaves, zooms of 3.
 Then copies of good pairs are damaged (tests/procedures/two_photo/damage.py): a pass farther than three stated
 uncertainties from the truth is told. The published pair, where it is at hand, is held against itself undamaged.
 
-python tests/benchmarks/two_photos_truth.py [pairs of each camera, default 4] [pairs to damage, default 2; 0: none]
+python -m tests.benchmarks.two_photos_truth [pairs of each camera, default 4] [pairs to damage, default 2; 0: none]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections import Counter
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
+from procedures.outcome import Outcome, Verdict
+from procedures.raw import Plane, read_frame
+from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf_of_pair
+from tests.benchmarks import SHARED
+from tests.procedures.two_photo.damage import damaged, names, relief
+from tests.procedures.two_photo.endless import CAMERAS, mtf50, mtf_nyquist, photographs
+from tests.procedures.two_photo.wall import Otf, Pair
 
-from procedures.outcome import Outcome, Verdict  # noqa: E402
-from procedures.raw import Plane, read_frame  # noqa: E402
-from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf_of_pair  # noqa: E402
-from tests.procedures.two_photo.damage import damaged, names, relief  # noqa: E402
-from tests.procedures.two_photo.endless import CAMERAS, mtf50, mtf_nyquist, photographs  # noqa: E402
-from tests.procedures.two_photo.wall import Otf, Pair  # noqa: E402
-
-DATA = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "data")) / "two_photos"
+DATA = SHARED / "two_photos"
 AXES = ("horizontal", "vertical")
 FAR = 3.0
 """Standard uncertainties from the truth beyond which nothing may pass."""

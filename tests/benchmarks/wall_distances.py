@@ -4,27 +4,21 @@ The filter is a Gaussian of 0.5 pixel, which Mitsuba tabulates in 31 steps; the 
 photograph is a perspective view of one textured, luminous sheet, with stratified samples and noise of 0.6 % of white
 added.
 
-python tests/benchmarks/wall_distances.py [walls, default 2]; needs `mitsuba`
+python -m tests.benchmarks.wall_distances [walls, default 2]; needs `mitsuba`
 """
 
-import os
 import sys
-from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+import mitsuba as mi
+import numpy as np
 
-import mitsuba as mi  # noqa: E402  (one thread must be asked for before numpy loads)
-import numpy as np  # noqa: E402
-
-from procedures.numbers import HORIZONTAL, MTF_NYQUIST  # noqa: E402
-from procedures.raw import Plane  # noqa: E402
-from procedures.two_photo.estimate import TwoPhotoParameters  # noqa: E402
-from procedures.two_photo.prediction import predicted_uncertainty, together  # noqa: E402
-from procedures.two_photo.several import estimate_psf_of_wall  # noqa: E402
-from tests.procedures.two_photo.endless import WALLS  # noqa: E402
-from tests.procedures.two_photo.wall import samples_of  # noqa: E402
+from procedures.numbers import HORIZONTAL, MTF_NYQUIST
+from procedures.raw import Plane
+from procedures.two_photo.estimate import TwoPhotoParameters
+from procedures.two_photo.prediction import predicted_uncertainty, together
+from procedures.two_photo.several import estimate_psf_of_wall
+from tests.procedures.two_photo.endless import WALLS
+from tests.procedures.two_photo.wall import samples_of
 
 NEAR_PX, TEXELS, SAMPLES, NOISE, WIDTH = 600, 4096, 144, 0.006, 0.5
 RATIOS = (3.45, 4.6, 5.75)

@@ -1,32 +1,26 @@
 """The chart's numbers against optics whose PSF has no end, and one photograph against itself at every s and k.
 
-python tests/benchmarks/whole_psf.py [cameras | given | published] [folder of shared data]
+python -m tests.benchmarks.whole_psf [cameras | given | published] [folder of shared data]
 
 Cameras are analytic transfer functions multiplied onto the scene's spectrum (tests/procedures/pattern_psf/
 analytic_camera.py); nothing of it is shared with the estimator or the simulators. Errors are told in the standard
 uncertainties that the program states.
 """
 
-from __future__ import annotations
-
-import os
 import sys
 import time
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "pattern_psf")]
+import numpy as np
 
-import numpy as np  # noqa: E402
-from analytic_camera import Otf, View, circular, exposed, light, mtf50  # noqa: E402
-
-from procedures.outcome import Verdict  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf  # noqa: E402
-from procedures.raw import read_frame  # noqa: E402
+from procedures.outcome import Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.raw import read_frame
+from tests.benchmarks import SHARED
+from tests.procedures.pattern_psf.analytic_camera import Otf, View, circular, exposed, light, mtf50
 
 CHART = Chart.from_seed(1)
 CAMERAS: dict[str, Otf] = {
@@ -111,7 +105,7 @@ def _grids() -> Iterator[tuple[int, int]]:
 def main() -> None:
     """Print what is asked for; all of it by default."""
     asked = sys.argv[1] if len(sys.argv) > 1 else ""
-    data = Path(sys.argv[2]) if len(sys.argv) > 2 else ROOT.parent / "shared" / "data"
+    data = Path(sys.argv[2]) if len(sys.argv) > 2 else SHARED
     if asked in ("", "cameras"):
         print("cameras, s and k chosen by the program:")
         cameras()

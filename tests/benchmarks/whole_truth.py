@@ -13,41 +13,34 @@ Usage: whole_truth.py [fields of each f-number, default 4] [pairs and edges of e
 [k of the fields, default as the charts ask]
 """
 
-from __future__ import annotations
-
-import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "benchmarks")]
+import numpy as np
 
-import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-from psf_field import F_NUMBERS, LENS, PIXELS, Place, S, ideal_field, true_numbers  # noqa: E402
-
-from procedures.field.estimate import FIELD  # noqa: E402
-from procedures.field.interpolate import interpolate  # noqa: E402
-from procedures.field.maps import MAPS, numbers_of, radius_direction  # noqa: E402
-from procedures.field.measuring import measure_frames  # noqa: E402
-from procedures.field.plan import locations  # noqa: E402
-from procedures.outcome import Quantity, Verdict  # noqa: E402
-from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.outline import SHEET  # noqa: E402
-from procedures.psf import Psf  # noqa: E402
-from procedures.raw import Plane, RawFrame  # noqa: E402
-from procedures.reading.exposure import Exposure  # noqa: E402
-from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
-from procedures.slanted_edge.strip import Roi  # noqa: E402
-from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall  # noqa: E402
-from simulators.camera.camera import true_mtf, true_psf  # noqa: E402
-from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture  # noqa: E402
-from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
-from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
-from tests.procedures.two_photo import endless as of_wall  # noqa: E402
+from procedures.field.estimate import FIELD
+from procedures.field.interpolate import interpolate
+from procedures.field.maps import MAPS, numbers_of, radius_direction
+from procedures.field.measuring import measure_frames
+from procedures.field.plan import locations
+from procedures.outcome import Quantity, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.outline import SHEET
+from procedures.psf import Psf
+from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import Exposure
+from procedures.slanted_edge.estimate import estimate_edge
+from procedures.slanted_edge.strip import Roi
+from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall
+from simulators.camera.camera import true_mtf, true_psf
+from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture
+from tests.benchmarks.psf_field import F_NUMBERS, LENS, PIXELS, Place, S, ideal_field, true_numbers
+from tests.procedures.pattern_psf import analytic_camera as of_chart
+from tests.procedures.slanted_edge import analytic as of_edge
+from tests.procedures.two_photo import endless as of_wall
 
 Array = np.ndarray
 SHAPE = (1000, 1500)

@@ -1,27 +1,20 @@
 """Witnessed captures by the independent renderer of `adversarial.py`: which corruptions four photographs reveal.
 
-`python tests/benchmarks/witnessed.py [--count 6] [--seed 21]` prints, for each corruption, how often a single
+`python -m tests.benchmarks.witnessed [--count 6] [--seed 21]` prints, for each corruption, how often a single
 photograph passes, how often the witnessed one does, and the mean error of MTF50.
 """
 
-from __future__ import annotations
-
-import argparse
-import sys
 from dataclasses import replace
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-sys.path.insert(1, str(Path(__file__).resolve().parent))
 
 import numpy as np
-from adversarial import Corruption, Lens, Pose, chart_light, curve, shoulder, srgb, unsharp, veil
 
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_psf
 from procedures.raw import Plane
+from tests.benchmarks import options
+from tests.benchmarks.adversarial import Corruption, Lens, Pose, chart_light, curve, shoulder, srgb, unsharp, veil
 
 RATIO, WHITE_E, READ_E, STEPS = 2.0, 2e4, 4.0, 65535
 FAR, NEAR = 84.0, 128.0
@@ -68,10 +61,7 @@ def outcomes(seed: int, corruption: Corruption) -> tuple[Outcome, Outcome[Witnes
 
 def main() -> None:
     """A line for each corruption."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=21)
-    given = parser.parse_args()
+    given = options(__doc__, count=6, seed=21)
     print(f"{'corruption':28s} error of MTF50   single passes   witnessed passes   why not")
     for name, corruption in CORRUPTIONS.items():
         runs = [outcomes(1000 * given.seed + i, corruption) for i in range(given.count)]

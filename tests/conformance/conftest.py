@@ -55,10 +55,7 @@ ZABER_AXES = [
     ZaberAxis("pan_deg", 1, 0.000234375, zero=-30.0, speed_per_s=10.0),
     ZaberAxis("tilt_deg", 2, 0.000234375, zero=-20.0, speed_per_s=10.0),
 ]
-TMCL_AXES = [
-    TmclAxis("z_mm", 0, (0.0, 300.0), 1 / 320),
-    TmclAxis("x_mm", 1, (0.0, 300.0), 1 / 320),
-]
+TMCL_AXES = [TmclAxis("z_mm", 0, (0.0, 300.0), 1 / 320), TmclAxis("x_mm", 1, (0.0, 300.0), 1 / 320)]
 """Belts of 40 mm around, 200 steps of 64 microsteps."""
 
 

@@ -13,6 +13,8 @@ from simulators.devices.thorlabs import AptTwin
 from simulators.world.clock import FastClock
 from simulators.world.motion import Axis
 
+SLOW_FIXTURES = {"port"}
+
 COUNTS = 34304.0
 
 
@@ -56,7 +58,6 @@ def kcube(port):
     stage._thread.join()
 
 
-@pytest.mark.slow
 def test_a_k_cube_homes_moves_and_stops(kcube):
     until(lambda: kcube.status["channel_enabled"])
     assert not kcube.status["homed"]
@@ -86,13 +87,10 @@ def test_our_messages_are_those_of_the_published_protocol():
         thorlabs.header(thorlabs.MOVE, 0x50, 1),
     ]
     assert ours == [
-        apt.mot_move_home(**ends),
-        apt.mot_move_stop(**ends, stop_mode=2),
-        apt.mot_req_dcstatusupdate(**ends),
+        apt.mot_move_home(**ends), apt.mot_move_stop(**ends, stop_mode=2), apt.mot_req_dcstatusupdate(**ends),
         apt.mod_set_chanenablestate(**ends, enable_state=1),
-        apt.mot_set_moveabsparams(**ends, absolute_position=204800),
-        apt.mot_move_absolute(**ends),
-    ]
+        apt.mot_set_moveabsparams(**ends, absolute_position=204800), apt.mot_move_absolute(**ends),
+    ]  # fmt: skip
 
 
 # --- PI --------------------------------------------------------------------------------------------------------------
@@ -111,7 +109,6 @@ def pi(port):
         yield GCSCommands(GCSMessages(gateway))
 
 
-@pytest.mark.slow
 def test_a_pi_controller_references_moves_and_stops(pi):
     from pipython import pitools
     from pipython.pidevice.gcserror import GCSError
@@ -137,7 +134,6 @@ def test_a_pi_controller_references_moves_and_stops(pi):
 # --- Newport ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_an_esp301_homes_moves_and_stops(port, monkeypatch):
     esp = pytest.importorskip("newportESP", reason="newportESP is not installed")
 

@@ -14,7 +14,6 @@ from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from simulators.devices.shutter import StrigBox
 
-STEP_S = 0.0005
 READING = (1, -2, 4096, -32768, 32767, 0)
 TIME_US = 200
 """By which times may differ: the firmware looks every 50 us, the twin at once."""
@@ -161,23 +160,9 @@ def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
 def test_any_lines_bring_the_same_answers(library, has_shaker):
     rng = random.Random(5)
     words = [
-        "PATH",
-        "POINT",
-        "SHAKE",
-        "SHOT",
-        "BULB",
-        "FOCUS",
-        "ENABLE",
-        "BEAT",
-        "ABORT",
-        "ID?",
-        "SYNC?",
-        "IMU 0",
-        "IMUS",
-        "HELLO",
-        "PATHS",
-        "SHAKE1",
-    ]
+        "PATH", "POINT", "SHAKE", "SHOT", "BULB", "FOCUS", "ENABLE", "BEAT", "ABORT", "ID?", "SYNC?", "IMU 0", "IMUS",
+        "HELLO", "PATHS", "SHAKE1",
+    ]  # fmt: skip
     numbers = [0, 1, 2, 3, 4, 128, 129, 500, 999, 1000, 4095, 4096, 1_000_000, 1_000_001, 3_600_001, 99999999]
     script, at_s = [], 0.1
     for _ in range(400):

@@ -1,5 +1,7 @@
 import pytest
 
+from drivers.shutter import StrigParser, StrigShutter
+from drivers.transport import SerialTransport
 from simulators.bench.bench import Setup, SimulatedBench
 
 
@@ -15,3 +17,26 @@ def bench(tmp_path):
     bench = SimulatedBench(folder, Setup(develop=frame, virtual_time=True))
     yield bench
     bench.close()
+
+
+@pytest.fixture
+def wired(bench):
+    """wired(driver, parser, name, ...): a driver at this line of the bench; all are closed in the end."""
+    made = []
+
+    def make(driver, parser, name, *words, line=None, **options):
+        wire = SerialTransport(bench.address(name), parser, clock=bench.clock, **(line or {}))
+        made.append(driver(wire, *words, clock=bench.clock, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def box(wired):
+    """The shutter's box, connected."""
+    box = wired(StrigShutter, StrigParser, "shutter")
+    box.connect()
+    return box

@@ -4,8 +4,6 @@ from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, LineLost,
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import ExposureMetadata, is_raw
 from drivers.interfaces import CameraSettings
-from drivers.shutter import StrigParser, StrigShutter
-from drivers.transport import SerialTransport
 
 
 def inspect(path):
@@ -15,16 +13,8 @@ def inspect(path):
 
 
 @pytest.fixture
-def shutter(bench):
-    shutter = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
-    shutter.connect()
-    yield shutter
-    shutter.close()
-
-
-@pytest.fixture
-def camera(bench, shutter):
-    camera = FolderCamera(bench.folder, shutter, inspect, tether=Tether(patience_s=8.0), clock=bench.clock)
+def camera(bench, box):
+    camera = FolderCamera(bench.folder, box, inspect, tether=Tether(patience_s=8.0), clock=bench.clock)
     camera.connect()
     return camera
 
@@ -116,11 +106,11 @@ def test_a_third_of_a_stop_is_how_bodies_round(camera):
     assert camera.expose().settings.iso == 100
 
 
-def test_in_bulb_the_contact_is_held_for_the_exposure(bench, shutter):
+def test_in_bulb_the_contact_is_held_for_the_exposure(bench, box):
     bench.body.settings.bulb = True
     tether = Tether(bulb=True)
     camera = FolderCamera(
-        bench.folder, shutter, lambda path: ExposureMetadata(exposure_s=3.0), tether=tether, clock=bench.clock
+        bench.folder, box, lambda path: ExposureMetadata(exposure_s=3.0), tether=tether, clock=bench.clock
     )
     camera.connect()
     camera.configure(CameraSettings(exposure_s=3.0))
@@ -128,9 +118,9 @@ def test_in_bulb_the_contact_is_held_for_the_exposure(bench, shutter):
     assert bench.body.openings[0].exposure_s == pytest.approx(3.0, abs=1e-3)
 
 
-def test_a_folder_that_is_not_there_is_reported(bench, shutter):
+def test_a_folder_that_is_not_there_is_reported(bench, box):
     with pytest.raises(LineLost, match="there is no folder"):
-        FolderCamera(bench.folder / "nowhere", shutter, inspect, clock=bench.clock).connect()
+        FolderCamera(bench.folder / "nowhere", box, inspect, clock=bench.clock).connect()
 
 
 def test_an_emergency_stop_ends_the_wait_for_a_frame(camera, bench):

@@ -87,11 +87,8 @@ def test_a_frame_is_a_dng_with_its_exposure_record(make, name, planes, white):
     assert {plane.white for plane in frame.planes.values()} == {white}
     reported = frame.exposure
     assert (reported.exposure_s, reported.f_number, reported.focal_length_mm, reported.lens) == (
-        0.0125,
-        2.8,
-        16.0,
-        "Fixed 16",
-    )
+        0.0125, 2.8, 16.0, "Fixed 16",
+    )  # fmt: skip
     assert (reported.camera, reported.iso) == ("Aravis Fake", None)
     assert taken.settings == CameraSettings(0.0125, None, 2.8)
     assert taken.sha256 == frame.sha256

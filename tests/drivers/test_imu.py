@@ -6,24 +6,20 @@ import pytest
 from drivers.errors import BadConfiguration, Rejected
 from drivers.imu import CableLatency, FastImu, StrigImu, WitImu
 from drivers.protocols.imu import FastParser, WitParser
-from drivers.shutter import StrigParser, StrigShutter
-from drivers.transport import SerialTransport
 
 
 @pytest.fixture
-def wit(bench):
-    imu = WitImu(SerialTransport(bench.address("imu"), WitParser, clock=bench.clock), clock=bench.clock)
+def wit(wired):
+    imu = wired(WitImu, WitParser, "imu")
     imu.connect()
-    yield imu
-    imu.close()
+    return imu
 
 
 @pytest.fixture
-def fast(bench):
-    imu = FastImu(SerialTransport(bench.address("fast_imu"), FastParser, clock=bench.clock), clock=bench.clock)
+def fast(wired):
+    imu = wired(FastImu, FastParser, "fast_imu")
     imu.connect()
-    yield imu
-    imu.close()
+    return imu
 
 
 def test_samples_a_wit_module_never_sent_show_as_gaps_in_its_time(wit, bench):
@@ -66,15 +62,13 @@ def time_error_s(imu, bench, block):
 @pytest.mark.parametrize("jitter_ms", [0.0, 3.0])
 @pytest.mark.parametrize("delay_ms", [0.0, 4.0, 16.0, 40.0])
 @pytest.mark.parametrize("name", MAKERS)
-def test_the_time_of_a_sample_is_right_within_its_bound_on_a_delayed_cable(bench, name, delay_ms, jitter_ms):
-    driver, parser = MAKERS[name]
-    imu = driver(SerialTransport(bench.address(name), parser, clock=bench.clock), clock=bench.clock)
+def test_the_time_of_a_sample_is_right_within_its_bound_on_a_delayed_cable(wired, bench, name, delay_ms, jitter_ms):
+    imu = wired(*MAKERS[name], name)
     imu.connect()
     bench.cables[name].faults.delay_s, bench.cables[name].faults.jitter_s = delay_ms / 1000, jitter_ms / 1000
     imu.start(200.0)
     block = imu.read_block(1.0)
     late_s = time_error_s(imu, bench, block)
-    imu.close()
     assert block.clock.by == "round trip"
     assert abs(late_s) <= block.clock.within_s
     # all of the delay is on the way back here, the worst case of a round trip: half of it is wrong, and bounded
@@ -82,14 +76,12 @@ def test_the_time_of_a_sample_is_right_within_its_bound_on_a_delayed_cable(bench
     assert block.clock.within_s < delay_ms / 2000 + 0.004
 
 
-def test_a_measured_latency_takes_the_place_of_the_round_trip(bench):
-    wire = SerialTransport(bench.address("imu"), WitParser, clock=bench.clock)
-    imu = WitImu(wire, clock=bench.clock, latency=CableLatency(0.04, 0.001, "common event"))
+def test_a_measured_latency_takes_the_place_of_the_round_trip(wired, bench):
+    imu = wired(WitImu, WitParser, "imu", latency=CableLatency(0.04, 0.001, "common event"))
     imu.connect()
     bench.cables["imu"].faults.delay_s = 0.04
     imu.start(200.0)
     block = imu.read_block(1.0)
-    imu.close()
     assert block.clock.by == "common event"
     assert abs(time_error_s(imu, bench, block)) <= block.clock.within_s < 0.003
 
@@ -103,9 +95,7 @@ def test_the_drift_of_a_unit_s_clock_is_measured_over_a_session(fast, bench):
     assert abs(clock.drift - drift) <= clock.drift_within < 100e-6
 
 
-def test_a_unit_on_the_box_shares_the_clock_of_its_shutter(bench):
-    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
-    box.connect()
+def test_a_unit_on_the_box_shares_the_clock_of_its_shutter(box, bench):
     imu = StrigImu(box, clock=bench.clock)
     imu.connect()
     bench.cables["shutter"].faults.delay_s = 0.04
@@ -122,17 +112,13 @@ def test_a_unit_on_the_box_shares_the_clock_of_its_shutter(bench):
     assert np.abs((block.host_s - times.flash_s) - (truth - opening.begin_s)).max() < 1e-4
     assert np.abs(block.host_s - truth).max() <= block.clock.within_s
     assert block.lost == 0
-    box.close()
 
 
-def test_a_box_without_a_unit_says_so(bench):
+def test_a_box_without_a_unit_says_so(box, bench):
     bench.devices["shutter"]._inertial = None
-    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
-    box.connect()
     with pytest.raises(Rejected, match="no inertial unit") as refused:
         StrigImu(box, clock=bench.clock).connect()
     assert "wire an inertial unit" in refused.value.remedy
     box.version = 3
     with pytest.raises(BadConfiguration, match="speaks STRIG/3, which has no inertial unit"):
         StrigImu(box, clock=bench.clock).connect()
-    box.close()

@@ -1,7 +1,6 @@
 import pytest
 
 from drivers.light import DmxLight, DmxParser, LampProperties
-from drivers.transport import SerialTransport
 
 
 @pytest.mark.parametrize(("pwm_hz", "exposure_s"), [(0.0, 0.001), (1000.0, 0.1), (1000.0, 0.2)])
@@ -16,9 +15,8 @@ def test_short_exposures_under_a_modulated_lamp_can_differ_by_one_period():
     )
 
 
-def test_a_lamp_is_steady_after_its_warm_up(bench):
-    wire = SerialTransport(bench.address("light"), DmxParser, clock=bench.clock)
-    light = DmxLight(wire, (1, 2), panel=LampProperties(warm_up_s=60.0), clock=bench.clock)
+def test_a_lamp_is_steady_after_its_warm_up(wired, bench):
+    light = wired(DmxLight, DmxParser, "light", (1, 2), panel=LampProperties(warm_up_s=60.0))
     light.connect()
     light.set_level(0.5)
     assert not light.steady()
@@ -27,13 +25,11 @@ def test_a_lamp_is_steady_after_its_warm_up(bench):
     assert light.steady()
     light.set_level(0.5)  # nothing changes, nothing warms up
     assert light.steady()
-    light.close()
 
 
-def test_only_its_own_channels_are_lit(bench):
-    light = DmxLight(SerialTransport(bench.address("light"), DmxParser, clock=bench.clock), (3, 5), clock=bench.clock)
+def test_only_its_own_channels_are_lit(wired, bench):
+    light = wired(DmxLight, DmxParser, "light", (3, 5))
     light.connect()
     light.set_level(1.0)
     slots = bench.devices["light"].slots
     assert [i + 1 for i, value in enumerate(slots) if value] == [3, 5]
-    light.close()

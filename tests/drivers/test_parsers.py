@@ -31,19 +31,12 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
     "grbl": (
         grbl.GrblParser,
         [
-            b"\r\nGrbl 1.1h ['$' for help]\r\n",
-            b"[MSG:'$H'|'$X' to unlock]\r\n",
-            b"ok\r\n",
-            b"error:9\r\n",
-            b"<Idle|MPos:0.000,-10.000,5.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n",
-            b"$130=200.000\r\n",
-            b"ALARM:2\r\n",
-            b"Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]\r\n",
-            b"[VER:1.1h.20190830:]\r\n",
+            b"\r\nGrbl 1.1h ['$' for help]\r\n", b"[MSG:'$H'|'$X' to unlock]\r\n", b"ok\r\n", b"error:9\r\n",
+            b"<Idle|MPos:0.000,-10.000,5.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n", b"$130=200.000\r\n", b"ALARM:2\r\n",
+            b"Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]\r\n", b"[VER:1.1h.20190830:]\r\n",
             b"<Hold:0|WPos:1.5,2,-3|Bf:15,128|Pn:XYZ>\r\n",
             b"<Run|MPos:1.000,2.000|FS:500,0|A:|TLR:0|H:1,7|SD:12.50,/jobs/a part.nc>\r\n",
-            b"<Run|MPos:1.0x0,2.000|FS:500,0>\r\n",
-            b"$/axes/x/max_travel_mm=300.000\r\n",
+            b"<Run|MPos:1.0x0,2.000|FS:500,0>\r\n", b"$/axes/x/max_travel_mm=300.000\r\n",
         ],
         [
             grbl.Banner("GRBL", "1.1h"),
@@ -91,29 +84,14 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
     "strig": (
         strig.StrigParser,
         [
-            b"STRIG/1 uno 1.0 A7\n",
-            b"STRIG/2 uno 2.0 A7\n",
-            b"EVT SHAKE 4 123456\n",
-            b"OK 3\n",
-            b"EVT SHUTTER 3 123456789012\n",
-            b"EVT FLASH 5\n",
-            b"SYNC 77\n",
-            b"ERR 3 busy\n",
-            b"STRIG/4 uno 4.0 A7*48\n",
-            b"SYNC 77 12*04\n",
-            b"S 5 0001FFFE100080007FFF0000*1C\n",
+            b"STRIG/1 uno 1.0 A7\n", b"STRIG/2 uno 2.0 A7\n", b"EVT SHAKE 4 123456\n", b"OK 3\n",
+            b"EVT SHUTTER 3 123456789012\n", b"EVT FLASH 5\n", b"SYNC 77\n", b"ERR 3 busy\n",
+            b"STRIG/4 uno 4.0 A7*48\n", b"SYNC 77 12*04\n", b"S 5 0001FFFE100080007FFF0000*1C\n",
         ],
         [
-            strig.Hello("uno", "1.0", "A7"),
-            strig.Hello("uno", "2.0", "A7", 2),
-            strig.Contact("SHAKE", 4, 123456),
-            strig.Accepted(3),
-            strig.Contact("SHUTTER", 3, 123456789012),
-            strig.Contact("FLASH", 0, 5),
-            strig.BoxTime(77),
-            strig.Refusal(3, "busy"),
-            strig.Hello("uno", "4.0", "A7", 4),
-            strig.BoxTime(77, 12),
+            strig.Hello("uno", "1.0", "A7"), strig.Hello("uno", "2.0", "A7", 2), strig.Contact("SHAKE", 4, 123456),
+            strig.Accepted(3), strig.Contact("SHUTTER", 3, 123456789012), strig.Contact("FLASH", 0, 5),
+            strig.BoxTime(77), strig.Refusal(3, "busy"), strig.Hello("uno", "4.0", "A7", 4), strig.BoxTime(77, 12),
             strig.Sample(5, (1, -2, 4096, -32768, 32767, 0)),
         ],
     ),
@@ -156,7 +134,7 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
         [bytes.fromhex("7e0604 0000ff8000e7".replace(" ", "")), frame(10, bytes.fromhex("78563412"))],
         [DmxFrame(6, bytes.fromhex("00ff8000")), DmxFrame(10, bytes.fromhex("78563412"))],
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", STREAMS)

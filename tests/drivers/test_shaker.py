@@ -8,21 +8,11 @@ import pytest
 from drivers.errors import BadConfiguration, LineLost, MoveFailed, OutsideTravel, Rejected
 from drivers.interfaces import ShakePath
 from drivers.shaker import ShakerAxis, StrigShaker
-from drivers.shutter import StrigParser, StrigShutter
-from drivers.transport import SerialTransport
 
 AXES = (ShakerAxis("x_mm", 0, 2.0), ShakerAxis("y_mm", 1, 2.0))
 STEP_MM = 2.0 / 2047
 ANGLES = 2 * np.pi * np.arange(40) / 40
 CIRCLE = ShakePath(0.005, {"x_mm": tuple(1.5 * np.cos(ANGLES)), "y_mm": tuple(0.75 * np.sin(ANGLES))})
-
-
-@pytest.fixture
-def box(bench):
-    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
-    box.connect()
-    yield box
-    box.close()
 
 
 @pytest.fixture

@@ -3,16 +3,8 @@ import os
 import pytest
 
 from drivers.errors import LineLost, MoveFailed, NoAnswer, Rejected
-from drivers.shutter import NullParser, RtsShutter, StrigParser, StrigShutter
+from drivers.shutter import NullParser, RtsShutter
 from drivers.transport import SerialTransport
-
-
-@pytest.fixture
-def box(bench):
-    box = StrigShutter(SerialTransport(bench.address("shutter"), StrigParser, clock=bench.clock), clock=bench.clock)
-    box.connect()
-    yield box
-    box.close()
 
 
 def test_the_clocks_differ_by_drift_and_start_alone(box, bench):
@@ -71,12 +63,9 @@ def test_a_port_without_modem_lines_cannot_be_an_rts_shutter():
     os.close(slave)
 
 
-def test_opening_the_port_of_an_rts_shutter_takes_no_photograph(bench):
-    shutter = RtsShutter(
-        SerialTransport(bench.address("rts"), NullParser, clock=bench.clock, rts=False), clock=bench.clock
-    )
+def test_opening_the_port_of_an_rts_shutter_takes_no_photograph(bench, wired):
+    shutter = wired(RtsShutter, NullParser, "rts", line={"rts": False})
     shutter.connect()
     assert not bench.body.openings
     shutter.fire(0.1)
     assert len(bench.body.openings) == 1
-    shutter.close()

@@ -6,7 +6,6 @@ import pytest
 
 from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected, WasReset
 from drivers.protocols.zaber import FLAGS, REJECTIONS, ZaberParser, checksum
-from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
 
 STEP = 0.000234375
@@ -19,17 +18,8 @@ def chain(bench):
 
 
 @pytest.fixture
-def make(bench):
-    made = []
-
-    def make(axes=AXES):
-        wire = SerialTransport(bench.address("head"), ZaberParser, clock=bench.clock)
-        made.append(ZaberStage(wire, axes, clock=bench.clock))
-        return made[-1]
-
-    yield make
-    for stage in made:
-        stage.close()
+def make(wired):
+    return lambda axes=AXES: wired(ZaberStage, ZaberParser, "head", axes)
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """An operator who presses Enter at every prompt, before either front end; each walk is bounded, so that none hangs."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import os

@@ -1,7 +1,5 @@
 """The operator's application on the simulated bench: keys from the first screen to the result, in virtual time."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -1,16 +1,14 @@
 """From a cold bench to a calibrated PSF, through wires, protocols and a file: the estimate agrees with the truth."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import pytest
 
-from procedures.outcome import Verdict
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import read_frame
+from procedures import Verdict, estimate_psf, read_frame
 from station.bench.opening import simulated_bench
 from station.demo.digital_twin import compare
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -35,7 +33,6 @@ def photographed(bench):
     return outcome.value, compare(outcome.value, true.h, true.floor, partial(taken.true_otf, "G1"))
 
 
-@pytest.mark.slow
 def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):
     bench.head.move_to(pan_deg=0.5, tilt_deg=-0.3)
     bench.stage.move_to(z_mm=750.0, x_mm=152.0, y_mm=101.0)
@@ -46,7 +43,6 @@ def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):
     assert against.ratio < 1.6
 
 
-@pytest.mark.slow
 def test_a_photograph_from_a_moving_stage_shows_the_motion_blur(bench):
     bench.head.move_to(pan_deg=0.0, tilt_deg=0.0)
     bench.stage.move_to(z_mm=750.0, x_mm=130.0, y_mm=100.0)

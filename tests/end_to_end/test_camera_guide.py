@@ -1,7 +1,5 @@
 """The whole camera in one guided session: the panel, the chart at six places and turned, interrupted on the way."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -12,10 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures import estimate_psf
+from procedures import estimate_psf, read_camera_numbers, read_field
 from procedures.field import conclusion
 from procedures.field import estimate as field_estimate
-from procedures.field.field_file import read_field
 from procedures.field.maps import derive
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
 from procedures.geometry.chart_bins import photographs as geometry_photographs
@@ -24,7 +21,6 @@ from procedures.pattern_psf.facts import PatternFacts
 from procedures.plan import Advice, Shoot, Step, facts_as
 from procedures.sensor.plan import enough as sensor_enough
 from procedures.sensor.plan import estimate_none
-from procedures.whole_camera.camera_file import read_camera_numbers
 from procedures.whole_camera.plan import QUARTERS, WholeCameraFacts, plan
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.simulated_operator import Person

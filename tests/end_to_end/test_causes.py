@@ -1,7 +1,5 @@
 """Photographs that a camera processed: the most likely cause first, then the others, in terminal, record and page."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -10,13 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from drivers.dng import Shot, write_dng
-from station.__main__ import main
 from station.results.reader import read_result
 from tests.procedures.pattern_psf.conftest import photograph
 from tests.procedures.pattern_psf.damage import picture
+from tests.program import run
+
+pytestmark = pytest.mark.slow
 
 WHITE = 65535
 
@@ -34,14 +33,12 @@ def estimated(file: Path) -> tuple[str, dict[str, Any], str, Path]:
     """Output in terminal, record and page."""
     out = file.parent / "out"
     words = ["psf", "pattern", str(file), "--plane", "Y", "--report", "--out", str(out)]
-    done = CliRunner().invoke(main, words, prog_name="station")
-    assert done.exit_code == 0, done.output
+    done = run(*words)
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "doubtful"
     return done.stderr, plane, (out / "report.html").read_text(), out
 
 
-@pytest.mark.slow
 def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray, tmp_path: Path) -> None:
     file = tmp_path / "processed.png"
     cv2.imwrite(str(file), processed)
@@ -59,7 +56,6 @@ def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray
     ]
 
 
-@pytest.mark.slow
 def test_the_same_image_in_a_raw_file_is_not_called_processed(processed: np.ndarray, tmp_path: Path) -> None:
     file = tmp_path / "processed.dng"
     write_dng(file, processed, Shot(), cfa=None, black=(0,) * 4, white=WHITE)

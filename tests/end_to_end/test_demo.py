@@ -1,7 +1,5 @@
 """The demonstration through its command: its output on a new machine."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,12 +11,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from procedures.raw import read_frame
 from simulators.bench.demonstration import SETUPS, Staging
-from station.__main__ import main
 from station.demo import demo
+from tests.program import run
 
 pytestmark = pytest.mark.slow
 
@@ -42,8 +39,7 @@ def demonstration(tmp_path_factory):
         out, done = folder / "demo", SimpleNamespace(**{name: (folder / name).read_text() for name in SAID})
     else:
         out = tmp_path_factory.mktemp("demonstration") / "demo"
-        done = CliRunner().invoke(main, ["demo", "--out", str(out)], prog_name="station")
-        assert done.exit_code == 0, done.output
+        done = run("demo", "--out", out)
     return SimpleNamespace(out=out, done=done, record=json.loads((out / "result.json").read_text()))
 
 
@@ -207,8 +203,7 @@ def refused(monkeypatch):
 
 
 def test_refused_planes_are_reported_everywhere_with_exit_5(refused, tmp_path):
-    done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path)], prog_name="station")
-    assert done.exit_code == 5
+    done = run("demo", "--out", tmp_path, code=5)
     assert done.stdout.count("refused") == 4
     text = (tmp_path / "index.html").read_text()
     Page(text)
@@ -221,7 +216,7 @@ def test_refused_planes_are_reported_everywhere_with_exit_5(refused, tmp_path):
 
 
 def test_json_is_the_record_only(refused, tmp_path):
-    done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path), "--json", "--log-json"], prog_name="station")
+    done = run("demo", "--out", tmp_path, "--json", "--log-json", code=None)
     assert done.stdout == (tmp_path / "result.json").read_text()
     assert all(json.loads(line)["event"] in ("step", "written") for line in done.stderr.splitlines())
 

@@ -4,8 +4,6 @@
 the option, only the walks of `EVERY_CHANGE` run.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from station.guide.catalogue import PLANS

@@ -1,7 +1,5 @@
 """Mutated files of every format end in a result or a stated refusal; the benchmark of that name reads thousands."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -18,9 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize("mutations", [40, pytest.param(400, marks=pytest.mark.nightly)])
 def test_mutated_files_are_read_or_refused(mutations):
     pytest.importorskip("OpenEXR")
-    script = ROOT / "tests" / "benchmarks" / "fuzz_readers.py"
     # other mutations in each run; the seed that is printed repeats it
-    words = [sys.executable, script, "--mutations", str(mutations)]
+    words = [sys.executable, "-m", "tests.benchmarks.fuzz_readers", "--mutations", str(mutations)]
     done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     # as many for every reader

@@ -1,7 +1,5 @@
 """A calibration from the empty room to the report, by an operator who says yes to everything."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -9,12 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from procedures import Verdict, estimate_psf, read_frame
 from procedures.choice import COMMON, combined
-from procedures.outcome import Verdict
 from procedures.pattern_psf import plan as pattern_plan
-from procedures.pattern_psf.estimate import estimate_psf
 from procedures.plan import Ask
-from procedures.raw import read_frame
 from station.bench.opening import simulated_bench
 from station.demo.digital_twin import compare
 from station.guide import session_report

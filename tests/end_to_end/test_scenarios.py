@@ -3,8 +3,6 @@
 A hundred scenarios by default; `STATION_SCENARIOS=1000` runs the thousand of the acceptance, `STATION_SCENARIO=n` one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import threading

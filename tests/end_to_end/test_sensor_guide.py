@@ -1,7 +1,5 @@
 """A sensor, guided: the panel makes the ladder, and the numbers are the simulated sensor's."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -53,10 +51,7 @@ def test_dark_ladder_and_flats_are_taken_once_each_in_under_ten_minutes(done):
 def test_gain_and_noise_are_the_sensor_s(done):
     collected = json.loads((done.result.folder / "result.json").read_text())["planes"]["Y"]
     assert collected["verdict"] != "refused", collected["reason"]
-    truths = {
-        "system_gain": 1 / done.sensor.gain_e_per_dn,
-        "temporal_dark_noise": done.sensor.read_noise_e,
-    }
+    truths = {"system_gain": 1 / done.sensor.gain_e_per_dn, "temporal_dark_noise": done.sensor.read_noise_e}
     for name, true in truths.items():
         one = collected[name]
         assert one["value"] == pytest.approx(true, abs=4 * one["uncertainty"] + 0.003 * true), name

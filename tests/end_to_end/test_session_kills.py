@@ -1,7 +1,5 @@
 """Sessions killed at random moments lose nothing; the benchmark of that name does it 500 times."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -15,7 +13,6 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.slow
 @pytest.mark.parametrize("kills", ["3", pytest.param("15", marks=pytest.mark.nightly)])
 def test_killed_sessions_lose_nothing_and_come_to_the_same_result(kills):
-    script = ROOT / "tests" / "benchmarks" / "session_kills.py"
-    words = [sys.executable, script, "--kills", kills, "--seed", "20120323"]
+    words = [sys.executable, "-m", "tests.benchmarks.session_kills", "--kills", kills, "--seed", "20120323"]
     done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,7 +1,5 @@
 """The loop of a sensor's tilt: measured, screws turned inexactly, measured again, until no improvement is possible."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,13 +1,10 @@
 """Photographs of a few pixels end every command with a stated refusal."""
 
-from __future__ import annotations
-
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
+from tests.program import run
 
 SIZES = [(1, 1), (1, 5), (64, 1), (2, 2), (3, 3)]
 COMMANDS = {
@@ -42,6 +39,6 @@ def folder(request, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_tiny_photographs_are_refused(folder, command):
-    done = CliRunner().invoke(main, [*COMMANDS[command].split(), "--out", "out"])
+    done = run(*COMMANDS[command].split(), "--out", "out", code=None)
     assert isinstance(done.exception, SystemExit | click.exceptions.Exit)
     assert done.exit_code in (2, 4, 5), done.output

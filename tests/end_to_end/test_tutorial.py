@@ -1,7 +1,5 @@
 """The tutorial is typed into a shell line by line, in an empty folder of a machine without a camera."""
 
-from __future__ import annotations
-
 import re
 import sys
 

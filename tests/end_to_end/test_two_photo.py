@@ -1,7 +1,5 @@
 """Two photographs of the simulated bench's wall, from homing to the report, compared with the true optics."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

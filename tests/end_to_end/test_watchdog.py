@@ -1,7 +1,5 @@
 """A program that is suspended in mid-move: the box of its bench releases the motors, and the program says so later."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

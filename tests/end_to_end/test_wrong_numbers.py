@@ -1,7 +1,5 @@
 """A lens or a print given wrongly on the simulated bench: it is named before the rail moves by it."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

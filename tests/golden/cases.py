@@ -4,8 +4,6 @@ Each case is a function of a fresh folder that writes its inputs there and retur
 the result itself where the photographs would take minutes to render.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

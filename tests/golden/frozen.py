@@ -1,7 +1,5 @@
 """Frozen records and pages: what differs from run to run is removed, numbers are compared within a tolerance."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

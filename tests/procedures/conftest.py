@@ -1,7 +1,5 @@
 """Small DNG files, tag by tag, so that a test can write what no camera of ours writes."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

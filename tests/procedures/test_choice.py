@@ -1,7 +1,5 @@
 """Choice of s and k."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

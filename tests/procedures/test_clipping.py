@@ -1,7 +1,5 @@
 """Clipped samples accumulate at one value; uniform areas with noise, quantised or not, do not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Developed pictures: their light, the error of their coding, and their files, by Pillow's and OpenCV's own writers."""
 
-from __future__ import annotations
-
 from io import BytesIO
 
 import cv2

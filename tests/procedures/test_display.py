@@ -1,7 +1,5 @@
 """Results as a short text, as a figure on the caller's axes, and as both in a notebook."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """A plan's facts: a mapping as the journal holds it becomes values of their types, and what depends on what."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.field.plan import FieldFacts

@@ -1,7 +1,5 @@
 """The public API: every name exists, is typed, is loaded on first use, and is used in an example of the manual."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re
@@ -16,6 +14,8 @@ import pytest
 import procedures
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.camera import true_mtf
+
+SLOW_FIXTURES = {"photograph"}
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "station" / "manual" / "how-to" / "library.md", ROOT / "README.md")
@@ -67,7 +67,6 @@ def test_import_loads_nothing_by_itself(tmp_path):
     assert done.stdout.split() == ["False", "True"], done.stderr
 
 
-@pytest.mark.slow
 def test_five_lines_tell_the_camera_s_mtf50_with_its_error_bar(photograph, monkeypatch, capsys):
     folder, optics = photograph
     monkeypatch.chdir(folder)
@@ -105,7 +104,6 @@ def site_of_wheel(folder: Path) -> Path:
     return folder / "site"
 
 
-@pytest.mark.slow
 def test_a_wheel_gives_the_five_lines(photograph, tmp_path):
     site = site_of_wheel(tmp_path)
     code = f"import procedures; print(procedures.__file__)\n{five_lines(PAGES[0])}"

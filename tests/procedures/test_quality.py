@@ -1,7 +1,5 @@
 """Numbers of PSFs whose truth is a formula."""
 
-from __future__ import annotations
-
 from math import erf
 
 import numpy as np
@@ -199,8 +197,7 @@ def test_implausible_diffraction_is_refused(values: tuple[float, float, float]) 
 
 
 @pytest.mark.parametrize(
-    ("f_number", "pitch_um", "contradicted"),
-    [(8, 5.0, False), (5.6, 5.0, False), (11, 5.0, True), (8, 3.5, True)],
+    ("f_number", "pitch_um", "contradicted"), [(8, 5.0, False), (5.6, 5.0, False), (11, 5.0, True), (8, 3.5, True)]
 )
 def test_an_mtf_above_diffraction_contradicts_f_number_or_pitch(f_number, pitch_um, contradicted) -> None:
     # at f/8 with pixels of 5 um the pattern is at its own limit, below a wider aperture's

@@ -1,7 +1,5 @@
 """The profile against PSFs whose own is known, inside the support and in the tail."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Remedies of all checks: a RAW file is not asked for where one was given."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import fields

@@ -16,13 +16,7 @@ _STROKES = (
 
 
 def random_clutter(
-    rng: np.random.Generator,
-    width_mm: float,
-    height_mm: float,
-    *,
-    polygons: int = 20,
-    lines: int = 15,
-    words: int = 8,
+    rng: np.random.Generator, width_mm: float, height_mm: float, *, polygons: int = 20, lines: int = 15, words: int = 8
 ) -> tuple[Shape, ...]:
     """Random polygons, lines and words on a wall of this size about the optical axis."""
     size = min(width_mm, height_mm)

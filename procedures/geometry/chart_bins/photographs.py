@@ -52,7 +52,7 @@ def locate_chart(samples: Array32) -> ChartLocation:
     charts = find_charts(samples)
     if charts and (len(charts) > 1 or charts[0].visible.all()):
         return ChartLocation(one_chart(charts))
-    turned = find_turned(samples, REDUCED_PX, charts[0].centre() if charts else None)
+    turned = find_turned(samples, REDUCED_PX, charts[0] if charts else None)
     if turned is not None and not (charts and turned[0].visible.sum() <= charts[0].visible.sum()):
         return ChartLocation(*turned)
     return ChartLocation(one_chart(charts))

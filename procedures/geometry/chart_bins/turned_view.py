@@ -18,17 +18,17 @@ from scipy.spatial.transform import Rotation
 
 from procedures.geometry.chart_bins.large_chart import reduced
 from procedures.numerics.warps import apply_homography, cubic_monomials, fit_homography, inverse
-from procedures.pattern import CELLS, X_CORNERS
-from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts, one_chart
+from procedures.pattern import CELLS
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-FOCAL_RATIOS = (0.64, 0.6, 0.68, 0.56, 0.72, 0.52, 0.77, 0.48, 0.83, 0.89, 0.96)
-"""Focal lengths relative to half the frame's diagonal, the usual ones first: 0.64 for 180 degrees over the diagonal.
-All marks of a chart lie on straight lines up to 5 % from the true one."""
+FOCAL_RATIOS, NEARER = (0.64, 0.52, 0.83, 1.1, 1.5), (0.95, 1.05, 0.9, 1.1)
+"""Focal lengths relative to half the frame's diagonal, the usual one first: 0.64 for 180 degrees over the diagonal.
+Then those near the best one: all marks of a chart lie on straight lines up to 5 % from the true one."""
 SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""
 SEARCHED_PX = 400
@@ -68,11 +68,6 @@ class TurnedView:
         return np.asarray(self.centre + stretch[:, None] * np.column_stack([x, y]))
 
     @property
-    def looks_at(self) -> Array:
-        """The place of the plane in the middle of the pinhole's picture."""
-        return np.asarray(self.centre + self.focal_px * self.turn)
-
-    @property
     def _rotation(self) -> Array:
         """From the pinhole camera's frame to the equidistant one's."""
         x, y = self.turn
@@ -106,46 +101,59 @@ class TurnedView:
             half_px=round(SURROUNDINGS * scale * width_px),
         )
 
+    def with_focal(self, focal_px: float) -> TurnedView:
+        """The camera turned to the same place of an equidistant picture with another focal length."""
+        return replace(self, focal_px=focal_px, turn=self.turn * self.focal_px / focal_px)
+
     def registered(self, bins: Correspondences) -> tuple[Registration, Correspondences]:
         """Map from the plane, reduced by `factor`, to cells; and the bins of the pinhole's picture in that plane."""
         points = shrunk(self.to_plane(bins.points), self.factor)
         return fitted_registration(points, bins.cells), replace(bins, points=points)
 
 
-def find_turned(samples: Array32, most_px: float, near: Array | None = None) -> tuple[ChartSighting, TurnedView] | None:
+def find_turned(
+    samples: Array32, most_px: float, seen: ChartSighting | None = None
+) -> tuple[ChartSighting, TurnedView] | None:
     """The chart with the most marks in the pictures of turned cameras, by the camera turned towards it.
 
     samples : (rows, columns) float32
     most_px : float
         Greatest width of the chart in the picture.
-    near : (2,) float64, optional
-        Its place in the plane, approximately; None: it is searched for.
+    seen : ChartSighting, optional
+        What the plane itself shows of it; None: it is searched for.
     """
     size = np.array(samples.shape[::-1], dtype=np.float64)
-    most, best = 0, None
-    if near is None:
+    if seen is None:
         places = [np.array(one) * size for one in product(PLACES, PLACES)]
-        most, best = _best(samples, (_view(size, *one) for one in product(SEARCH_RATIOS, places)), most_px)
-        near = None if best is None else best.looks_at
-    if near is not None and most < len(X_CORNERS):
-        marks, view = _best(samples, (_view(size, ratio, near) for ratio in FOCAL_RATIOS), most_px)
-        best = view if marks > most else best
-    charts = [] if best is None else find_charts(best.picture(samples))
-    return None if best is None or not charts else (one_chart(charts), best)
+        searched = _best(samples, (_view(size, *one) for one in product(SEARCH_RATIOS, places)))
+        if searched is None:
+            return None
+        sighting, view = searched
+        place, width = view.to_plane(sighting.centre()[None])[0], float(sighting.widths().max()) / view.scale
+    else:
+        place, width = seen.centre(), float(seen.widths().max())
+    view, half = _view(size, FOCAL_RATIOS[0], place).towards(place, width, most_px), np.linalg.norm(size) / 2
+    best = _best(samples, (view.with_focal(float(ratio * half)) for ratio in FOCAL_RATIOS))
+    if best is None or best[0].visible.all() or (seen is not None and _marks(best) <= seen.visible.sum()):
+        return best
+    nearer = _best(samples, (best[1].with_focal(share * best[1].focal_px) for share in NEARER))
+    return best if nearer is None else max(best, nearer, key=_marks)
 
 
-def _best(samples: Array32, views: Iterable[TurnedView], most_px: float) -> tuple[int, TurnedView | None]:
-    """The number of marks of the chart with the most of them, and the camera turned towards it."""
-    most, best = 0, None
+def _best(samples: Array32, views: Iterable[TurnedView]) -> tuple[ChartSighting, TurnedView] | None:
+    """The chart with the most marks, and the camera that shows it; the first with all of them."""
+    best = None
     for view in views:
         for sighting in find_charts(view.picture(samples)):
-            if sighting.visible.sum() > most:
-                place = view.to_plane(sighting.centre()[None])[0]
-                most = int(sighting.visible.sum())
-                best = view.towards(place, float(sighting.widths().max()) / view.scale, most_px)
-        if most == len(X_CORNERS):
+            if best is None or sighting.visible.sum() > _marks(best):
+                best = sighting, view
+        if best is not None and best[0].visible.all():
             break
-    return most, best
+    return best
+
+
+def _marks(found: tuple[ChartSighting, TurnedView]) -> int:
+    return int(found[0].visible.sum())
 
 
 def _view(size: Array, ratio: float, place: Array) -> TurnedView:

@@ -10,14 +10,7 @@ import numpy.typing as npt
 
 from procedures.numerics.arrays import Array
 from procedures.numerics.warps import apply_homography
-from procedures.pattern import (
-    BLACK_BLOCKS,
-    BLOCK,
-    BLOCKS,
-    CELLS,
-    X_CORNER_BLOCKS,
-    X_CORNERS,
-)
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, X_CORNERS
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM_CELLS, Layouts
 
 PIXELS = 16

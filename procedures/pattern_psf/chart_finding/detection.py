@@ -258,8 +258,7 @@ def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
     """Raise Refused for a chart that the estimator cannot use; see `find_chart`."""
     if sighting.negative:
         raise Refused(
-            "the photograph is a negative: the chart's white is dark",
-            "invert the picture, or print the chart again",
+            "the photograph is a negative: the chart's white is dark", "invert the picture, or print the chart again"
         )
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")

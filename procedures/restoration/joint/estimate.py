@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_erosion, uniform_filter
 
+from procedures.corruption.family import SHARPENED
+from procedures.corruption.noise import DRIFT, MASK_RADII, mask_scores
+from procedures.corruption.paper import flat_noise
 from procedures.numerics.arrays import Mask
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
 from procedures.raw import PlaneLike
@@ -159,6 +162,10 @@ def restoration_of(
     return _restoration(data, state, start, registered, saturated, p)
 
 
+SEARCHED = 2 * len(MASK_RADII)
+"""Places in which sharpening is searched for, in two photographs."""
+
+
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     """Pixels about a depth edge where windowed matching mixes both sides: half-widths of both masks and the window."""
     w75 = float(np.percentile(w, 75))
@@ -212,10 +219,17 @@ def _restoration(
         moved=float(moved.mean()),
         occlusion=float(occlusion.mask.mean()),
         elsewhere_over_noise=_rms(residual * ~moved, data.trust * ~moved) / finest,
+        sharpened=max(_sharpened(one) for photograph in data.z for one in photograph),
     )
     corrections = (registered.shifts, registered.light, registered.turns, registered.zooms)
     result = (sharp, uncertain, w, spread, residual, start, state.history, diagnostics)
     return Restoration(*result, *corrections, moved, occlusion.mask)
+
+
+def _sharpened(picture: Array) -> float:
+    """Largest score of an unsharp mask in the noise of a picture's flat parts."""
+    noise = flat_noise(picture.astype(np.float32))  # a blurred scene varies slowly: by squares and fourth powers
+    return max(one.score for one in mask_scores([noise], MASK_RADII, [DRIFT, DRIFT**2]))
 
 
 def _rms(residual: Array, trust: Array) -> float:
@@ -276,6 +290,7 @@ def judge(result: Restoration) -> Outcome[Restoration]:
               "raise --image-weight"),
         Check("clipping", d.saturated, MOST_SATURATED, doubtful, f"{d.saturated:.0%} of the samples are saturated",
               "expose less"),
+        SHARPENED.check(d.sharpened, raw=False, places=SEARCHED),
     ], result)  # fmt: skip
 
 

@@ -28,7 +28,7 @@ class RestorationDiagnostics:
     the frame with w uncertain by more than half a pixel; noise_gain : of the restoration at the median w; saturated,
     at_limit, moved, occlusion : fractions of the frame saturated, at the end of the range of w, with motion, and next
     to depth edges; elsewhere_over_noise : residual without moved parts, relative to the noise at the photographs'
-    highest frequencies.
+    highest frequencies; sharpened : largest score of an unsharp mask in the noise of a photograph's flat parts.
     """
 
     noise: float
@@ -43,6 +43,7 @@ class RestorationDiagnostics:
     moved: float
     occlusion: float
     elsewhere_over_noise: float
+    sharpened: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,9 @@ STEP = 0.05
 """Step of w between masks, pixels: interpolation errs by less than 0.1 % of the mask's change per pixel."""
 LINE = 0.02
 """Sigma of a path's line, relative to the half-width."""
-POLYGON = "polygon:"
+GAUSSIAN, POLYGON = "gaussian", "polygon:"
+REACH = 3.0
+"""Half-width of a Gaussian's mask over its sigma."""
 MOST_BLADES = 64
 """Maximum number of blades: more are indistinguishable from a circle at the shape's sampling."""
 
@@ -47,13 +49,26 @@ def pillbox() -> Array:
     return (x**2 + y**2 <= 1).astype(np.float64)
 
 
-def gaussian(k: float = 0.5, reach: float = 3.0) -> Array:
-    """Gaussian of sigma = k r for a blur circle r = w / (k reach) (4.17 to 4.19), truncated at `reach` sigma."""
-    if k <= 0 or reach <= 0:
-        raise BadParameter(f"sigma = k r needs k > 0 and a positive reach, got k = {k}, reach = {reach}", "use k = 0.5")
+def gaussian() -> Array:
+    """Gaussian truncated at its half-width, 3 sigma (4.17)."""
     x, y = _axes()
     r2 = x**2 + y**2
-    return np.where(r2 <= 1, np.exp(-r2 * reach**2 / 2), 0.0)
+    return np.where(r2 <= 1, np.exp(-r2 * REACH**2 / 2), 0.0)
+
+
+def spread_of(name: str) -> float:
+    """Half-width of an aperture's blur over the radius of the blur circle: 3 k for "gaussian:k" of sigma = k r (4.18),
+    1 for others. k is 0.5 where it is not given, the standard deviation of a disc. Raises BadParameter."""
+    if name.partition(":")[0] != GAUSSIAN:
+        return 1.0
+    _, _, given = name.partition(":")
+    try:
+        k = float(given or 0.5)
+    except ValueError:
+        k = math.nan
+    if not 0 < k < math.inf:
+        raise BadParameter(f"sigma = k r needs k > 0; got {name!r}", 'write it like "gaussian:0.5"')
+    return REACH * k
 
 
 def polygon(blades: int, angle_rad: float = 0.0) -> Array:
@@ -93,11 +108,12 @@ def uniform_motion(angle_rad: float = 0.0) -> Array:
 
 
 def named(name: str) -> Array | None:
-    """The shape of an aperture by name, pillbox, gaussian or polygon:BLADES[:DEGREES]; None for others. Raises
+    """The shape of an aperture by name, pillbox, gaussian[:K] or polygon:BLADES[:DEGREES]; None for others. Raises
     BadParameter."""
     if name == "pillbox":
         return pillbox()
-    if name == "gaussian":
+    if name == GAUSSIAN or name.startswith(f"{GAUSSIAN}:"):
+        spread_of(name)  # checks K
         return gaussian()
     return _polygon(name) if name.startswith(POLYGON) else None
 

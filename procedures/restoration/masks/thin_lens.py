@@ -15,13 +15,16 @@ from procedures.outcome import BadParameter
 
 @dataclass(frozen=True)
 class CameraSetting:
-    """Focal length, f-number, distance of the plane of focus (may be infinite), pixel pitch. Raises BadParameter if
-    impossible."""
+    """Focal length, f-number, distance of the plane of focus (may be infinite), pixel pitch. Raises BadParameter.
+
+    `spread` is the half-width of the blur over the radius of the blur circle: 3 k for a Gaussian of sigma = k r.
+    """
 
     focal_length_mm: float
     f_number: float
     focus_mm: float
     pitch_um: float
+    spread: float = 1.0
 
     def __post_init__(self) -> None:
         if min(self.focal_length_mm, self.f_number, self.pitch_um) <= 0:
@@ -45,20 +48,20 @@ class CameraSetting:
     @property
     def scale_px_mm(self) -> float:
         """rho zeta in pixels times millimetres: the blur per unit of inverse distance (4.5)."""
-        return self.aperture_radius_mm * self.image_distance_mm / (self.pitch_um * 1e-3)
+        return self.spread * self.aperture_radius_mm * self.image_distance_mm / (self.pitch_um * 1e-3)
 
     def blur_radius_px(self, distance_mm: float | Array) -> Array:
-        """Signed radius of the blur circle, pixels: positive in front of the plane of focus (4.5)."""
+        """Signed half-width of the blur, pixels: positive in front of the plane of focus (4.5)."""
         return np.asarray(self.scale_px_mm * (1 / np.asarray(distance_mm, float) - 1 / self.focus_mm))
 
     def distance_mm(self, radius_px: float | Array) -> Array:
-        """Distance of a signed blur radius; infinite where no distance has so large a radius."""
+        """Distance of a signed half-width of blur; infinite where no distance has so large a one."""
         inverse = np.asarray(radius_px, float) / self.scale_px_mm + 1 / self.focus_mm
         return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1), np.inf)
 
 
 def relation(first: CameraSetting, second: CameraSetting) -> tuple[float, float]:
-    """alpha, beta of r2 = alpha r1 + beta, radii in pixels of each photograph (4.8 to 4.10)."""
+    """alpha, beta of r2 = alpha r1 + beta, half-widths in pixels of each photograph (4.8 to 4.10, 4.18)."""
     alpha = second.scale_px_mm / first.scale_px_mm
     inverse = 1 / second.image_distance_mm - 1 / first.image_distance_mm
     inverse += 1 / first.focal_length_mm - 1 / second.focal_length_mm

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial, singledispatchmethod
 from math import ceil
 from typing import TYPE_CHECKING, ClassVar
@@ -17,7 +18,7 @@ from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowR
 from station.app.mailbox import FramePreview, MailboxEntry, Question
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot, number_lines, specified
-from station.app.terminal_images import psf_thumbnail
+from station.app.terminal_images import picture_thumbnail, psf_thumbnail
 from station.app.widgets import (
     SPACE,
     BigText,
@@ -206,9 +207,8 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, preview: FramePreview) -> None:
-        self._doing_last, self._verdict = False, ()
-        self.remove_class("-verdict")
-        self._show_values(())
+        self._doing_last = False
+        self._end_verdict()
         self._coach(preview)
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
@@ -234,7 +234,10 @@ class GuideScreen(StationScreen):
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
-        self._show_curve(partial(drawn, event.diagram))
+        if event.diagram.drawing:
+            self._end_verdict()
+            self.query_one(Picture).show_words(event.diagram.drawing)
+        self._show_curve(None if event.diagram.drawing else partial(drawn, event.diagram))
 
     @show.register
     def _(self, problem: ProblemEvent) -> None:
@@ -255,12 +258,7 @@ class GuideScreen(StationScreen):
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self._show_readings(())
         self._show_values(list(result.planes.values()))
-        shown = [plane for plane in result.planes.values() if plane.samples is not None]
-        if shown and shown[0].samples is not None:
-            one = next((plane for plane in shown if plane.name == "G1"), shown[0])
-            assert one.samples is not None
-            self.query_one(Picture).show(psf_thumbnail(one.samples, f"PSF of plane {one.name}"))
-            self._show_curve(mtf_plot([one]))
+        self._show_sharpness(result)
 
     @show.register
     def _(self, question: Question) -> None:
@@ -337,13 +335,31 @@ class GuideScreen(StationScreen):
         elif self._coached is not None and (outline := self._coached.picture.outline) is not None:
             words = way_words(outline, (1, 1)) if outline.present else ""
             sign = " ".join(SIGNS[arrow] for arrow, _ in ways(outline, (1, 1))) if outline.present else ""
-            words = words and f"Bring the outline to its place: {self.glyphs.spelt(words)}"
+            words = words and f"To its place: {self.glyphs.spelt(words)}"
         self.query_one("#coach", Part).say(words, "bold")
         big = self.query_one("#sign", BigText)
         if big.text != sign:
             big.display = bool(sign)
             big.show(sign)
             self._make_room()
+
+    def _end_verdict(self) -> None:
+        self._verdict = ()
+        self.remove_class("-verdict")
+        self._show_values(())
+
+    def _show_sharpness(self, result: Result) -> None:
+        """PSF and MTF of the plane whose numbers are shown, or the restored picture."""
+        from procedures.outcome import ProcedureError  # imported here: the first screen needs neither
+        from station.results.reader import read_picture
+
+        one = min(result.planes.values(), key=lambda plane: plane.name != "G1", default=None)
+        if one is not None and one.samples is not None:
+            self.query_one(Picture).show(psf_thumbnail(one.samples, f"PSF of plane {one.name}"))
+        elif (restored := result.folder / "sharp.png").is_file():
+            with suppress(ProcedureError):
+                self.query_one(Picture).show(picture_thumbnail(read_picture(restored), "restored picture"))
+        self._show_curve(mtf_plot([one] if one is not None else []))
 
     # --- parts
 

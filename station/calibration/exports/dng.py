@@ -12,8 +12,8 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.surface import even_powers
-from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import PLACES, pitch_of
+from station.calibration.stored_cameras import StoredCamera
 from station.calibration.vignetting import StoredVignetting
 
 VIGNETTE_TERMS = 5

@@ -4,34 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, STEREOGRAPHIC, CameraModel, split_model
+from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, STEREOGRAPHIC, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
-from procedures.geometry.spline_camera import ROUGH_PX, SplineCamera
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadInput, BadParameter
-from procedures.reading.arrays import LONGEST, SMALLEST, checked_array, checked_number
+from procedures.outcome import BadParameter
 from procedures.reading.guard import decoding
-from station.calibration.stored_results import plane_entry, stored_record
+from station.calibration.exports.mrcal import cameramodel
+from station.calibration.stored_cameras import GIVE, StoredCamera
 
 Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
 
-_GIVE = "name the folder that `station geometry` wrote"
 EXACT = 1e-6
 """Error in pixels below which a conversion is exact."""
-
-
-@dataclass(frozen=True, eq=False)
-class StoredCamera:
-    """The camera of a result."""
-
-    camera: CameraModel
-    region: Array
-    source: str
 
 
 @dataclass(frozen=True)
@@ -42,45 +30,11 @@ class CameraExport:
     difference: Difference | None
 
 
-def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
-    """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
-
-    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane.
-    """
-    with stored_record(result, "geometry", _GIVE) as stored:
-        name, entry = plane_entry(stored.data["planes"], plane, stored.path)
-        if "camera" not in entry:
-            raise BadInput(f"{stored.path} has no camera: {entry['reason']}", entry["remedy"])
-        region = checked_array(entry["region"], f"the region of plane {name}", (None, 2), remedy=_GIVE)
-        return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
-
-
-def _camera(
-    model: str, params: list[float], columns: int, rows: int, roughness_px: float = ROUGH_PX, **_: object
-) -> CameraModel:
-    """Raises ValueError where it is invalid."""
-    try:
-        spline = any(split_model(model)[1])
-    except BadParameter as error:
-        raise ValueError(f"there is no camera model {model!r}") from error
-    what = f"the parameters of a camera {model}"
-    values = checked_array(params, what, (None,), remedy=_GIVE)
-    camera = CameraModel(model, values, columns, rows)
-    if spline:
-        rough = checked_number(roughness_px, "the roughness of a spline", SMALLEST)
-        camera = SplineCamera(model, values, columns, rows, rough)
-    checked_array(camera.params, what, (len(camera.names),), remedy=_GIVE)
-    checked_array(camera.focal_px, "the focal length of a camera", (2,), low=SMALLEST, remedy=_GIVE)
-    if not all(type(side) is int and 0 < side <= LONGEST for side in (columns, rows)):
-        raise ValueError(f"a frame must have 1 to {LONGEST} pixels each way")
-    return camera
-
-
 def export_camera(stored: StoredCamera, form: str) -> CameraExport:
     """The camera in a format. Raises BadParameter for an unknown format, BadInput for an invalid camera."""
     if form not in FORMATS:
         raise BadParameter(f"a camera is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
-    with decoding(stored.source, "a camera that can be written", _GIVE):  # the record may contain numbers of any size
+    with decoding(stored.source, "a camera that can be written", GIVE):  # the record may contain numbers of any size
         return FORMATS[form](stored)
 
 
@@ -163,19 +117,7 @@ def _colmap(stored: StoredCamera) -> CameraExport:
 def _mrcal(stored: StoredCamera) -> CameraExport:
     """mrcal's .cameramodel, with the part of the frame covered by charts as its valid region."""
     camera = _by_opencv(stored, (4, 5, 8, 12))
-    intrinsics = [*camera.focal_px, *camera.centre, *camera.distortion]
-    outline = [*stored.region.tolist(), stored.region[0].tolist()]
-    lines = [
-        f"# {stored.source}",
-        "{",
-        f"    'lensmodel':  'LENSMODEL_OPENCV{len(camera.distortion)}',",
-        f"    'intrinsics': {_list(intrinsics)},",
-        f"    'valid_intrinsics_region': [{', '.join(_list(point) for point in outline)}],",
-        "    'extrinsics': [0, 0, 0, 0, 0, 0],",
-        f"    'imagersize': [{stored.camera.columns}, {stored.camera.rows}],",
-        "}",
-    ]
-    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
+    return CameraExport(cameramodel(stored, camera), _lost(camera.difference))
 
 
 def _by_opencv(stored: StoredCamera, counts: Sequence[int]) -> OpenCvCamera:

@@ -20,7 +20,8 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface, even_powers
-from station.calibration.exports.geometry import EXACT, StoredCamera, best_fit
+from station.calibration.exports.geometry import EXACT, best_fit
+from station.calibration.stored_cameras import StoredCamera
 
 MODELS = ("poly3", "poly5", "ptlens")
 """Distortion models, by number of coefficients."""

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.force import force_option
+from station.cli.terminal.command import UNITS, force_option, options
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import UNITS
 
 if TYPE_CHECKING:
     from station.reports.certificate_details import CertificateDetails
     from station.results.terms import Terms
     from station.results.units import Unit
-
-Command = Callable[..., Any]
 
 DETAILS = click.option(
     "--certificate-details", type=click.Path(path_type=Path), metavar="FILE",
@@ -27,10 +23,9 @@ DETAILS = click.option(
 )  # fmt: skip
 
 
-def certificate_options(command: Command) -> Command:
-    """Add --certificate and --certificate-details to a command."""
-    flag = click.option("--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too.")
-    return flag(DETAILS(command))
+certificate_options = options(
+    click.option("--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too."), DETAILS
+)
 
 
 def details_of(options: dict[str, Any]) -> CertificateDetails | None:
@@ -92,10 +87,10 @@ specification_option = inherited(
 )
 
 
-def terms_options(command: Command) -> Command:
-    """Add --unit, --config, --at, --specification and --force to a command."""
-    at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Report the MTF at these frequencies too.")
-    return unit_option(config_option(at(specification_option(force_option(command)))))
+at_option = click.option(
+    "--at", callback=_frequencies, metavar="F,F...", help="Report the MTF at these frequencies too."
+)
+terms_options = options(unit_option, config_option, at_option, specification_option, force_option)
 
 
 def terms_of(options: dict[str, Any]) -> Terms:

@@ -1,7 +1,5 @@
 """`station session ...`: the commands, and options that select a session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,26 +11,22 @@ from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
 SESSION_COMMANDS = {
-    "list": ("session.list", "session_list", "List all sessions, or those of a camera, lens, plan or verdict."),
-    "show": ("session.show", "session_show", "Show the content of a session, and verify it."),
-    "resume": ("session.resume", "session_resume", "Continue a session where it stopped."),
-    "delete": ("session.care", "session_delete", "Delete a session with its photographs."),
-    "recompute": ("session.recompute", "session_recompute", "Recompute results and compare every byte."),
-    "report": ("session.care", "session_report", "Write its report again."),
-    "trend": ("session.trend", "session_trend", "Report the change of a camera's numbers over its sessions."),
-    "index": ("session.care", "session_index", "Update or rebuild the index of the sessions."),
+    "list": ("session.several", "session_list", "List all sessions, or those of a camera, lens, plan or verdict."),
+    "show": ("session.one", "session_show", "Show the content of a session, and verify it."),
+    "resume": ("session.one", "session_resume", "Continue a session where it stopped."),
+    "delete": ("session.one", "session_delete", "Delete a session with its photographs."),
+    "recompute": ("session.one", "session_recompute", "Recompute results and compare every byte."),
+    "report": ("session.one", "session_report", "Write its report again."),
+    "trend": ("session.several", "session_trend", "Report the change of a camera's numbers over its sessions."),
+    "index": ("session.several", "session_index", "Update or rebuild the index of the sessions."),
 }
 
 Command = Callable[..., Any]
 
 sessions_option = inherited(
-    "--sessions",
-    "root",
-    type=click.Path(path_type=Path),
-    default=Path("sessions"),
-    show_default=True,
+    "--sessions", "root", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
     help="Folder of the sessions.",
-)
+)  # fmt: skip
 
 
 @click.group(cls=LazyGroup, table=SESSION_COMMANDS)

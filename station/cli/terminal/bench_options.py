@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.command import SEED, FiniteNumber
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab
@@ -50,16 +50,9 @@ def check_shaker(*, simulate: bool, shaker: bool) -> None:
 
 
 def make_lab(
-    *,
-    simulate: bool,
-    shaker: bool,
-    config: Path | None,
-    sessions: Path,
-    seed: int,
-    specification: Path | None,
-    unit: str | None,
-    speed: float = 1.0,
-) -> StationLab:
+    *, simulate: bool, shaker: bool, config: Path | None, sessions: Path, seed: int, specification: Path | None,
+    unit: str | None, speed: float = 1.0,
+) -> StationLab:  # fmt: skip
     """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
     from station.guide.catalogue import entries
     from station.guide.workspace import StationLab

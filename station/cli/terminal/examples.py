@@ -1,7 +1,5 @@
 """An example of every command, for its help and for the manual."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 EXAMPLES: Mapping[str, str] = {
@@ -39,6 +37,7 @@ EXAMPLES: Mapping[str, str] = {
     "psf witnessed": "short.dng long.dng near.dng defocused.dng --exposure-ratio 2 --out result",
     "psf two-photo": "near.dng far.dng --out result --report",
     "psf series": "aperture-series/ --out series",
+    "psf stability": "first/ second/ third/ --out stability",
     "psf field": "charts/ --out field",
     "session show": "2026-01-01-pattern",
     "session resume": "",

@@ -4,8 +4,6 @@ A command declares with `inherited` each group option that applies to it. Its ow
 group's. A group option that does not apply to the command is a usage error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any

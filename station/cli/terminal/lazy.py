@@ -1,7 +1,5 @@
 """A group of commands that imports each only when it is called: the help must not import numpy."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from importlib.metadata import entry_points
@@ -60,7 +58,6 @@ class LazyGroup(StationCommand, click.Group):
         return name, command, rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options, group by group, and the commands."""
         super().format_options(ctx, formatter)
         self.format_commands(ctx, formatter)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
-from station.common.errors import is_quiet, log, logs_json
+from station.common.errors import log, log_json_option, quiet_option
 
 if TYPE_CHECKING:
     from station.common.progress import Progress
@@ -24,9 +24,9 @@ def progress(total: int) -> Iterator[Progress]:
     """A bar on a terminal, lines otherwise; nothing where the command is quiet."""
     from station.common.progress import bar, silent
 
-    if is_quiet():
+    if quiet_option.given():
         yield silent
-    elif sys.stderr.isatty() and not logs_json():
+    elif sys.stderr.isatty() and not log_json_option.given():
         with bar(total) as shown:
             yield shown
     else:

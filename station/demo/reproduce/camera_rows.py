@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import SensorModel
-from procedures.numbers import ENCIRCLED_ENERGY_80
+from procedures.numbers import ENCIRCLED_ENERGY_80, SENSITIVITY_AT_5
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
+from procedures.pattern_psf.stability import HALF, THRESHOLDS, stability_of
 from procedures.quality import Diffraction
 from simulators.camera.camera import SimulatedCamera
-from simulators.camera.optics import WAVELENGTHS_UM
+from simulators.camera.optics import WAVELENGTHS_UM, GaussianBlur
+from simulators.world.scene import Illumination
 from station.demo.digital_twin import align
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
@@ -227,25 +229,37 @@ def _asymmetry(h: Array) -> float:
 # --- Figure 2.17: stability ---
 
 
+SLOPE, SHAKE_PX = 0.1, 0.1
+"""Greatest slope of the light over the frame, and greatest sigma of a photograph's vibration, in pixels."""
+
+
 def stability(setting: Setting) -> RowValues:
     """Thirteen photographs from similar viewpoints: mean of the MTF's standard deviation over mean of the MTF."""
-    rng = np.random.default_rng(13)
-    camera, mtfs = cameras.green_camera(5.6), []
+    rng, psfs = np.random.default_rng(13), []
+    camera = cameras.green_camera(5.6)
+    camera = replace(camera, focus_mm=camera.place(_chart(), pixels=100.0).pose.centre_mm[2])
+    middle = camera.sensor.columns / 2
     for seed in range(13):
         placed = {"pixels": rng.uniform(96, 104), "roll_deg": rng.uniform(-2, 2), "yaw_deg": rng.uniform(-2, 2)}
-        shot = cameras.photograph_chart(camera, _chart(), seed, **placed)
-        mtfs.append(cameras.mtf_down(cameras.estimated(cameras.plane_of(shot), _chart()).psf.h))
-    mean, spread = np.mean(mtfs, axis=0), np.std(mtfs, axis=0, ddof=1)
-    thresholds = np.linspace(0, 0.5, 26)
-    sensitivity = [float(spread[mean >= t].mean() / mean[mean >= t].mean()) for t in thresholds]
+        x, y = rng.uniform(-SLOPE, SLOPE, 2)
+        light = Illumination(slope=(x, y), centre_px=(middle, middle), radius_px=middle)
+        shaken = replace(camera, optics=camera.sharp_optics().also(GaussianBlur(rng.uniform(0, SHAKE_PX))))
+        shot = cameras.photograph_chart(shaken, _chart(), seed, light=light, **placed)
+        psfs.append(cameras.estimated(cameras.plane_of(shot), _chart()).psf.h)
+    estimate = stability_of([(h, cameras.S) for h in psfs])
+    mean, spread = estimate.mean[HALF:, HALF], estimate.std[HALF:, HALF]
     figures = (
-        curves("stability-mtf", [Curve("mean of 13", F, mean, band=spread)], x=CYCLES, y="MTF, vertical"),
+        curves(
+            "stability-mtf",
+            [Curve("mean of 13", estimate.frequencies[HALF:], mean, band=spread)],
+            x=CYCLES,
+            y="MTF, vertical",
+        ),
         curves(
             "stability",
-            [Curve("13 photographs", thresholds, sensitivity)],
+            [Curve("13 photographs", THRESHOLDS, estimate.sensitivity)],
             x="least MTF of the region",
             y="sensitivity",
         ),
     )
-    at_5_percent = float(np.interp(0.05, thresholds, sensitivity))
-    return RowValues((max(sensitivity), at_5_percent), figures)
+    return RowValues((float(np.nanmax(estimate.sensitivity)), estimate.numbers[SENSITIVITY_AT_5].value), figures)

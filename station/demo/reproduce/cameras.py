@@ -22,7 +22,7 @@ from simulators.camera.optics import CircularPupil, FourSpots, LShapedAperture, 
 from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import FlatSheet, PlacedSheet, draw, leaves
 from simulators.world.projection import ObjectPose
-from simulators.world.scene import Scene
+from simulators.world.scene import Illumination, Scene
 from station.demo.reproduce.figures import Curve, curves
 
 Array = npt.NDArray[np.float64]
@@ -37,6 +37,7 @@ FREQUENCIES: Array = np.linspace(0, S / 2, 101)
 WHITE_E = 20000.0
 """Electrons of white: noise of 0.7 %."""
 WALL_TEXEL_MM = 0.1
+EVEN = Illumination()
 
 
 def optics(f_number: float, plane: int = 2) -> Optics:
@@ -79,11 +80,12 @@ def exposure_s(camera: SimulatedCamera) -> float:
 
 
 def photograph_chart(
-    camera: SimulatedCamera, chart: Chart, seed: int, *, pixels: float = 100.0, **placed: float
-) -> Photograph:
+    camera: SimulatedCamera, chart: Chart, seed: int, *, pixels: float = 100.0, light: Illumination = EVEN,
+    **placed: float,
+) -> Photograph:  # fmt: skip
     """The chart with its noise region `pixels` pixels of a plane wide; `placed` are `at` and angles."""
     where = camera.place(chart, pixels=pixels, **placed)  # type: ignore[arg-type]
-    return camera.photograph(Scene((where,)), np.random.default_rng(seed), exposure_s=exposure_s(camera))
+    return camera.photograph(Scene((where,), light=light), np.random.default_rng(seed), exposure_s=exposure_s(camera))
 
 
 def plane_of(photograph: Photograph, name: str = "Y") -> Plane:

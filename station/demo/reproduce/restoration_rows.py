@@ -4,16 +4,22 @@ The thesis's picture, an old map, is not published; a drawing replaces it (`scen
 grey levels of 256 and pixels of w; the thesis calls them MSE.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Refused
+from procedures.pattern import Chart
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, first_depth, noise_of, restore
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
-from station.demo.reproduce import scenes
+from procedures.restoration.masks.gaussian_constant import gaussian_constant
+from procedures.restoration.masks.thin_lens import CameraSetting
+from simulators.world.scene import Scene
+from station.demo.reproduce import cameras, scenes
 from station.demo.reproduce.algorithm_1 import data_term
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Order, RowValues, Setting, increases, ordered
@@ -46,6 +52,38 @@ def _restored(pair: scenes.Pair, stacks: list[MaskStack]) -> Restoration:
     if outcome.value is None:
         raise Refused(f"the simulated pair was refused: {outcome.reason}", outcome.remedy)
     return outcome.value
+
+
+# --- Section 4.3 ---
+
+BLUR_CIRCLES_PX = (1.5, 2.0, 3.0, 4.0)
+CHART_PX = 150.0
+WIDE_OPEN = 2.8
+
+
+@ordered(Order("sigma is proportional to the radius of the blur circle", lambda v: v[0] <= 0.05))
+def restoration_sigma(setting: Setting) -> RowValues:
+    """A Gaussian of sigma = k r for defocus: k by the noise chart, photographed out of focus by a known amount."""
+    chart, camera = Chart.from_seed(), cameras.green_camera(WIDE_OPEN, 200)
+    where = camera.place(chart, pixels=CHART_PX)
+    distance_mm = where.pose.centre_mm[2]
+    psfs, radii = [], []
+    for seed, radius in enumerate(BLUR_CIRCLES_PX):
+        sharp = CameraSetting(camera.lens.focal_length_mm, WIDE_OPEN, distance_mm, camera.pitch_um)
+        blurred = replace(sharp, focus_mm=1 / (1 / distance_mm - radius / sharp.scale_px_mm))
+        defocused = replace(camera, focus_mm=blurred.focus_mm)
+        rng, exposure_s = np.random.default_rng(seed), cameras.exposure_s(camera)
+        shot = defocused.photograph(Scene((where,)), rng, exposure_s=exposure_s)
+        psfs.append(cameras.estimated(cameras.plane_of(shot), chart, s=2, k=4 * round(radius) + 9).psf)
+        radii.append(float(blurred.blur_radius_px(distance_mm)))
+    lens = gaussian_constant(psfs, radii)
+    figures = (
+        curves("sigma", [Curve("nearest Gaussian", radii, lens.sigmas_px, "o"),
+                         Curve("k r", radii, lens.k.value * np.array(radii))],
+               x="radius of the blur circle, pixels", y="sigma, pixels"),
+        pictures("sigma-psf", [(f"r = {r:.1f}", one.h) for r, one in zip(radii, psfs, strict=True)], cmap="viridis"),
+    )  # fmt: skip
+    return RowValues((lens.departure, lens.k.value), figures, f"k = {lens.k.value:.3f} ± {lens.k.uncertainty:.3f}.")
 
 
 # --- Figure 10.3 ---

@@ -1,7 +1,5 @@
 """A row: something published, the values computed for it, and what the paper claims of them as ranges of values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -52,18 +50,18 @@ class ClaimCheck:
     unit: str = ""
 
     @classmethod
-    def printed(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
+    def printed(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
         """A printed number: the values that round to its last digit."""
         value, half = float(published), half_digit(published)
         return cls(quantity, published, value - half, value + half, unit)
 
     @classmethod
-    def at_most(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
+    def at_most(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
         """A printed number of which smaller values are as good: an error."""
         return cls(quantity, published, -math.inf, float(published) + half_digit(published), unit)
 
     @classmethod
-    def at_least(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
+    def at_least(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
         """A printed number of which larger values are as good: a gain."""
         return cls(quantity, published, float(published) - half_digit(published), math.inf, unit)
 

@@ -67,7 +67,6 @@ class Reproduction:
         return sum(one.processor_s for one in self.rows)
 
     def count(self, state: RowState) -> int:
-        """Number of rows in a state."""
         return sum(one.state is state for one in self.rows)
 
     @property

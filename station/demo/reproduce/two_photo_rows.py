@@ -23,7 +23,9 @@ Array = npt.NDArray[np.float64]
 F = cameras.FREQUENCIES
 RATIO = 4.3
 """Ratio of the distances; after refocusing the far photograph is 4.5 times smaller."""
-SUPPORT = {2: 9, 3: 13, 4: 17}
+SUPPORT = {1: 5, 2: 9, 3: 13, 4: 17}
+COMMON = {1: 0.45, 2: 0.9, 3: 0.9}
+"""Frequency up to which the MTF at a zoom is compared with that at 4×."""
 PAIR = ("two_photos/IMG_0608_v1.pgm", "two_photos/IMG_0602_v1_CUT.pgm")
 REFERENCES = ("reference/real_two_psf_s3_k13.txt", "reference/real_two_inter_s3_k13.txt")
 CYCLES = "cycles per pixel"
@@ -55,9 +57,7 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
     """The thesis's simulation mentions no noise: a hundred times the light."""
     camera = cameras.green_camera(5.6, side)
     sensor = replace(
-        camera.sensor,
-        full_well_e=100 * camera.sensor.full_well_e,
-        gain_e_per_dn=100 * camera.sensor.gain_e_per_dn,
+        camera.sensor, full_well_e=100 * camera.sensor.full_well_e, gain_e_per_dn=100 * camera.sensor.gain_e_per_dn
     )
     optics = Optics((GaussianBlur(0.4),), camera.pitch_um)
     return replace(camera, sensor=sensor, optics=optics, white_e_per_s=100 * camera.white_e_per_s)
@@ -92,27 +92,21 @@ def _up_to_band(s: int, mtf: Array) -> Curve:
 def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     estimates = {s: estimated(pair, s) for s in SUPPORT}
     mtf = {s: cameras.mtf_down(one.psf.h, s) for s, one in estimates.items()}
-    common = F <= 0.9
-    apart = [float(np.abs(mtf[a] - mtf[b])[common].max()) for a, b in ((2, 4), (3, 4))]
+    apart = [float(np.abs(mtf[s] - mtf[4])[end >= F].max()) for s, end in COMMON.items()]
     figures = (
-        pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=3, cmap="viridis"),
-        curves(
-            f"{name}-mtf",
-            [_up_to_band(s, one) for s, one in mtf.items()],
-            x=CYCLES,
-            y="MTF, vertical",
-        ),
+        pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=4, cmap="viridis"),
+        curves(f"{name}-mtf", [_up_to_band(s, one) for s, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
     )
     return RowValues(tuple(apart), figures)
 
 
 def two_photo_zoom(setting: Setting) -> RowValues:
-    """The PSF at 2×, 3× and 4× from one simulated pair: the MTFs overlap in their common range."""
+    """The PSF at 1× to 4× from one simulated pair: the MTFs overlap in their common range."""
     return _zoom_of(wall_pair(), "zoom")
 
 
 def two_photo_zoom_published(setting: Setting) -> RowValues:
-    """The PSF at 2×, 3× and 4× from the published pair of a wall: the MTFs overlap in their common range."""
+    """The PSF at 1× to 4× from the published pair of a wall: the MTFs overlap in their common range."""
     return _zoom_of(_published(setting), "zoom-published")
 
 

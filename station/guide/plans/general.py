@@ -75,7 +75,7 @@ def plan(name: str, folder: Path | None = None) -> Plan:
                     Ask("scene", "Place the subject in front of the camera, and light it evenly."),
                     Ask("camera_set", "Set the camera: RAW, manual exposure, nothing that matters clipped."),
                     Ask("focused", "Focus on the subject, then switch autofocus off."),
-                    Tour(partial(_stops, count)),
+                    Tour(partial(_stops, procedure, count)),
                 ),
                 drawings.SHOTS,
             ),
@@ -86,20 +86,18 @@ def plan(name: str, folder: Path | None = None) -> Plan:
     )  # fmt: skip
 
 
-def _stops(count: int | None, facts: Facts) -> list[TourStop]:
+def _stops(procedure: Procedure[Any], count: int | None, facts: Facts) -> list[TourStop]:
     """The photographs; before each the operator changes what the procedure requires."""
     total = count or int(float(facts[COUNT]))
 
     def stop(number: int) -> TourStop:
         say = f"Prepare photograph {number} of {total}." if total > 1 else ""
-        return TourStop(f"photograph {number}", Go(lambda facts: {}, lambda facts: say), _accept)
+        return TourStop(f"photograph {number}", Go(lambda facts: {}, lambda facts: say), check)
+
+    def check(frame: RawFrame, facts: Facts) -> Advice:
+        return procedure.check_photograph(frame, _given(_asked(procedure), facts))
 
     return [stop(number) for number in range(1, total + 1)]
-
-
-def _accept(frame: RawFrame, facts: Facts) -> Advice:
-    """Any photograph that can be read: the procedure gives the verdict."""
-    return Advice(True, "The photograph has been read.")
 
 
 # --- settings ---

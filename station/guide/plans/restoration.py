@@ -36,8 +36,10 @@ def plan(folder: Path | None = None) -> Plan:
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    """The restored picture."""
-    return [PlaneResult.of_outcome(name, one, estimate=one.value) for name, one in outcomes.items()]
+    """The restored picture, its depth and diagnostics."""
+    from station.reports.restoration_files import restored_plane  # it draws, a slow import
+
+    return [restored_plane(name, one) for name, one in outcomes.items()]
 
 
 def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
@@ -45,6 +47,8 @@ def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head:
     from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
     (picture,) = planes
+    shown = {name: value for name, value in head.parameters.items() if name != "first_view"}
+    head = replace(head, parameters=shown)
     restoration: Restoration | None = picture.estimate
     outcome = picture.outcome(restoration)
     if restoration is None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
 from procedures.outcome import BadParameter
@@ -20,6 +20,8 @@ from station.results.terms import USUAL, Terms
 from station.results.units import convert_quantity
 
 if TYPE_CHECKING:
+    from procedures.plan import Advice
+    from procedures.raw import RawFrame
     from procedures.slanted_edge.estimate import EdgeOutcome
     from station.calibration.edges import EdgeRecord, PhotographEdges
     from station.reports.report import Report
@@ -71,6 +73,12 @@ class SlantedEdge(Procedure[EdgeSettings]):
     usual_page = False
     drawn_by = "edges.edge_page:edge_page"
     subject = "edge"
+
+    def check_photograph(self, frame: RawFrame, settings: Mapping[str, Any]) -> Advice:
+        """Whether a slanted edge is in the frame; with a region, the procedure gives the verdict."""
+        from procedures.slanted_edge.pose import check_edge  # here: mathematics, slow to load
+
+        return super().check_photograph(frame, settings) if settings.get("roi") else check_edge(frame)
 
     def measure(
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent

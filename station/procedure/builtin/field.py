@@ -37,21 +37,13 @@ class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
     vignetting: Annotated[
         Path | None, setting("A result of station vignetting, to be kept with the field.", metavar="RESULT")
     ] = None
-    without_photosite: Annotated[
-        str | None,
-        setting(
-            "Report sagittal and meridional MTF also divided by that of square photosites of this fill factor.",
-            metavar="FILL[,ERROR]|assumed",
-        ),
-    ] = None
-    sensor: Annotated[
-        Path | None,
-        setting(
-            "Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported "
-            "with the camera.",
-            metavar="RESULT.json",
-        ),
-    ] = None
+    without_photosite: Annotated[str | None, setting(
+        "Report sagittal and meridional MTF also divided by that of square photosites of this fill factor.",
+        metavar="FILL[,ERROR]|assumed")] = None  # fmt: skip
+    sensor: Annotated[Path | None, setting(
+        "Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported with "
+        "the camera.",
+        metavar="RESULT.json")] = None  # fmt: skip
     width_mm: Annotated[
         float, setting("Width of the printed chart's ten blocks: the scale of the geometry's distances.", least=1)
     ] = 300.0

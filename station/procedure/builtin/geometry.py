@@ -30,8 +30,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
         | None
     ) = None  # fmt: skip
     scale: Annotated[
-        Path | None,
-        setting("A TOML file: the width with ruler, certificate and temperatures, in place of both above."),
+        Path | None, setting("A TOML file: the width with ruler, certificate and temperatures, in place of both above.")
     ] = None
     model: Annotated[
         str | None,

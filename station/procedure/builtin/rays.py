@@ -74,12 +74,9 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
     ] = False
     oidn: Annotated[bool, setting("Open Image Denoise as one more candidate of the blend.")] = False
     exr: Annotated[bool, setting("Write filtered.exr too, with the uncertainty as a layer.")] = False
-    budget: (
-        Annotated[
-            int, setting("Samples to cast next: writes how many each pixel needs to more.npy.", least=0, most=2**63 - 1)
-        ]
-        | None
-    ) = None
+    budget: Annotated[int, setting(
+        "Samples to cast next: writes how many each pixel needs to more.npy.", least=0, most=2**63 - 1
+    )] | None = None  # fmt: skip
     threads: Annotated[int, setting("Threads.  [default: one for each processor]", least=1, most=1024)] | None = None
 
     @property
@@ -144,7 +141,6 @@ class FilteredRender:
 
     @property
     def outcome(self) -> Outcome[FilteredFilm]:
-        """With the verdict."""
         dropped, cast, similar = int(self.film.dropped.sum()), int(self.film.count.sum()), self.filtered.median_similar
         if dropped:
             share = f"{dropped} of {cast + dropped} samples"
@@ -204,7 +200,6 @@ class FilteredRender:
         }
 
     def page(self) -> bytes:
-        """The page with the rendered and the filtered picture."""
         from station.reports.ray_page import RenderRow, ray_page  # here: it draws, which is slow to load
 
         film, result = self.film, self.filtered
@@ -286,11 +281,9 @@ class Rays(Procedure[RaysSettings]):
         )
 
     def page(self, measurement: Measurement) -> bytes:
-        """The page with the rendered and the filtered picture."""
         return FilteredRender.page(measurement.result)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The number of similar patches at each scale."""
         similar = ", ".join(f"{n:.0f}" for n in measurement.entries["similar_median"])
         return [f"similar patches in the median, finest scale first: {similar}"]
 

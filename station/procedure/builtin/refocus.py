@@ -13,7 +13,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter, Outcome
 from procedures.psf_field import SpaceVariantBlur
 from procedures.reading.arrays import parse_npy
-from procedures.restoration.masks.blur_models import named, read_shape
+from procedures.restoration.masks.blur_models import GAUSSIAN, named, read_shape, spread_of
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import BEHIND
 from procedures.restoration.refocus import refocus
@@ -40,9 +40,9 @@ class RefocusSettings(Settings, frozen=True, kw_only=True):
 
     f_number: Annotated[float, setting("Of the new picture.", least=0.1)]
     focus_m: Annotated[float, setting("Distance of its plane of focus from the lens.", least=0.001)]
-    shape: Annotated[str, setting("Shape of the aperture: pillbox, gaussian, polygon:BLADES[:DEGREES], or a file.")] = (
-        "pillbox"
-    )
+    shape: Annotated[
+        str, setting("Shape of the blur: pillbox, gaussian[:K] of sigma K r, polygon:BLADES[:DEGREES], or a file.")
+    ] = "pillbox"
     field: Annotated[Path, setting("PSFs of the lens, field.h5: the picture is also blurred by them.")] | None = None
 
     @property
@@ -76,7 +76,8 @@ class Refocus(Procedure[RefocusSettings]):
         """The refocused picture and the limits of its depth of field."""
         folder = paths[0].parent if paths[0].is_file() else paths[0]
         sharp, metres, taken = _restored(folder)
-        new = CameraSetting(taken.focal_length_mm, settings.f_number, 1000 * settings.focus_m, taken.pitch_um)
+        focus_mm, spread = 1000 * settings.focus_m, spread_of(settings.shape)
+        new = CameraSetting(taken.focal_length_mm, settings.f_number, focus_mm, taken.pitch_um, spread)
         result = refocus(sharp, metres, new, settings.aperture)
         picture = result.picture if settings.field is None else _through(settings.field, result.picture)
         progress("refocused")
@@ -130,6 +131,7 @@ def _explorer(sharp: Array, metres: Array, setting: CameraSetting) -> "Scripted"
     lens = {
         "focal_length_mm": setting.focal_length_mm,
         "pitch_um": setting.pitch_um * metres.shape[1] / size[0],
+        "gaussian": spread_of(GAUSSIAN),
         "least": least,
         "most": most,
     }
@@ -154,7 +156,16 @@ def _through(path: Path, picture: Array) -> Array:
             f"the field must have one plane or {len(picture)}; {printable(path)} has {', '.join(field)}",
             "measure the field of these planes",
         )
-    return np.stack([SpaceVariantBlur(planes[n % len(planes)]).blur(one) for n, one in enumerate(picture)])
+    if any(one.shape != picture.shape[1:] for one in planes):
+        rows, columns = picture.shape[1:]
+        raise BadParameter(
+            f"the field must be of frames of {columns} x {rows} pixels; {printable(path)} is of "
+            f"{planes[0].shape[1]} x {planes[0].shape[0]}",
+            "measure the field with the camera of the restored photographs",
+        )
+    blurs = [SpaceVariantBlur(planes[n % len(planes)]) for n in range(len(picture))]
+    inside = np.ones(picture.shape[1:])  # beyond the frame there is no light: the share that is inside counts
+    return np.stack([blur.blur(one) / blur.blur(inside) for blur, one in zip(blurs, picture, strict=True)])
 
 
 def _restored(folder: Path) -> tuple[Array, Array, CameraSetting]:
@@ -165,8 +176,9 @@ def _restored(folder: Path) -> tuple[Array, Array, CameraSetting]:
         raise BadInput(f"{printable(folder)} must be a restoration with distances in metres", METRES)
     try:
         taken = CameraSetting(
-            given["focal_length_mm"], given["f_number"][0], 1000 * given["focus_m"][0], given["pixel_pitch_um"]
-        )
+            given["focal_length_mm"], given["f_number"][0], 1000 * given["focus_m"][0], given["pixel_pitch_um"],
+            spread_of((given.get("shape") or ("pillbox",))[0]),
+        )  # fmt: skip
         data = np.frombuffer((folder / "sharp.tiff").read_bytes(), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
         w = parse_npy((folder / "w.npy").read_bytes(), str(folder / "w.npy"), METRES).astype(np.float64)

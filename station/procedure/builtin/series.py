@@ -18,13 +18,9 @@ from station.results.terms import USUAL, Terms
 class SeriesSettings(PatternSettings, frozen=True, kw_only=True):
     """The settings of each photograph."""
 
-    physics: Annotated[
-        bool | None,
-        setting(
-            "Also explain each PSF by photosites, low-pass filter, diffraction and aberrations, for the wavefront's "
-            "error.  [default: where the pixel pitch is given]"
-        ),
-    ] = None
+    physics: Annotated[bool | None, setting(
+        "Also explain each PSF by photosites, low-pass filter, diffraction and aberrations, for the wavefront's "
+        "error.  [default: where the pixel pitch is given]")] = None  # fmt: skip
 
 
 class Series(Pattern):
@@ -54,11 +50,11 @@ class Series(Pattern):
         from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
 
         points = points_of(rows)
-        best = best_apertures(points)
-        lines = [one.words for one in best]
+        lines = [one.words for one in best_apertures(points)]
+        page = series_page(points, lines).encode()
         if points and not any(one.number == WAVEFRONT_RMS for one in points):
             lines.append("no wavefront error: it needs --pixel-pitch-um, as the Strehl ratio does, and --physics")
-        files = {TABLE: series_table(points), PAGE: series_page(points, best).encode()}
+        files = {TABLE: series_table(points), PAGE: page}
         return BatchSummary(files, lines, several(rows))
 
 

@@ -27,16 +27,9 @@ SCENES = {"flat": "whole", "deep": "auto"}
 class SharpenSettings(PictureSettings, frozen=True, kw_only=True):
     """Knowledge besides the photographs, and decisions that are not left to the program."""
 
-    field: (
-        Annotated[
-            Path,
-            setting(
-                "What `station psf field` wrote of the lens: its folder, or field.h5 in it.  [default: of one "
-                "photograph, the best one of `station profile find`]"
-            ),
-        ]
-        | None
-    ) = None
+    field: Annotated[Path, setting(
+        "What `station psf field` wrote of the lens: its folder, or field.h5 in it.  [default: of one photograph, "
+        "the best one of `station profile find`]")] | None = None  # fmt: skip
     way: Annotated[
         Literal["field", "finer", "defocus", "shaken"] | None, setting("How they are sharpened.  [default: chosen]")
     ] = None
@@ -119,11 +112,9 @@ class Sharpen(Procedure[SharpenSettings]):
         return choose(frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way)
 
     def page(self, measurement: Measurement) -> bytes:
-        """The page of the procedure that was chosen."""
         return procedure_named(measurement.head.procedure).page(measurement)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The reasons of the choice, and the lines of the procedure."""
         reasons = measurement.entries["choice_of_procedure"]["reasons"]
         return [*reasons, *procedure_named(measurement.head.procedure).lines(measurement)]
 

@@ -75,8 +75,9 @@ async function explore(block) {
   const draw = () => {
     waiting = false;
     const fNumber = 2 ** (+aperture.value / 2), inverseFocus = lens.least + focus.value * (lens.most - lens.least);
-    const radius = blurRadius(inverse, lens, fNumber, inverseFocus), widest = radius.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
-    const [kind, blades] = bokeh.value.split(":");
+    const [kind, blades] = bokeh.value.split(":"), spread = kind === "gaussian" ? lens.gaussian : 1;
+    const radius = blurRadius(inverse, lens, fNumber, inverseFocus).map(one => spread * one);
+    const widest = radius.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
     const count = Math.round(Math.min(Math.max(16 * Math.PI * widest * widest, 256), 1024));
     const mean = meanOfViews(linear, radius, height, width, BOKEH[kind](+blades), count), picture = context.createImageData(width, height);
     for (let i = 0; i < size; i++) {
@@ -87,7 +88,7 @@ async function explore(block) {
       picture.data[4 * i + 3] = 255;
     }
     context.putImageData(picture, 0, 0);
-    words.textContent = `f/${fNumber.toPrecision(2)}, focused at ${(1 / inverseFocus).toPrecision(3)} m; widest blur circle ${(2 * widest).toFixed(1)} pixels of this picture`;
+    words.textContent = `f/${fNumber.toPrecision(2)}, focused at ${(1 / inverseFocus).toPrecision(3)} m; widest blur ${(2 * widest).toFixed(1)} pixels of this picture`;
   };
   const later = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
   for (const control of [aperture, focus, bokeh]) control.addEventListener("input", later);

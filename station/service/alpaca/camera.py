@@ -1,7 +1,5 @@
 """The bench's camera as an Alpaca camera: full sensor or a subframe, unbinned, numbers as in the RAW file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,9 +9,17 @@ from drivers.interfaces import Camera, CameraSettings, ExposedFile, FrameFormat
 from procedures.raw import RawFrame, default_plane, read_frame
 from station.bench.opening import frame_format
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
-from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
-from station.service.alpaca.image import Mosaic, SensorImage, first_red, sensor_image
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import (
+    INVALID_VALUE,
+    NOT_IMPLEMENTED,
+    VALUE_NOT_SET,
+    AlpacaError,
+    Mosaic,
+    Parameters,
+    SensorImage,
+    first_red,
+    sensor_image,
+)
 from station.service.bench_state import ServedBench
 
 LONGEST_S = 3600.0
@@ -48,7 +54,6 @@ class BenchCamera(AlpacaDevice):
     # --- members
 
     def readable(self) -> Mapping[str, Member]:
-        """ICameraV4."""
         members: dict[str, Member] = {
             "bayeroffsetx": lambda given: self._red[0],
             "bayeroffsety": lambda given: self._red[1],
@@ -73,7 +78,6 @@ class BenchCamera(AlpacaDevice):
         return {**members, **CONSTANTS, **absent(*NEITHER, *ONLY_READ)}
 
     def writable(self) -> Mapping[str, Member]:
-        """ICameraV4."""
         members: dict[str, Member] = {
             "abortexposure": lambda given: self._abort(),
             "binx": lambda given: only(given, "BinX", 1),
@@ -88,7 +92,6 @@ class BenchCamera(AlpacaDevice):
         return members | absent(*NEITHER, "pulseguide", "stopexposure")
 
     def state(self) -> Mapping[str, Any]:
-        """Camera state, and whether there is an image."""
         return {"CameraState": self._state(), "ImageReady": self._ready}
 
     # --- exposures
@@ -208,29 +211,15 @@ class BenchCamera(AlpacaDevice):
 
 
 CONSTANTS: Mapping[str, Member] = {
-    name: constant(value)
-    for name, value in {
-        "binx": 1,
-        "biny": 1,
-        "canabortexposure": True,
-        "canasymmetricbin": False,
-        "canfastreadout": False,
-        "cangetcoolerpower": False,
-        "canpulseguide": False,
-        "cansetccdtemperature": False,
-        "canstopexposure": False,
-        "exposuremax": LONGEST_S,
-        "exposuremin": 0.0,
-        "exposureresolution": 0.0,
-        "hasshutter": False,
-        "ispulseguiding": False,
-        "maxbinx": 1,
-        "maxbiny": 1,
-        "readoutmode": 0,
-        "readoutmodes": ["RAW"],
-        "sensorname": "",
-    }.items()
-}
+    **dict.fromkeys(("binx", "biny", "maxbinx", "maxbiny"), constant(1)),
+    **dict.fromkeys(("exposuremin", "exposureresolution"), constant(0.0)),
+    **dict.fromkeys(
+        ("canasymmetricbin", "canfastreadout", "cangetcoolerpower", "canpulseguide", "cansetccdtemperature",
+         "canstopexposure", "hasshutter", "ispulseguiding"), constant(False),
+    ),
+    "canabortexposure": constant(True), "exposuremax": constant(LONGEST_S), "readoutmode": constant(0),
+    "readoutmodes": constant(["RAW"]), "sensorname": constant(""),
+}  # fmt: skip
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
 """Members that can be neither read nor written."""
 ONLY_READ = (

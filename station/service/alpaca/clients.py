@@ -1,14 +1,12 @@
 """The clients: which of them are connected to a device, and all that have sent requests, with their rights."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from station.service.alpaca.errors import as_alpaca
+from station.service.alpaca.protocol import as_alpaca
 
 
 class ConnectedClients:

@@ -1,7 +1,5 @@
 """A probe of the bench as an Alpaca device for conditions: temperature, humidity, pressure, and the dew point."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, cast
@@ -9,8 +7,7 @@ from typing import Any, cast
 from drivers.errors import DeviceError
 from drivers.interfaces import Probe
 from station.service.alpaca.device import AlpacaDevice, Member, absent, constant, not_implemented
-from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 MEASURED = ("temperature", "humidity", "pressure")
@@ -35,7 +32,6 @@ class ProbeConditions(AlpacaDevice):
         super().__init__(served, "observingconditions", number, probe, {probe: self._probe})
 
     def readable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {
             **{name: (lambda given, name=name: self._value(name)) for name in MEASURED},  # type: ignore[misc]
             "averageperiod": constant(0.0),
@@ -46,7 +42,6 @@ class ProbeConditions(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IObservingConditionsV2."""
         return {"averageperiod": self._average, "refresh": constant(None)}
 
     def state(self) -> Mapping[str, Any]:

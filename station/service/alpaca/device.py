@@ -1,7 +1,5 @@
 """Common members of all Alpaca devices: names, versions, connections; and dispatch of members by name."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from collections.abc import Callable, Mapping
@@ -12,16 +10,16 @@ from typing import Any
 
 from drivers.interfaces import Device
 from station.service.alpaca.clients import ConnectedClients
-from station.service.alpaca.errors import (
+from station.service.alpaca.protocol import (
     ACTION_NOT_IMPLEMENTED,
     INVALID_OPERATION,
     NOT_CONNECTED,
     NOT_IMPLEMENTED,
     AlpacaError,
     BadRequest,
+    Parameters,
     as_alpaca,
 )
-from station.service.alpaca.parameters import Parameters
 from station.service.bench_state import ServedBench
 
 Member = Callable[[Parameters], Any]
@@ -201,7 +199,6 @@ class Task:
 
     @property
     def running(self) -> bool:
-        """Whether it is in progress."""
         return self._thread is not None and self._thread.is_alive()
 
     def check(self) -> None:

@@ -1,7 +1,5 @@
 """Alpaca's discovery protocol: a datagram asks for servers, the answer is the server's port (version 1)."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading
@@ -31,7 +29,6 @@ class Discovery:
 
     @property
     def port(self) -> int:
-        """The port it listens on."""
         number: int = self._socket.getsockname()[1]
         return number
 

@@ -1,15 +1,12 @@
 """An axis of a stage as an Alpaca focuser: positions are whole micrometres from the low end of its travel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, cast
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Stage, Travel
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
-from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 STEP_UM = 1.0
@@ -28,7 +25,6 @@ class AxisFocuser(AlpacaDevice):
         super().__init__(served, "focuser", number, f"{stage} {axis}", {stage: self._stage})
 
     def readable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
         return {
             "absolute": constant(True),
             "ismoving": lambda given: self._is_moving(),
@@ -42,12 +38,7 @@ class AxisFocuser(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """IFocuserV4."""
-        return {
-            "halt": lambda given: self._halt(),
-            "move": self._move,
-            **absent("tempcomp"),
-        }
+        return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:
         """Position, if known, and whether it moves."""

@@ -1,7 +1,5 @@
 """Lamp, release contact, laser and distance of the bench as one Alpaca switch device."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -9,8 +7,7 @@ from typing import Any, cast
 from drivers.interfaces import Device, Light, Rangefinder, Shutter
 from station.bench.opening import Bench
 from station.service.alpaca.device import AlpacaDevice, Member, constant, not_implemented
-from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, NOT_IMPLEMENTED, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 PULSE_S = 0.1
@@ -43,7 +40,6 @@ class BenchSwitch(AlpacaDevice):
         super().__init__(served, "switch", number, "lamp, shutter and laser", devices)
 
     def readable(self) -> Mapping[str, Member]:
-        """ISwitchV3."""
         return {
             "maxswitch": constant(len(self._lines)),
             "canasync": self._of(lambda line: False),
@@ -59,7 +55,6 @@ class BenchSwitch(AlpacaDevice):
         }
 
     def writable(self) -> Mapping[str, Member]:
-        """ISwitchV3."""
         return {
             "setswitch": lambda given: self._set(self._line(given), given.flag("State") * self._line(given).highest),
             "setswitchvalue": lambda given: self._set(self._line(given), given.number("Value")),

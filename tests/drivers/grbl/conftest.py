@@ -2,7 +2,6 @@ import pytest
 
 from drivers.grbl import GrblStage
 from drivers.protocols.grbl import GrblParser
-from drivers.transport import SerialTransport
 
 from .axes import AXES
 
@@ -13,17 +12,8 @@ def twin(bench):
 
 
 @pytest.fixture
-def make(bench):
-    made = []
-
-    def make(axes=AXES, **options):
-        wire = SerialTransport(bench.address("stage"), GrblParser, clock=bench.clock)
-        made.append(GrblStage(wire, axes, clock=bench.clock, **options))
-        return made[-1]
-
-    yield make
-    for stage in made:
-        stage.close()
+def make(wired):
+    return lambda axes=AXES, **options: wired(GrblStage, GrblParser, "stage", axes, **options)
 
 
 @pytest.fixture

@@ -2,12 +2,7 @@
 
 import pytest
 
-from drivers.errors import (
-    BadConfiguration,
-    DeviceError,
-    NoAnswer,
-    Rejected,
-)
+from drivers.errors import BadConfiguration, DeviceError, NoAnswer, Rejected
 from drivers.grbl import GrblStage
 from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.transport import SerialTransport

@@ -2,12 +2,7 @@
 
 import pytest
 
-from drivers.errors import (
-    Alarm,
-    BadConfiguration,
-    OutsideTravel,
-    Rejected,
-)
+from drivers.errors import Alarm, BadConfiguration, OutsideTravel, Rejected
 from drivers.interfaces import Travel
 from drivers.light import GrblLight
 from drivers.protocols.grbl import Controls, GrblAxis

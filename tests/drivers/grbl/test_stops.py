@@ -2,15 +2,7 @@
 
 import pytest
 
-from drivers.errors import (
-    Alarm,
-    EmergencyStopped,
-    Held,
-    MoveFailed,
-    NoAnswer,
-    NotHomed,
-    WasReset,
-)
+from drivers.errors import Alarm, EmergencyStopped, Held, MoveFailed, NoAnswer, NotHomed, WasReset
 from drivers.protocols.grbl import GrblAxis
 
 

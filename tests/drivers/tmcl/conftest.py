@@ -2,7 +2,6 @@ import pytest
 
 from drivers.tmcl.link import TmclParser
 from drivers.tmcl.stage import TmclStage
-from drivers.transport import SerialTransport
 from simulators.devices.serial_device import Cable, plug
 from simulators.devices.tmcl import TmclModule
 from simulators.world.motion import Axis
@@ -20,17 +19,8 @@ def module(bench):
 
 
 @pytest.fixture
-def make(bench, module):
-    made = []
-
-    def make(axes=AXES, **parameter):
-        wire = SerialTransport(bench.address("stage"), TmclParser, baud=9600, clock=bench.clock)
-        made.append(TmclStage(wire, axes, clock=bench.clock, **parameter))
-        return made[-1]
-
-    yield make
-    for stage in made:
-        stage.close()
+def make(wired, module):
+    return lambda axes=AXES, **more: wired(TmclStage, TmclParser, "stage", axes, line={"baud": 9600}, **more)
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 """Photographs through a lens outside the method's model: every point's light is spread by transfer functions of the
 pupil, on a grid over the frame, and sampled by the sensor; shares no code with the correction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The transfer function at a position is a tilted Gaussian with some coma (an odd 
 blur is applied point by point over a fine grid of positions, by its own transforms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

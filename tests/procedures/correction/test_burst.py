@@ -1,7 +1,5 @@
 """Several photographs of one scene: registration, rejection, and a picture finer than the sensor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

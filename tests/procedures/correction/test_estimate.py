@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,8 @@ from procedures.outcome import Verdict
 
 from .lens_photographs import RGGB, Sensor
 from .small_lens import RIM, SmallLens, bayer, grey, scene
+
+pytestmark = pytest.mark.slow
 
 SHAPE = (150, 200)
 PHASES = {
@@ -39,7 +39,6 @@ def photograph(lens):
     return grey(lens, scene(with_rim(SHAPE)), Sensor(white_e=60000.0))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("prior", ["total-variation", "second-order"])
 def test_a_grey_photograph_is_improved_up_to_its_edges(photograph, field, prior):
     outcome = correct(photograph.frame, {"Y": field}, parameters=CorrectionParameters(Prior(prior)))
@@ -78,7 +77,6 @@ def shift_of(lens):
     return at
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_grey_scene_stays_grey_for_every_mosaic(lenses, fields, phase):
     light = np.repeat(scene(with_rim((160, 208))), 3, axis=0)
@@ -90,7 +88,6 @@ def test_a_grey_scene_stays_grey_for_every_mosaic(lenses, fields, phase):
     assert 255 * np.std(picture[0] - picture[2]) < 2
 
 
-@pytest.mark.slow
 def test_colours_are_reproduced(lenses, fields):
     light = scene(with_rim((160, 208)), channels=3)
     photograph = bayer(lenses, light, Sensor(white_e=60000.0))

@@ -1,7 +1,5 @@
 """Error of a picture due to the field: linear propagation compared with corrections through erroneous fields."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Blur of a photograph on its sensor's grid, compared with the transfer functions of the field's complete PSFs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

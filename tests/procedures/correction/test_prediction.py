@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,8 @@ from procedures.correction.priors import Prior
 from procedures.raw import Plane
 
 from .small_lens import SmallLens
+
+SLOW_FIXTURES = {"predictions"}
 
 SHAPE = (80, 100)
 
@@ -33,7 +33,6 @@ def test_a_smoothed_picture_is_doubtful():
     assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps), 1).fails
 
 
-@pytest.mark.slow
 def test_mtf50_before_is_that_of_the_lens(predictions):
     # at the centre: a Gaussian of 0.7 pixels times an aperture of 0.7 pixels
     f = np.linspace(0, 0.5, 2001)
@@ -43,7 +42,6 @@ def test_mtf50_before_is_that_of_the_lens(predictions):
     assert predictions[3e-4].before[0, 0] < middle
 
 
-@pytest.mark.slow
 def test_a_weaker_prior_gains_more_and_costs_more(predictions):
     weak, usual, strong = (predictions[tau] for tau in (1e-5, 3e-4, 1.0))
     assert (weak.noise_gain > usual.noise_gain).all()
@@ -53,7 +51,6 @@ def test_a_weaker_prior_gains_more_and_costs_more(predictions):
     assert (usual.gain > 1).all()
 
 
-@pytest.mark.slow
 def test_without_noise_suppression_the_gain_is_that_of_the_inverse(predictions):
     # tau 1e-5 over 0.03 is small compared with |H|^2 > 0.003 except in the corners of the frequency square
     lens, n = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0), 128

@@ -1,7 +1,5 @@
 """PSF and printed edges of the same simulated frame: they agree, and are silent where there are none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -49,12 +47,10 @@ def checks() -> list[EdgeCheck]:
     return [check for seed in range(3) for check in check_edges(*photograph(EDGED, seed))]
 
 
-@pytest.mark.slow
 def test_both_edges_of_every_frame_are_compared(checks: list[EdgeCheck]) -> None:
     assert [check.edge.orientation for check in checks] == ["near-vertical", "near-horizontal"] * 3
 
 
-@pytest.mark.slow
 def test_psf_and_edge_agree_with_each_other_and_with_the_truth(checks: list[EdgeCheck]) -> None:
     # one edge is known to 0.7 %: of six the mean to 0.3 %; 3.5 standard errors leave one in two thousand
     assert abs(np.mean([check.difference for check in checks])) < 0.01

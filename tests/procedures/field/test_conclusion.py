@@ -20,6 +20,8 @@ from station.procedure.schema import procedure_named
 from station.reports.field.field_files import FieldParts, field_measurement
 from station.results.record_head import RecordHead
 
+SLOW_FIXTURES = {"bracket"}
+
 S, K, SHAPE = 4, 13, (300, 450)
 COVARIANCE = 1e-7 * np.eye(K * K)
 POSITIONS_MM = {"near.dng": -0.5, "middle.dng": 0.0, "far.dng": 0.5}
@@ -58,7 +60,6 @@ def bracket():
     return conclude(measured(np.random.default_rng(1)), POSITIONS_MM)
 
 
-@pytest.mark.slow
 def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position(bracket):
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
@@ -68,7 +69,6 @@ def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position(bracket
     np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
 
 
-@pytest.mark.slow
 def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
     results = [centre_result(name, outcome) for name, outcome in bracket.planes.items()]
     measurement = field_measurement(FieldParts(bracket), results, RecordHead("field"))

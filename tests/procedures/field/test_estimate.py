@@ -16,7 +16,7 @@ from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene, Shape
 
-SLOW_FIXTURES = {"shot"}
+SLOW_FIXTURES = {"shot", "six"}
 CHART = Chart.from_seed()
 MIDDLE = np.full((1, 2), CELLS / 2)
 PARAMETERS = PatternParameters(4, 13)
@@ -40,7 +40,6 @@ def frame_nodes(shot):
     return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
 
 
-@pytest.mark.slow
 def test_nodes_lie_at_the_charts_in_each_plane(shot, frame_nodes):
     for plane, nodes in frame_nodes.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
@@ -49,7 +48,6 @@ def test_nodes_lie_at_the_charts_in_each_plane(shot, frame_nodes):
             assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(node.position_covariance)) + 1e-3)
 
 
-@pytest.mark.slow
 def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes):
     # one half diagonal is 338 sensor pixels: at 205 of them from the axis red is 0.07 * 0.02 * 205 = 0.29 farther out
     for number, (red, green) in enumerate(zip(frame_nodes.nodes["R"], frame_nodes.nodes["G1"], strict=True)):
@@ -60,7 +58,6 @@ def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes
         np.testing.assert_allclose(shift, expected, atol=4 * error + 2e-3)
 
 
-@pytest.mark.slow
 def test_a_failed_chart_is_named_with_its_place(frame_nodes):
     assert {miss.plane for miss in frame_nodes.misses} <= {"R", "G1", "G2", "B"}
     assert all("hidden" in miss.reason and miss.source == "three.dng" for miss in frame_nodes.misses)
@@ -88,7 +85,6 @@ def six():
     return RawFrame(Path("six.pgm"), "", {"Y": plane}, None), photograph.truths[0].optics
 
 
-@pytest.mark.slow
 def test_a_field_gives_the_cameras_mtf50_between_the_charts(six):
     frame, optics = six
     psf = estimate_field([frame], CHART, PARAMETERS)["Y"].result().at(100.0, 140.0)
@@ -105,7 +101,6 @@ def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
     assert "6 places of the frame or more; plane G1 has 2" in outcomes["G1"].reason
 
 
-@pytest.mark.slow
 def test_photographs_of_a_field_are_of_one_size(six, monkeypatch):
     sizes = iter([(280, 310), (280, 312)])
     monkeypatch.setattr(estimate, "measure_frame", lambda *_: FrameNodes({"Y": []}, {"Y": next(sizes)}, []))

@@ -13,6 +13,8 @@ from procedures.psf_field import Node, in_half_diagonals
 
 from .lens import LENS, NEAR, SHAPE, FieldCamera, K, S, grid, nodes
 
+SLOW_FIXTURES = {"bracket"}
+
 POSITIONS = np.linspace(-0.24, 0.24, 5)  # micrometres of defocus
 TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)), period_px=NEAR)
 
@@ -57,7 +59,6 @@ def test_best_focus_is_within_its_band_over_the_field(covariance):
     assert np.mean(inside) >= 0.9
 
 
-@pytest.mark.slow
 def test_tilt_and_curvature_are_those_of_the_lens(surface):
     # W = tilt . q + curvature |q - a|^2, compensated by the added defocus; 4 sigma, and 3 % because coma and
     # astigmatism perturb the quadratic
@@ -71,12 +72,10 @@ def test_tilt_and_curvature_are_those_of_the_lens(surface):
     assert bend.uncertainty < 0.01
 
 
-@pytest.mark.slow
 def test_the_sharpest_position_of_a_bracket_is_the_middle_one(bracket):
     assert sharpest(bracket) == pytest.approx(0.0)
 
 
-@pytest.mark.slow
 def test_two_positions_are_refused(bracket):
     two = {z: bracket[z] for z in list(bracket)[:2]}
     with pytest.raises(Refused, match="3 focus positions or more; there are 2"):

@@ -8,6 +8,8 @@ from procedures.field.maps import DIRECTIONS, over_height
 
 from .lens import SHAPE
 
+pytestmark = pytest.mark.slow
+
 F = 0.2
 
 
@@ -26,7 +28,6 @@ def true_mtf(camera, height, directions):
     return np.array(values)
 
 
-@pytest.mark.slow
 def test_the_lens_is_in_the_95_percent_band_at_every_height(camera, curve):
     turns = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
     off = []
@@ -41,7 +42,6 @@ def test_the_lens_is_in_the_95_percent_band_at_every_height(camera, curve):
     assert np.abs(off).max() < 1.96
 
 
-@pytest.mark.slow
 def test_heights_end_where_the_nodes_end(curve):
     assert curve.heights[0] == 0
     # the outermost nodes are twelve hundredths from the frame's rim
@@ -50,7 +50,6 @@ def test_heights_end_where_the_nodes_end(curve):
     assert 0 < curve.directions[-1] < DIRECTIONS
 
 
-@pytest.mark.slow
 def test_nodes_on_one_side_give_no_heights_at_the_centre(measured):
     beside = [node for node in measured if node.position[0] > SHAPE[1] / 2 + 10]
     curves = over_height(interpolate("G1", SHAPE, beside).field, (F,))

@@ -37,7 +37,6 @@ def on_grid(camera, covariance, seed):
     return nodes(camera, grid(), covariance, np.random.default_rng(seed))
 
 
-@pytest.mark.slow
 def test_the_psf_between_the_nodes_is_as_good_as_at_them(camera, measured, interpolated, places):
     # the bound is 1.5; smoothing over 25 nodes leaves less than the error of one
     at_nodes = norms([node.psf for node in measured], camera, grid())
@@ -60,7 +59,6 @@ def test_nine_charts_determine_the_lens_between_them(camera, covariance):
     assert np.max(between) < 1.2 * np.mean(norms([node.psf for node in nine], camera, at))
 
 
-@pytest.mark.slow
 def test_the_predicted_error_is_the_actual_one(camera, interpolated, places):
     noise, lack = interpolated.field.error(places)
     true = [Psf.of(camera.parameters(*p), np.zeros_like(interpolated.field.lack_rest), K, S) for p in places]
@@ -72,7 +70,6 @@ def test_the_predicted_error_is_the_actual_one(camera, interpolated, places):
     assert 0.45 < np.mean(actual) / np.mean(np.hypot(noise, lack)) < 1.1
 
 
-@pytest.mark.slow
 def test_the_noise_of_a_place_is_that_of_repeated_measurements(camera, covariance, interpolated):
     # with the model kept, 40 draws give a variance to sqrt(2 / 40) = 22 % (one sigma); the trace averages many
     # directions, so that 10 % is beyond three
@@ -99,7 +96,6 @@ def root_of(covariance):
     return vectors * np.sqrt(np.maximum(values, 0))
 
 
-@pytest.mark.slow
 def test_the_error_of_the_tails_priors_does_not_average_out(interpolated):
     # cos 4 and sin 4 are known by their priors alone: a share of 0.3 of the mean tail, at every node the same
     base = interpolated.field.nodes[0].psf
@@ -115,7 +111,6 @@ def test_the_error_of_the_tails_priors_does_not_average_out(interpolated):
     assert noise[0, 0] < 0.5 * 1e-6
 
 
-@pytest.mark.slow
 def test_every_psf_has_sum_1(interpolated, places):
     # the noise drawn for the nodes adds to 1e-7
     np.testing.assert_allclose(interpolated.field.samples(places).sum(axis=(1, 2)), 1, atol=1e-6)
@@ -131,7 +126,6 @@ def test_the_axis_of_a_decentred_lens_is_within_its_uncertainty(camera, covarian
     assert np.abs(off).max() < 3.5
 
 
-@pytest.mark.slow
 def test_a_symmetric_lens_is_recognised_and_so_is_one_that_is_not(camera, covariance, interpolated):
     assert interpolated.recipe.kind == "symmetric lens"
     # flares across the radius instead of along it: no symmetric lens has them
@@ -185,14 +179,12 @@ def test_too_few_nodes_and_nodes_on_a_line_are_refused(camera, covariance, chose
         interpolate("G1", SHAPE, few)
 
 
-@pytest.mark.slow
 def test_a_recipe_builds_the_same_field_again(interpolated, places):
     again = rebuild("G1", SHAPE, interpolated.field.nodes, interpolated.recipe, len(interpolated.field.components))
     np.testing.assert_allclose(again.samples(places), interpolated.field.samples(places), atol=1e-12)
     np.testing.assert_allclose(again.at(300, 200).covariance, interpolated.field.at(300, 200).covariance, atol=1e-14)
 
 
-@pytest.mark.slow
 def test_repeated_measurements_are_excluded_together(camera, covariance, interpolated):
     # otherwise each is predicted by its repetition, and a model that interpolates the nodes wins
     rng = np.random.default_rng(2)

@@ -11,6 +11,8 @@ from .conftest import SEED
 from .lens import NEAR, SHAPE, FieldCamera, K, S, nodes
 from .lens import grid as node_grid
 
+SLOW_FIXTURES = {"maps"}
+
 COLUMNS = 11
 
 
@@ -19,7 +21,6 @@ def maps(measured):
     return derive(interpolate("G1", SHAPE, measured).field, COLUMNS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(MAPS)))
 def test_the_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
     one = maps[number]
@@ -34,7 +35,6 @@ def test_the_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number
     assert np.sqrt(np.mean(np.square(off))) > 0.4
 
 
-@pytest.mark.slow
 def test_maps_reach_the_frames_corners_with_larger_uncertainty(camera, maps):
     off = []
     for one, number in zip(maps, range(len(MAPS)), strict=False):

@@ -1,7 +1,5 @@
 """Simulated views of a chart through a known lens: points projected by OpenCV's formulas, with known noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

@@ -1,7 +1,5 @@
 """Initial estimate of camera and poses, compared with the truth of simulated views."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

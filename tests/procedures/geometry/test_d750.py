@@ -1,7 +1,5 @@
 """mrcal's published solution of a Nikon D750: 186 views of a board of 10 x 10 corners, recovered from the corners."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import io

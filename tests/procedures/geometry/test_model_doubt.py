@@ -1,7 +1,5 @@
 """Doubt about the camera model, with lenses that have terms which the model does not have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Turns of the chart in the guided geometry: in steps robust to distortion, by hand or by the bench."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,10 +8,10 @@ import numpy as np
 import pytest
 
 from procedures.geometry import plan as geometry_plan
-from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
+from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, place_of, pose_facts
 from procedures.geometry.next_view import NextView
 from procedures.geometry.plan import STEP_DEG, turn_chart
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.pattern_psf.pose import ChartPose
 from procedures.plan import Advice, Reading, facts_as
 
@@ -63,12 +61,8 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
     assert (advice.good, advice.say, advice.marks) == (True, "View 4 counts.", ((1.0, 2.0),))
     assert facts_as(GeometryFacts, advice.facts).poses == (ViewPose(4, seen["pose"]),)
     assert [reading.name for reading in advice.readings] == [
-        "off its place",
-        "yaw off",
-        "pitch off",
-        "white",
-        "clipped",
-    ]
+        "off its place", "yaw off", "pitch off", "white", "clipped",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -81,9 +75,9 @@ def test_a_view_in_its_pose_counts_and_its_pose_is_kept(seen):
         ({"clipped": Reading("clipped", 5.0, "%")}, "White is clipped in this pose", {}),
         ({"yaw_deg": -27.9}, "Turn the chart about its upright axis by 7°, its left edge nearer", None),
         ({"yaw_deg": -42.1}, "Turn the chart about its upright axis by 7°, its right edge nearer", None),
-        ({"pitch_deg": 7.1}, "Turn the chart its lower edge nearer, by 7°", None),
-        ({"pitch_deg": -7.1}, "Turn the chart its upper edge nearer, by 7°", None),
-        (WRONG, "its left edge nearer and its lower edge nearer, by 7°", None),
+        ({"pitch_deg": 7.1}, "Turn the chart about its level axis by 7°, its lower edge nearer", None),
+        ({"pitch_deg": -7.1}, "Turn the chart about its level axis by 7°, its upper edge nearer", None),
+        (WRONG, "its left edge nearer; then about its level axis by 7°, its lower", None),
         ({"off": 0.3, "pitch_deg": 7.1}, "its lower edge nearer", None),  # turned first: a turn moves it
     ],
 )
@@ -133,6 +127,21 @@ def test_a_pose_is_a_rotation_and_the_place_of_the_chart():
 def test_the_camera_of_the_data_sheet_has_its_centre_in_the_middle():
     camera = geometry_plan.nominal_camera((20, 30), 50.0)
     np.testing.assert_allclose(camera.project(np.array([[0.0, 0, 1], [0.1, 0.2, 1]])), [[14.5, 9.5], [19.5, 19.5]])
+
+
+def test_views_are_planned_for_the_place_that_matters_most():
+    poses = tuple(
+        ChartPose((0.0, 0.0, 1000.0), yaw, pitch, 0.0) for yaw, pitch in ((0.0, 0.0), (25.0, 0.0), (0.0, -25.0))
+    )
+    lens = (poses, (600, 900), 1000.0, 1000.0, 300 / 320, (0.2, 0.25))
+    corner = geometry_plan._planned(*lens, (0.9, 0.1))
+    frame = geometry_plan._planned(*lens)
+    assert corner.after < corner.before
+    assert corner.before > frame.before  # a corner is known less than the mean of the frame
+    assert facts_as(GeometryFacts, {"aim": "90,10"}).aimed_at == (0.9, 0.1)
+    assert facts_as(GeometryFacts, {}).aimed_at is None
+    with pytest.raises(BadParameter, match="two shares in per cent"):
+        place_of("900,600")
 
 
 def test_refused_views_are_named_with_their_reasons(monkeypatch):

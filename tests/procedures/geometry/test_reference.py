@@ -1,7 +1,5 @@
 """Places in a photograph and on its chart, and the reference camera with its formulas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

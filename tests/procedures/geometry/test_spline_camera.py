@@ -1,7 +1,5 @@
 """Spline cameras: derivatives, polynomials, and a lens with waves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,11 +7,8 @@ from procedures.geometry.cameras import CameraModel, parameter_names
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.outcome import BadParameter
 
-from .simulated_views import TrueCamera
-
 BASE = CameraModel("OPENCV", np.array([900.0, 910, 322, 238, -0.1, 0.02, 1e-3, -5e-4]), 640, 480)
 PLAIN = SplineCamera.over(BASE, "OPENCV+SPLINE_7X5")
-WAVY = TrueCamera(wave_px=0.3)
 
 
 @pytest.fixture

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -7,7 +5,8 @@ from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import MODELS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.stereographic import EQUIDISTANT
 from procedures.geometry.views import ChartView, chart_nodes
-from station.calibration.exports.geometry import StoredCamera, export_camera
+from station.calibration.exports.geometry import export_camera
+from station.calibration.stored_cameras import StoredCamera
 from tests.benchmarks.fisheye_views import CELL_MM, polynomial, poses
 
 CAMERA = CameraModel(

@@ -54,8 +54,7 @@ class Residuals:
 
 
 ROSENBROCK = Residuals(
-    lambda p: np.array([10 * (p[1] - p[0] ** 2), 1 - p[0]]),
-    lambda p: np.array([[20 * p[0], -10.0], [1.0, 0.0]]),
+    lambda p: np.array([10 * (p[1] - p[0] ** 2), 1 - p[0]]), lambda p: np.array([[20 * p[0], -10.0], [1.0, 0.0]])
 )
 
 
@@ -148,8 +147,7 @@ def test_steps_to_where_there_is_no_residual_are_shortened():
 def test_the_minimum_at_a_kink_is_one():
     # |x| + 1 where it falls steeply on one side and slowly on the other: the slope never vanishes
     kinked = Residuals(
-        lambda p: np.array([1 + np.where(p[0] > 0, p[0], -3 * p[0])]),
-        lambda p: np.array([[-1.0 if p[0] > 0 else 3.0]]),
+        lambda p: np.array([1 + np.where(p[0] > 0, p[0], -3 * p[0])]), lambda p: np.array([[-1.0 if p[0] > 0 else 3.0]])
     )
     found = minimise(kinked, np.array([2.0]), tolerance=1e-9)
     assert found.converged

@@ -8,8 +8,9 @@ from procedures.pattern_print.source import Source
 
 from .filling import winding
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None:
     area = 0.0
     for loop in outline(source.chart):
@@ -20,7 +21,6 @@ def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None
     assert area == black_cells + len(BLACK_BLOCKS) * BLOCK**2 + len(X_CORNER_BLOCKS) * BLOCK**2 / 2
 
 
-@pytest.mark.slow
 def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> None:
     seen = set()
     for loop in outline(source.chart):
@@ -34,7 +34,6 @@ def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> Non
                 seen.add(edge)
 
 
-@pytest.mark.slow
 def test_non_zero_and_even_odd_rule_fill_the_chart_alike(source: Source) -> None:
     per_cell = 2
     image = bitmap(source.chart, per_cell)

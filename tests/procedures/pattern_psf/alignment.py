@@ -1,7 +1,5 @@
 """The error of a PSF that a shift does not explain."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.optimize
 

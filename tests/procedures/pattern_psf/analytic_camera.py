@@ -4,8 +4,6 @@ Shares nothing with the simulators or the estimator but the chart: the scene is 
 by the OTF in the Fourier domain, and read at the pixels' centres. Nothing is convolved with a PSF that was cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache

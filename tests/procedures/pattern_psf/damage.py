@@ -3,8 +3,6 @@
 Photographs are from black 0 to white 1; a damaged copy keeps its photograph's scale and is clipped to it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import cv2

@@ -1,7 +1,5 @@
 """Advice of the checks corrects the actual deviation, compared with the simulator's truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

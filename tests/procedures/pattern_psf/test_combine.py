@@ -1,7 +1,5 @@
 """Several shots: the mean of least variance, its covariance, and shots that do not belong together."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -7,6 +5,8 @@ from procedures.pattern_psf.correspondences import BINS, bin_centres, informed, 
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 
 from .conftest import CHART, photograph
+
+SLOW_FIXTURES = {"bench"}
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,6 @@ def seen(bench, seed):
     return found.value.correspondences
 
 
-@pytest.mark.slow
 def test_bins_are_seen_where_they_are_with_the_scatter_that_is_stated(bench):
     pulls = []
     for seed in range(2):
@@ -36,7 +35,6 @@ def test_bins_are_seen_where_they_are_with_the_scatter_that_is_stated(bench):
     np.testing.assert_allclose(spread, 1, atol=0.08)
 
 
-@pytest.mark.slow
 def test_bins_err_independently(bench):
     one = seen(bench, 5)
     left = one.points - bench.photograph.true_points("Y", one.cells)

@@ -1,7 +1,5 @@
 """Slopes over a session: against another implementation, their uncertainty, and a rail that expands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """A sensor calibrated by itself: its bent response is undone and not fitted, its noise weighs the samples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

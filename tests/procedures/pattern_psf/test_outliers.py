@@ -1,7 +1,5 @@
 """Classification of outliers as defective pixels or covered places."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.pattern_psf.observation import Observation

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 
-SLOW_FIXTURES = {"found"}
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +20,6 @@ def together(found: PatternPsf) -> np.ndarray:
     return np.block([[found.psf.parameter_covariance, shared], [shared.T, found.centre_covariance]])
 
 
-@pytest.mark.slow
 def test_a_bin_at_the_chart_s_centre_would_share_what_the_centre_does(found):
     middle = found.registration.to_sensor(np.full((1, 2), CELLS / 2))
     (there,) = found.shared.of_points(found.registration, middle)
@@ -30,7 +27,6 @@ def test_a_bin_at_the_chart_s_centre_would_share_what_the_centre_does(found):
     np.testing.assert_allclose(there, whole[-2:], atol=1e-9 * np.abs(whole[-2:]).max())
 
 
-@pytest.mark.slow
 def test_psf_and_centre_have_one_covariance(found):
     whole = together(found)
     spread = np.sqrt(np.diag(whole))

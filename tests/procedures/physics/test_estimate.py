@@ -38,13 +38,9 @@ from simulators.world.scene import Scene
 S, K = 4, 17
 PITCH_UM, F_NUMBER = 5.0, 5.6
 WAVEFRONT = Wavefront(
-    defocus_um=0.05,
-    astigmatism_um=0.03,
-    oblique_astigmatism_um=0.02,
-    coma_y_um=-0.02,
-    coma_x_um=0.04,
+    defocus_um=0.05, astigmatism_um=0.03, oblique_astigmatism_um=0.02, coma_y_um=-0.02, coma_x_um=0.04,
     spherical_um=0.03,
-)
+)  # fmt: skip
 
 
 def camera(*sensor: PixelAperture | FourSpots | LShapedAperture | GaussianBlur, wavefront: Wavefront) -> Optics:

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -83,6 +81,7 @@ def test_openexr_of_another_layout_is_refused(rendered, name, says):
         ({"image": np.full((24, 21, 3), np.nan)}, "504 of 504 pixels are NaN"),
         ({"hist": np.full((24, 21, 3, 20), np.nan)}, "negative or NaN votes"),
         ({"hist": np.full((24, 21, 3, 20), -1.0)}, "negative or NaN votes"),
+        ({"variance": np.full((24, 21, 3), -1.0)}, "variance that is negative"),
         ({"image": np.zeros((24, 21, 3), complex)}, "`image` must be real numbers"),
         ({"variance": np.zeros((2, 2, 3))}, r"`variance` must be an array \(24, 21, 3\)"),
         (

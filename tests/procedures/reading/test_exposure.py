@@ -13,16 +13,9 @@ MOSAIC = np.full((40, 60), 1000, np.uint16)
 def test_exposure_of_a_dng_comes_from_libraw_then_exif(write_dng):
     exposure = read_frame(write_dng(MOSAIC)).exposure
     assert exposure == Exposure(
-        camera="Bench One",
-        lens="Bench 50mm",
-        exposure_s=0.02,
-        f_number=5.6,
-        iso=200,
-        focal_length_mm=50,
-        subject_distance_mm=2350,
-        captured_at="2026-02-03T04:05:06",
-        sources=exposure.sources,
-    )
+        camera="Bench One", lens="Bench 50mm", exposure_s=0.02, f_number=5.6, iso=200, focal_length_mm=50,
+        subject_distance_mm=2350, captured_at="2026-02-03T04:05:06", sources=exposure.sources,
+    )  # fmt: skip
     assert exposure.sources is not None
     assert {name for name, source in exposure.sources.items() if source == "EXIF"} == {"camera", "subject_distance_mm"}
 

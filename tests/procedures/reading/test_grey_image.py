@@ -12,7 +12,6 @@ from procedures.raw import read_frame
 from procedures.reading.grey_image import read_pgm
 
 LEVELS = (np.arange(12 * 20).reshape(12, 20) * 17).astype(np.uint16)
-FLAT = np.zeros((4, 4), np.uint8)
 
 
 def grey(path):

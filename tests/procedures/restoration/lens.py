@@ -1,7 +1,5 @@
 """Ray-traced lens: vignetted towards the corners and comatic, measured at one defocus, photographed at others."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A wall under two vibrations: flat in its left part, approaching in its right part."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import gaussian_filter
 

@@ -1,7 +1,5 @@
 """Comparison of a restoration with a sharp photograph, for scenes of known truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Masks from the specification of the blur."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

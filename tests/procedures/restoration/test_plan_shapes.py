@@ -1,7 +1,5 @@
 """The plan of a restoration with measured shapes: refusals when they are named, and the blur."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A picture refocused: convolution where the scene is flat, nothing over what is nearer, sharp in focus."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

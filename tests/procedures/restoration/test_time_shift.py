@@ -1,7 +1,5 @@
 """A motion record whose times are late is put right by the photographs, within what is known of the clocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +19,7 @@ from procedures.restoration.photograph_blur import BlurSpec, blur_of
 OPEN_S, FOCAL_PX, ROWS, COLUMNS, NOISE = 0.13, 700.0, 96, 128, 0.003
 NEAR, FAR = 1 / 1.2, 1 / 2.2
 """Inverse distances of the left and the right half of the scene, 1/m."""
-WAVES = (
-    ((0.9e-2, 5.0, 0.3), (0.5e-2, 11.0, 1.0)),
-    ((0.6e-2, 7.0, 2.0), (0.7e-2, 4.0, 0.5)),
-)
+WAVES = (((0.9e-2, 5.0, 0.3), (0.5e-2, 11.0, 1.0)), ((0.6e-2, 7.0, 2.0), (0.7e-2, 4.0, 0.5)))
 """Amplitude in metres, frequency and phase of x and y during each photograph, which is no whole number of rounds."""
 
 

@@ -4,8 +4,6 @@ Light from behind the near object passes its edge, as in a real camera. The rest
 are not used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

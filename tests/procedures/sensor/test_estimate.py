@@ -15,14 +15,9 @@ from procedures.sensor.uniformity import spatial_variances
 from .known_sensor import SHARES, KnownSensor
 
 SENSOR = KnownSensor(
-    rows=160,
-    columns=200,
-    row_wave=(0.8, 0.0731),
-    column_wave=(0.6, 0.2113),
-    outliers=200,
-    bend=0.01,
+    rows=160, columns=200, row_wave=(0.8, 0.0731), column_wave=(0.6, 0.2113), outliers=200, bend=0.01,
     dark_current_e_s=200.0,
-)
+)  # fmt: skip
 
 
 FEWER = np.linspace(0.03, 1.2, 24)

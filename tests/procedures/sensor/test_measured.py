@@ -1,12 +1,18 @@
 """Coverage of the intervals, in draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from procedures.sensor.defects import from_draws, root, with_share
+from procedures.sensor.estimate import ladder_checks
 from procedures.sensor.spectrograms import find_periods
 from procedures.sensor.stacks import bottom_pile, measure_level, measure_stack
 from procedures.sensor.uniformity import spatial_variances
+
+from .known_sensor import KnownSensor
 
 
 def test_the_variance_of_a_level_is_realistic(rng):
@@ -115,3 +121,19 @@ def test_no_interval_of_a_positive_quantity_reaches_below_zero(spread):
     number, signed = (from_draws(draws, "e-", "", 1, signed=one) for one in (False, True))
     assert 0 < number.low < number.value < number.high
     assert signed.low == pytest.approx(1 - 1.96 * spread)
+
+
+@pytest.mark.parametrize(("amount", "failed"), [(0.0, set()), (0.1, {"sharpening"}), (-0.15, {"smoothing"})])
+def test_a_camera_that_sharpens_or_smooths_is_found_by_the_noise_of_neighbouring_pixels(
+    amount: float, failed: set[str]
+):
+    sensor = KnownSensor()
+    recording = sensor.record(3, stack=0)
+    lights = []
+    for level in recording.lights:
+        rng = np.random.default_rng(len(lights))
+        pair = [sensor.picture(level.light, 0.01, rng).astype(float) for _ in range(2)]
+        pair = [np.rint(one + amount * (one - gaussian_filter(one, 1.0))) for one in pair]
+        lights.append(measure_level(pair, 0.01, level.light))
+    found = {one.name for one in ladder_checks(replace(recording, lights=tuple(lights))) if one.fails}
+    assert found & {"sharpening", "smoothing"} == failed

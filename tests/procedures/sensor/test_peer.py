@@ -13,6 +13,8 @@ from station.calibration.sensor_folder import find_shots
 
 from .peer import peer_numbers, repair_numpy
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("emva1288")
 
 
@@ -40,7 +42,6 @@ def both(tmp_path_factory):
     return peer_numbers(Path(set_.descriptor_path)), plane.outcome.value.numbers
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["system_gain", "quantum_efficiency", "temporal_dark_noise", "saturation_photons", "saturation_capacity", "snr_max",
@@ -51,7 +52,6 @@ def test_numbers_agree_to_half_a_per_cent(both, name):
     assert ours[name].value == pytest.approx(theirs[name], rel=0.005)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linearity_error_min", "linearity_error_max"])
 def test_deviations_from_the_line_agree(both, name):
     theirs, ours = both

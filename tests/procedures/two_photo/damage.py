@@ -1,7 +1,5 @@
 """Damaged copies of a good pair, as by changes between two photographs or inside a camera, and rotated light."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2

@@ -4,8 +4,6 @@ The wall is periodic and has detail up to two cycles per near pixel, so that bot
 truncated: the numbers of the analytic OTF are the ground truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

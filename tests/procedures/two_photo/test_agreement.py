@@ -1,7 +1,5 @@
 """The PSF from the noise chart and from a wall, through the same simulated optics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

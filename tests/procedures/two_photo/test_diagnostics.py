@@ -1,7 +1,5 @@
 """Diagnostics of kernels and covariances whose answers are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The complete estimate of walls with known optics and of published photographs, and its refusals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +17,8 @@ from ..pattern_psf.alignment import aligned_error
 from .conftest import OTF
 from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
 from .wall import estimate as by_wall
+
+SLOW_FIXTURES = {"free", "positive"}
 
 pytestmark = pytest.mark.delicate
 
@@ -78,7 +78,6 @@ def test_published_photographs_give_the_published_psf(shared_data: Path) -> None
     assert result.scale == pytest.approx((5.16, 5.15), rel=0.005)
 
 
-@pytest.mark.slow
 def test_errors_are_consistent_with_the_covariance(free: TwoPhotoPsf) -> None:
     truth = samples_of(OTF, 3, 13)
     z = (free.psf.h - truth).ravel() / np.sqrt(np.diag(free.psf.covariance))
@@ -98,7 +97,6 @@ def test_mtf50_is_within_its_uncertainty() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.6  # 8 draws: 1 +- 0.25
 
 
-@pytest.mark.slow
 def test_order_does_not_matter(pair: Pair, positive: TwoPhotoPsf) -> None:
     other = estimate(pair.far, pair.near).result()
     assert (positive.swapped, other.swapped) == (False, True)
@@ -115,7 +113,6 @@ def test_a_rolled_camera_gives_the_same_psf() -> None:
     assert result.scale == pytest.approx((4.6, 4.6), rel=1e-3)
 
 
-@pytest.mark.slow
 def test_solvers_satisfy_their_constraints(pair: Pair, free: TwoPhotoPsf, positive: TwoPhotoPsf) -> None:
     clipped = estimate(pair.near, pair.far, "clip").result()
     truth = samples_of(OTF, 3, 13)
@@ -126,7 +123,6 @@ def test_solvers_satisfy_their_constraints(pair: Pair, free: TwoPhotoPsf, positi
     assert np.linalg.norm(positive.psf.h - truth) < np.linalg.norm(free.psf.h - truth)
 
 
-@pytest.mark.slow
 def test_recursion_and_equation_agree(positive: TwoPhotoPsf) -> None:
     assert positive.diagnostics["recursion_check"] < 0.002
 

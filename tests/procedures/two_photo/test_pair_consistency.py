@@ -1,7 +1,5 @@
 """Consistency of two photographs, and its effect on uncertainties and verdicts."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +16,8 @@ from .damage import damaged, relief
 from .endless import CAMERAS, camera, mtf50, photographs
 from .wall import Otf, Pair, samples_of
 from .wall import estimate as by_wall
+
+SLOW_FIXTURES = {"pair"}
 
 OTF = CAMERAS["f/5.6"]
 
@@ -43,14 +43,12 @@ def true_psf(otf: Otf) -> Psf:
     return Psf(samples_of(otf, 3, k), 3, 1e-14 * np.eye(k * k), PsfTail.none(k * k))
 
 
-@pytest.mark.slow
 def test_a_good_pair_passes(pair: Pair) -> None:
     outcome = estimate(pair.near, pair.far)
     assert outcome.verdict is Verdict.PASS, outcome.reason
     assert sigmas(outcome) < 3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
@@ -70,7 +68,6 @@ def test_damage_to_one_photograph_is_detected(pair: Pair, name: str, reason: str
     assert reason in outcome.reason
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["near softened 0.45", "near sharpened 0.3", "near JPEG 85", "near gradient 0.1"])
 def test_damage_that_resembles_the_wall_is_in_the_uncertainty(pair: Pair, name: str) -> None:
     outcome = estimate(*damaged(pair, name))
@@ -94,7 +91,6 @@ def test_still_light_on_relief_passes() -> None:
     assert outcome.verdict is Verdict.PASS, outcome.reason
 
 
-@pytest.mark.slow
 def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
     psf = true_psf(OTF)
     assert np.abs(near_spectrum(pair.near, psf).softness).max() < 0.02

@@ -1,7 +1,5 @@
 """The recursion for OTFs with a kernel in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -12,6 +10,8 @@ from procedures.two_photo.several import estimate_psf_of_wall, joined_psf, weigh
 
 from .endless import CAMERAS, mtf50, photographs
 from .wall import samples_of
+
+SLOW_FIXTURES = {"wall"}
 
 SETTINGS = TwoPhotoParameters(s=3, k=13)
 
@@ -48,14 +48,12 @@ def test_a_single_photograph_is_refused():
         estimate_psf_of_wall([np.zeros((30, 30))])
 
 
-@pytest.mark.slow
 def test_two_photographs_are_a_pair(wall):
     pair, both = estimate_psf_of_pair(wall[0], wall[2], SETTINGS), estimate_psf_of_wall([wall[0], wall[2]], SETTINGS)
     np.testing.assert_array_equal(pair.value.psf.parameters, both.value.psf.parameters)
     assert pair.value.quality.budgets == both.value.quality.budgets
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ls", "nnls"])
 def test_three_distances_have_less_error_than_two(wall, solver):
     settings = TwoPhotoParameters(s=3, k=13, solver=solver)
@@ -70,7 +68,6 @@ def test_three_distances_have_less_error_than_two(wall, solver):
     assert number.uncertainty < pair.value.quality.numbers["mtf50_horizontal"].uncertainty
 
 
-@pytest.mark.slow
 def test_a_photograph_that_was_smoothed_does_not_pass(wall):
     smooth = plane(gaussian_filter(wall[1].samples, 0.7))
     outcome = estimate_psf_of_wall([wall[0], wall[2], smooth], SETTINGS)

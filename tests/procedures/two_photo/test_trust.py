@@ -1,7 +1,5 @@
 """Which check fails for one bad number among good ones, and how strong its evidence is."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

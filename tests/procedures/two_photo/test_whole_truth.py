@@ -1,7 +1,5 @@
 """The numbers for analytic OTFs with infinite PSFs: errors must be consistent with uncertainties."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,6 +9,8 @@ from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 from .endless import CAMERAS, camera, mtf50, mtf_nyquist, photographs
 from .wall import Pair
 from .wall import estimate as by_wall
+
+pytestmark = pytest.mark.slow
 
 WALLS = (("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))
 """Walls, and ratios of the distances."""
@@ -30,7 +30,6 @@ def errors(outcome: Outcome[TwoPhotoPsf], name: str) -> dict[str, tuple[float, f
     return all_errors
 
 
-@pytest.mark.slow
 def test_the_numbers_are_of_the_whole_psf() -> None:
     outcome = estimate(photographs(CAMERAS["f/5.6"], noise=0.002, size=110), TwoPhotoParameters(3, 13))
     assert outcome.verdict is Verdict.PASS, outcome.reason
@@ -42,7 +41,6 @@ def test_the_numbers_are_of_the_whole_psf() -> None:
         assert abs(off) < 0.02, number
 
 
-@pytest.mark.slow
 def test_mtf50_beyond_the_band_is_doubtful() -> None:
     # the pixel of a colour plane is half as wide as its pitch: the MTF stays above 1/2 beyond one cycle per pixel
     outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=2.9, size=130, noise=0.002))
@@ -51,7 +49,6 @@ def test_mtf50_beyond_the_band_is_doubtful() -> None:
     assert "it needs s = 3" in beyond.remedy
 
 
-@pytest.mark.slow
 def test_the_choice_is_reported() -> None:
     outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=4.4, size=110, noise=0.002))
     tried = outcome.result().choice
@@ -60,7 +57,6 @@ def test_the_choice_is_reported() -> None:
     assert None not in tried[-1].mtf50
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("each", [False, pytest.param(True, marks=pytest.mark.nightly)], ids=["three", "all"])
 def test_uncertainties_are_realistic_over_cameras_walls_and_zooms(each: bool) -> None:
     off, bias = [], []

@@ -1,7 +1,5 @@
 """A textured wall photographed from two distances through known optics, the ground truth of the estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

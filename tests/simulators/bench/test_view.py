@@ -12,6 +12,8 @@ from simulators.camera.sensor import Sensor
 from simulators.world.motion import travel_line
 from simulators.world.world import World
 
+SLOW_FIXTURES = {"view"}
+
 CELL_CENTRE = np.array([[128.0, 128.0]])
 
 
@@ -30,7 +32,6 @@ def centre(view, taken):
     return taken.true_points("G1", CELL_CENTRE)[0]
 
 
-@pytest.mark.slow
 def test_its_frames_are_read_back(view, tmp_path):
     path = tmp_path / "frame.dng"
     path.write_bytes(view.develop(Opening(0.0, 0.02, 1)))
@@ -39,7 +40,6 @@ def test_its_frames_are_read_back(view, tmp_path):
     np.testing.assert_allclose(frame.planes["G1"].samples, view.taken[0].plane("G1"), atol=1e-6)
 
 
-@pytest.mark.slow
 def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
     again = View(world, np.random.default_rng(20120323), view.camera)
     one, two = (view.photograph(Opening(0.0, 0.02, number)).plane("G1") for number in (1, 2))
@@ -47,7 +47,6 @@ def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
     assert np.any(one != two)
 
 
-@pytest.mark.slow
 def test_half_a_frame_is_not_read(view, tmp_path):
     from station.bench.opening import inspect_raw
 
@@ -60,7 +59,6 @@ def test_half_a_frame_is_not_read(view, tmp_path):
     assert inspect_raw(path).iso == 100
 
 
-@pytest.mark.slow
 def test_moving_right_moves_the_chart_left_by_f_over_distance(view, world):
     before = centre(view, view.photograph(Opening(0.0, 0.02, 1)))
     end_s = travel_line([world.axes["x_mm"]], [world.axes["x_mm"].position(0.0) + 10.0], 1.0, 20.0, 200.0)
@@ -72,7 +70,6 @@ def test_moving_right_moves_the_chart_left_by_f_over_distance(view, world):
     assert after[1] - before[1] == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_panning_right_moves_the_chart_left(view, world):
     travel_line([world.axes["pan_deg"]], [1.0], 1.0, 5.0, 20.0)
     moved = centre(view, view.photograph(Opening(60.0, 0.02, 1)))
@@ -82,7 +79,6 @@ def test_panning_right_moves_the_chart_left(view, world):
     assert moved[0] - still[0] == pytest.approx(-np.tan(np.radians(1.0)) * 24.377 / 0.00594 / 2, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_nearer_is_larger(view, world):
     far = view.photograph(Opening(0.0, 0.02, 1)).pixels_per_pattern("G1")
     travel_line([world.axes["z_mm"]], [650.0], 1.0, 50.0, 200.0)
@@ -90,7 +86,6 @@ def test_nearer_is_larger(view, world):
     assert near / far == pytest.approx((1550.0 / 24 - 1) / (1450.0 / 24 - 1), rel=1e-3)
 
 
-@pytest.mark.slow
 def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(view, world):
     end_s = travel_line([world.axes["x_mm"]], [200.0], 0.0, 50.0, 400.0)
     shaken = view.photograph(Opening(end_s, 0.1, 1)).true_psf("G1", 4, 17)
@@ -108,7 +103,6 @@ def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(vie
     assert spread(shaken) - spread(still) == pytest.approx(np.var(path_px) / 0.25, rel=0.15)
 
 
-@pytest.mark.slow
 def test_half_the_light_is_half_the_signal(view, world):
     bright = view.photograph(Opening(0.0, 0.02, 1)).plane("G1").mean()
     world.set_lamp(0.5, 1.0)

@@ -11,13 +11,9 @@ ABERRATED = Wavefront(
     coma_y_um=0.02, coma_x_um=0.04, spherical_um=0.02,
 )  # fmt: skip
 BLURS = [
-    CircularPupil(5.6),
-    CircularPupil(5.6, ABERRATED),
-    PixelAperture(0.9, 0.7),
-    FourSpots(0.8),
-    GaussianBlur(0.4, 0.2, 30.0),
-    Path(((0.0, 0.0), (0.3, 0.1), (0.5, -0.2))),
-]
+    CircularPupil(5.6), CircularPupil(5.6, ABERRATED), PixelAperture(0.9, 0.7), FourSpots(0.8),
+    GaussianBlur(0.4, 0.2, 30.0), Path(((0.0, 0.0), (0.3, 0.1), (0.5, -0.2))),
+]  # fmt: skip
 ZERO = np.zeros(1)
 
 

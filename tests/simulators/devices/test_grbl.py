@@ -181,38 +181,9 @@ def test_inches_are_inches(homed):
 
 
 PARTS = [
-    "G0",
-    "G1",
-    "G4",
-    "G20",
-    "G21",
-    "G28",
-    "G53",
-    "G90",
-    "G91",
-    "G92",
-    "M3",
-    "M5",
-    "M8",
-    "X-1",
-    "Y-2.5",
-    "Z1",
-    "F100",
-    "F-1",
-    "P0.01",
-    "S500",
-    "L2",
-    "N3",
-    "(a",
-    ")",
-    ";",
-    "$",
-    "=",
-    "J",
-    "x",
-    "9",
-    "%",
-]
+    "G0", "G1", "G4", "G20", "G21", "G28", "G53", "G90", "G91", "G92", "M3", "M5", "M8", "X-1", "Y-2.5", "Z1", "F100",
+    "F-1", "P0.01", "S500", "L2", "N3", "(a", ")", ";", "$", "=", "J", "x", "9", "%",
+]  # fmt: skip
 WORDS = st.lists(st.sampled_from([*PARTS, " "]))
 
 
@@ -236,12 +207,8 @@ def test_a_switch_that_is_hit_is_an_alarm(homed):
     homed.ask(b"$21=1\n$20=0\n")
     # machine zero is where the switch closes: 51 mm away at 50 mm/s
     assert homed.ask(b"G1 X-51 F3000\nG4 P0.01\nG1 X1\n", 20.0) == [
-        "ok",
-        "ok",
-        "ok",
-        "ALARM:1",
-        "[MSG:Reset to continue]",
-    ]
+        "ok", "ok", "ok", "ALARM:1", "[MSG:Reset to continue]",
+    ]  # fmt: skip
     assert homed.axes["X"].position(homed.now_s) == pytest.approx(200.0, abs=1e-6)
     assert not homed.axes["X"].moves(homed.now_s)
 

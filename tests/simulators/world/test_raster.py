@@ -9,11 +9,6 @@ ROUNDING = 1e-11
 coordinates = st.floats(-3.0, 12.0, allow_nan=False)
 
 
-def polygon_area(vertices: np.ndarray) -> float:
-    x, y = vertices.T
-    return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
-
-
 def area_and_centroid(vertices: np.ndarray) -> tuple[float, np.ndarray]:
     x, y = vertices.T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y

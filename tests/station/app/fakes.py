@@ -1,7 +1,5 @@
 """A lab with scripted runs, without bench and computations."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -115,10 +113,7 @@ class FakeRun:
 
 
 def seen(good: bool = False) -> FrameEvent:
-    readings = (
-        Reading("distance", 1.21, "m", 1.5, 1.7),
-        Reading("white", 0.8, "", 0.7, 0.9),
-    )
+    readings = (Reading("distance", 1.21, "m", 1.5, 1.7), Reading("white", 0.8, "", 0.7, 0.9))
     return FrameEvent(
         plane(), Advice(good, "Move the camera back 0.42 m.", readings, marks=((30.0, 20.0), (59.0, 39.0)))
     )

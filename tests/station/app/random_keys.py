@@ -1,7 +1,5 @@
 """Keys pressed at random on every screen and dialog, and what must never come of it."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import threading

@@ -1,7 +1,5 @@
 """Images and curves in characters, compared with their data."""
 
-from __future__ import annotations
-
 import asyncio
 import unicodedata
 

@@ -1,7 +1,5 @@
 """Pictures in a terminal's own graphics: what it reports, and what a decoder by the specification sees of them."""
 
-from __future__ import annotations
-
 import base64
 import re
 import zlib
@@ -29,6 +27,8 @@ XTERM, KITTY = "\x1bP>|XTerm(388)\x1b\\\x1b[6;18;9t", "\x1bP>|kitty(0.35.1)\x1b\
         (f"{XTERM}\x1b[?64;1;2;6c", {}, Graphics(Kind.BLOCKS, (9, 18))),
         ("\x1b[?4;6c", {}, Graphics()),  # the first number is the class of the terminal: a VT132, without sixel
         (KITTY, {}, Graphics(Kind.KITTY, (15, 30))),
+        (KITTY.replace("35.1", "26.5"), {}, Graphics(Kind.BLOCKS, (15, 30))),  # without placeholders
+        ("\x1bP>|ghostty 1.2.0\x1b\\\x1b[?62;4c", {}, Graphics(Kind.KITTY)),
         (KITTY, {"STATION_GRAPHICS": "blocks"}, Graphics(Kind.BLOCKS, (15, 30))),
         ("", {}, Graphics()),
     ],

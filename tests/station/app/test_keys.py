@@ -1,7 +1,5 @@
 """Effects of keys: no accidental move, no second run, no dialog twice, no lost key."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from functools import partial
@@ -14,6 +12,7 @@ from procedures.plan import Ask
 from station.app.app import Palette, StationApp
 from station.app.screens import parts
 from station.app.screens.parts import MIN_READ_S
+from station.app.stopping_driver import PASTED_S, stopping_first
 from station.guide.frontend import MOVE, RunEnded
 
 from .driving import Driver, drive
@@ -49,9 +48,7 @@ def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_el
     lab = FakeLab(tmp_path, whole)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("ctrl+p", *"help")
-        await driver.until("This help")
+        await driver.go("This help", "ctrl+p", *"help")
         for key in ["enter"] * 4:
             driver.app.post_message(Key(key, None))
         await driver.until("the arrows scroll it")
@@ -146,8 +143,7 @@ def test_a_number_begun_before_its_question_is_there_is_not_cut_short(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
         await driver.until("One moment.")
         await driver.press(*"0.", "enter")  # Enter answers nothing that is not asked yet
         may_ask.set()
@@ -195,9 +191,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
     lab.plans = slow  # type: ignore[method-assign]
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3")
-        await driver.until(lambda: driver.app._wanted_mode)
+        await driver.go(lambda: driver.app._wanted_mode, "f3")
         may_load.set()
         await driver.until("Manual moves")
 
@@ -248,3 +242,21 @@ def test_what_moves_is_shown_with_target_place_and_time_left_and_position_from_t
         await driver.until("last position: z 130.5 mm")
 
     drive(StationApp(lab), use, (120, 40))
+
+
+def test_enter_in_a_pasted_text_answers_nothing():
+    passed = []
+
+    class Base:
+        def process_message(self, message):
+            passed.append(message.key)
+
+    driver = stopping_first(Base, stop=lambda: passed.append("stop"), moving=lambda: False)()
+    times_s = {"at once": PASTED_S / 10, "typed": 10 * PASTED_S}
+    now_s = 0.0
+    for key, pause in (("1", "typed"), ("enter", "at once"), ("enter", "at once"), ("2", "at once"),
+                       ("enter", "typed"), ("enter", "typed"), ("left", "typed"), ("enter", "at once")):  # fmt: skip
+        event = Key(key, key if len(key) == 1 else None)
+        event.time = now_s = now_s + times_s[pause]
+        driver.process_message(event)
+    assert passed == ["1", "2", "enter", "enter", "left", "enter"], "only what no finger can type is dropped"

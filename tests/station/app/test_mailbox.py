@@ -1,7 +1,5 @@
 """The mailbox between a run and its operator, and jobs."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

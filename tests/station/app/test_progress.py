@@ -1,7 +1,5 @@
 """Progress display of the guide during work and with a question."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

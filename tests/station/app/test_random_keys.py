@@ -1,7 +1,5 @@
 """Whatever is typed: no crash, no move that was not confirmed, no second run."""
 
-from __future__ import annotations
-
 import pytest
 
 from .random_keys import press_at_random

@@ -1,7 +1,5 @@
 """The program before a real terminal: a pseudo-terminal that is typed into, closed, or never there."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty
@@ -16,6 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
+
+SLOW_FIXTURES = {"terminal"}
 
 ROOT = Path(__file__).resolve().parents[3]
 PATIENCE_S = 180.0
@@ -79,7 +79,6 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
     one.hang_up()
 
 
-@pytest.mark.slow
 def test_it_is_painted_and_left_by_a_key(terminal):
     terminal.wait_for("press Enter to begin")
     terminal.press(b"\x11")
@@ -87,7 +86,6 @@ def test_it_is_painted_and_left_by_a_key(terminal):
     assert terminal.program.wait(PATIENCE_S) == 0
 
 
-@pytest.mark.slow
 def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path):
     terminal.wait_for("head: not homed")
     for _ in range(3):
@@ -106,7 +104,6 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
     assert '"wired"' in wired
 
 
-@pytest.mark.slow
 def test_the_systems_end_leaves_the_terminal_as_it_was(terminal):
     terminal.wait_for("press Enter to begin")
     terminal.program.send_signal(signal.SIGTERM)
@@ -118,7 +115,6 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="wh
 
 
 @needs_proc
-@pytest.mark.slow
 def test_suspended_it_gives_the_terminal_back_and_takes_it_again(terminal):
     terminal.wait_for("head: not homed")
     terminal.program.send_signal(signal.SIGTSTP)
@@ -135,7 +131,6 @@ def test_suspended_it_gives_the_terminal_back_and_takes_it_again(terminal):
 
 
 @needs_proc
-@pytest.mark.slow
 def test_stopped_from_outside_it_goes_on_with_the_threads_it_had(terminal):
     def threads() -> int:
         return len(os.listdir(f"/proc/{terminal.program.pid}/task"))

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from procedures import BadParameter, Refused, read_frame
 from procedures.field import measuring as field
-from procedures.outcome import BadParameter, Refused
-from procedures.raw import read_frame
 from station.batch import run as batch_run
 from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure

@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
-from procedures.pattern import Chart
+from procedures import BadInput, BadParameter, Chart
 from station.batch.procedure_file import read_procedure
 from station.results.limits import Limit
 from station.results.terms import USUAL

@@ -22,6 +22,7 @@ from station.calibration import tilt as tilt_module
 from station.calibration.folder_photographs import Item, find_frames
 from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
+from tests.program import run
 
 pytestmark = pytest.mark.slow
 
@@ -44,15 +45,11 @@ def batch(tmp_path):
     """batch(name, text, *folders): the rows of a batch by name, and its folder."""
 
     def batch(name: str, text: str, *folders: Path, code: int = 1, options: tuple[str, ...] = ()):
-        from click.testing import CliRunner
-
-        from station.__main__ import main
 
         (tmp_path / "p.toml").write_text(f'procedure = "{name}"\n{text}')
         out = tmp_path / "results"
         words = ("batch", *folders, "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1, *options)
-        done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
-        assert done.exit_code == code, done.output
+        run(*words, code=code)
         return by_name(out), out
 
     return batch

@@ -10,18 +10,18 @@ from types import SimpleNamespace
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from procedures.field import conclusion, measuring
 from procedures.field.maps import derive
 from procedures.outcome import Outcome
-from station.__main__ import main
 from station.calibration import geometry as geometry_module
 from station.calibration import tilt as tilt_module
 from station.procedure.base import Settings
 from station.procedure.schema import BUILTIN, procedure_named, schema_of
 from tests.golden import cases
+from tests.program import run
 from tests.station.cli.test_refocus import write_restored
+from tests.station.cli.test_stability import write_results
 
 pytestmark = pytest.mark.slow
 PLANE = 'planes = ["G1"]\n'
@@ -76,6 +76,12 @@ def rig(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return 'pairs = { table = "rigs.csv" }\n'
 
 
+def stability(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    names = [f"{one.name}/result.json" for one in write_results(folder)]
+    (folder.parent / "results.csv").write_text(",".join(names) + "\n")
+    return 'pairs = { table = "results.csv" }\n'
+
+
 def refocus(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     write_restored(folder)
     return "[settings]\nf_number = 2\nfocus_m = 0.5\n"
@@ -99,6 +105,7 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "sensor": (made(cases.sensor, '[settings]\nplane = "G1"\n'), "system_gain"),
     "series": (made(pattern, PLANE), "mtf50_horizontal"),
     "sharpen": (sharpen, "noise_gain"),
+    "stability": (stability, "sensitivity"),
     "tilt": (tilt, "tilt_horizontal"),
     "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
     "witnessed": (made(cases.witnessed, "[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),
@@ -126,8 +133,7 @@ def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, m
     monkeypatch.setattr("station.batch.run._answers", here)
     monkeypatch.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     words = ("batch", photographs, "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--reports", "--json")
-    done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
-    assert done.exit_code == 0, done.output
+    done = run(*words)
     batch = json.loads(done.stdout)
     assert (batch["procedure"], batch["photographs"], batch["specification_verdicts"]) == (name, 1, {"meets": 1})
     (folder,) = (tmp_path / "out" / "results").iterdir()
@@ -137,7 +143,7 @@ def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, m
     assert record["specification"]["verdict"] == "meets"
     assert (folder / procedure.page_name).is_file() == procedure.has_page
     assert procedure.report(measured[0]).procedure
-    done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
+    done = run(*words, code=None)
     assert json.loads(done.stdout)["reused"] == 1
 
 

@@ -8,13 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import BadInput, BadParameter
-from station.__main__ import main
 from station.batch.item import Job, finished, work
 from station.batch.procedure_file import read_procedure
 from station.calibration.folder_photographs import find_frames, in_pairs, in_rows
+from tests.program import run
+
+SLOW_FIXTURES = {"pairs"}
 
 QUICK = 'procedure = "restore"\n[parameters]\nblur = "motion"\nshape = ["a.txt", "b.txt"]\nmax_w = 5.2\n'
 QUICK += 'scheme = "2x(4+4)+1x6"\n[limits]\nw_median = { max = 0.1 }\n'
@@ -108,7 +109,6 @@ def pairs(shared_data, tmp_path_factory):
     return made
 
 
-@pytest.mark.slow
 def test_batch_and_command_restore_alike(pairs):
     procedure, out = read_procedure(pairs / "p.toml"), pairs / "out"
     items = in_pairs(find_frames([pairs / "in"], out), procedure.endings)
@@ -120,8 +120,7 @@ def test_batch_and_command_restore_alike(pairs):
     assert good.specification == "does not meet"
     words = ["restore", *(str(pairs / "in" / f"good_{n}.pgm") for n in (1, 2)), "--blur", "motion", "--shape"]
     words += [str(pairs / "a.txt"), str(pairs / "b.txt"), "--max-w", "5.2", "--scheme", "2x(4+4)+1x6"]
-    result = CliRunner().invoke(main, [*words, "--out", str(pairs / "command")])
-    assert result.exit_code == 0, result.output
+    run(*words, "--out", pairs / "command")
     kept = pairs / "out" / good.folder
     np.testing.assert_array_equal(np.load(kept / "w.npy"), np.load(pairs / "command" / "w.npy"))
     number = good.planes["Y"].numbers["w_median"]
@@ -132,7 +131,6 @@ def test_batch_and_command_restore_alike(pairs):
     assert [Path(one["path"]).name for one in record["parameters"]["files"]] == ["a.txt", "b.txt"]
 
 
-@pytest.mark.slow
 def test_another_shape_is_another_result(pairs, tmp_path):
     shutil.copytree(pairs, tmp_path / "p", ignore=shutil.ignore_patterns("out*", "command"))
     procedure, out = read_procedure(tmp_path / "p" / "p.toml"), tmp_path / "out"

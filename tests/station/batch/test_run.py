@@ -19,16 +19,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
+from procedures import BadParameter, read_frame
 from station.__main__ import main
 from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import owned, run_batch
 from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
+from tests.program import run
 
-SLOW_FIXTURES = {"done"}
+SLOW_FIXTURES = {"done", "interrupted"}
 ROOT = Path(__file__).parents[3]
 LIMITS = "[limits]\nmtf50_horizontal = { min = 0.4 }\n"
 BROKEN = {"truncated": "unreadable", "empty": "unreadable", "text": "unreadable", "dark": "refused"}
@@ -60,7 +60,6 @@ def done(tmp_path_factory, chart_photograph):
     return SimpleNamespace(folder=folder, out=folder / "out", result=result, rows=rows_of(folder / "out"))
 
 
-@pytest.mark.slow
 def test_good_photographs_pass_and_broken_ones_are_named(done):
     assert done.result.exit_code == 1, done.result.output
     verdicts = {Path(row["files"][0]).relative_to(done.folder / "in"): row["verdict"] for row in done.rows}
@@ -71,7 +70,6 @@ def test_good_photographs_pass_and_broken_ones_are_named(done):
         assert bool(row["remedy"]) == (row["verdict"] != "pass")
 
 
-@pytest.mark.slow
 def test_table_counts_and_names(done):
     assert "4 trusted, 1 refused, 3 unreadable" in " ".join(done.result.stdout.split())
     assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
@@ -79,14 +77,12 @@ def test_table_counts_and_names(done):
     assert "left:" in done.result.stderr
 
 
-@pytest.mark.slow
 def test_page_links_to_what_is_there(done):
     links = {unquote(one) for one in re.findall(r'href="(results/[^"]+)"', (done.out / "report.html").read_text())}
     assert links == {f"{row['folder']}/result.json" for row in done.rows if row["folder"]}
     assert all((done.out / link).is_file() for link in links)
 
 
-@pytest.mark.slow
 def test_every_result_is_as_the_psf_command_writes_it(done):
     for row in done.rows:
         folder = done.out / row["folder"]
@@ -100,7 +96,6 @@ def test_every_result_is_as_the_psf_command_writes_it(done):
             assert row["specification"] == "meets"
 
 
-@pytest.mark.slow
 def test_summary_has_a_line_for_each_plane(done):
     with (done.out / "summary.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
@@ -112,7 +107,6 @@ def test_summary_has_a_line_for_each_plane(done):
             assert float(line["mtf50_horizontal_uncertainty [cycles/pixel]"]) == pytest.approx(mtf50["uncertainty"])
 
 
-@pytest.mark.slow
 def test_record_tells_the_batch(done):
     record = json.loads((done.out / "result.json").read_text())
     assert record["schema"] == "station/batch/1"
@@ -127,7 +121,6 @@ def again(source, out, text=LIMITS):
     return [work(item, job) for item in singly(find_frames([source], out))]
 
 
-@pytest.mark.slow
 def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tmp_path):
     (tmp_path / "in").mkdir()
     shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
@@ -147,7 +140,6 @@ def procedure_of(folder, text):
     return read_procedure(folder / "p.toml")
 
 
-@pytest.mark.slow
 def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     out, source = tmp_path / "out", tmp_path / "in"
     shutil.copytree(done.out, out)
@@ -160,7 +152,6 @@ def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     assert {Path(row.files[0]).name: row.verdict for row in rows}["renamed.dng"] == "pass"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spoil", ["deleted", "emptied", "flipped"])
 def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, tmp_path, spoil):
     spoils = {
@@ -281,8 +272,7 @@ def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_p
     (source / os.fsdecode(b"\xff\xfe.dng")).write_bytes(b"x")
     (tmp_path / "p.toml").write_text("")
     words = [source, "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1, "--reports"]
-    result = CliRunner().invoke(main, ["batch", *map(str, words)], prog_name="station")
-    assert result.exit_code == 1, result.output
+    result = run("batch", *words, code=1)
     assert len(rows_of(out)) == len(HOSTILE) + 1
     assert {path.name for path in tmp_path.iterdir()} == {"good.dng", "in", "out", "p.toml"}
     folders = {path.name for path in (out / "results").iterdir()}
@@ -321,7 +311,6 @@ def interrupted(tmp_path, chart_photograph, start_program, read_until):
     return run
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("times", [1, 2])
 def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
     kept = interrupted(times)
@@ -344,7 +333,7 @@ def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_p
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--json"]
     codes = {}
     for more in ((), ("--strict",)):
-        done = CliRunner().invoke(main, [*map(str, words), "--log-json", *more], prog_name="station")
+        done = run(*words, "--log-json", *more, code=None)
         codes[more] = done.exit_code
         record = json.loads(done.stdout)
         assert (record["verdicts"], record["specification_verdicts"]) == ({"pass": 1}, {"undecided": 1})
@@ -366,7 +355,7 @@ def test_usage_is_exit_2_and_leaves_nothing(tmp_path, monkeypatch, words, senten
     monkeypatch.chdir(tmp_path)
     (tmp_path / "in").mkdir()
     (tmp_path / "p.toml").touch()
-    done = CliRunner().invoke(main, ["batch", *words, "--out", "out"], prog_name="station")
+    done = run("batch", *words, "--out", "out", code=None)
     assert (done.exit_code, Path("out").exists()) == (2, False)
     assert sentence in done.stderr
 

@@ -6,14 +6,13 @@ import io
 import html5lib
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
 from station.batch.item import ItemRow, PlaneRow
 from station.batch.procedure_file import read_procedure
 from station.calibration.series import Point, SeriesSetting, best_apertures, points_of, series_table, several
 from station.procedure.builtin.series import PROCEDURE
 from station.reports.batches.series_page import series_page
+from tests.program import run
 
 
 def row(f_number, mtf50, sd=0.001, plane="G1", verdict="pass", **noted):
@@ -98,7 +97,6 @@ def test_the_summary_of_a_series_is_its_table_and_page_and_the_best_aperture():
 def test_the_command_is_a_batch_of_that_procedure(tmp_path, monkeypatch, words, text):
     told = []
     monkeypatch.setattr("station.cli.batch.carry_out", lambda procedure, folders, out, **more: told.append(procedure))
-    result = CliRunner().invoke(main, ["psf", "series", str(tmp_path), *words, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 0, result.output
+    run("psf", "series", tmp_path, *words, "--out", tmp_path / "out")
     (tmp_path / "p.toml").write_text(f'procedure = "series"\n{text}\n')
     assert told[0].fingerprint() == read_procedure(tmp_path / "p.toml").fingerprint()

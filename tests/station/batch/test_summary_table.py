@@ -4,12 +4,11 @@ import csv
 import dataclasses
 
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
 from station.batch import stored_rows
 from station.batch.item import ItemRow, PlaneRow
 from station.batch.stored_rows import GROUP_ROWS, StoredRows, Tally, write_csv, write_parquet
+from tests.program import run
 
 NUMBER = "mtf50_horizontal"
 
@@ -88,9 +87,7 @@ def test_without_pyarrow_nothing_is_begun(tmp_path, monkeypatch):
     (tmp_path / "in" / "a.pgm").write_bytes(b"P5 2 2 255\n1234")
     (tmp_path / "p.toml").write_text('procedure = "pattern"\n')
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--parquet"]
-    done = CliRunner().invoke(main, [*map(str, words)], prog_name="station")
-    assert done.exit_code == 2
-    assert "--parquet needs pyarrow" in done.output
+    done = run(*words, code=2, says="--parquet needs pyarrow")
     assert "calibration-station[parquet]" in done.output
     assert not (tmp_path / "out").exists()
 
@@ -102,6 +99,5 @@ def test_a_batch_writes_the_parquet_file_beside_the_others(tmp_path):
     (tmp_path / "p.toml").write_text('procedure = "pattern"\n')
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--jobs", 1]
     for _ in range(2):  # the second finds its own file there
-        done = CliRunner().invoke(main, [*map(str, words), "--parquet"], prog_name="station")
-        assert done.exit_code == 1, done.output
+        run(*words, "--parquet", code=1)
         assert (tmp_path / "out" / "summary.parquet").read_bytes()[:4] == b"PAR1"

@@ -106,11 +106,7 @@ def test_relay_and_light_may_share_the_stages_controller(bench, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "complaint"),
-    [
-        ("", "configures no devices"),
-        ("devices = 3", "configures no devices"),
-        ("[devices.stage", "is not valid TOML"),
-    ],
+    [("", "configures no devices"), ("devices = 3", "configures no devices"), ("[devices.stage", "is not valid TOML")],
 )
 def test_a_file_that_configures_nothing_is_refused(tmp_path, text, complaint):
     with pytest.raises(BadConfiguration, match=complaint):

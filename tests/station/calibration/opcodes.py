@@ -1,7 +1,5 @@
 """Reader of the opcodes in a DNG."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The record of a chart's scale, and what camera.h5 holds of it."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path
@@ -9,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.geometry.estimate import GeometryParameters
-from procedures.outcome import BadParameter, Verdict
+from procedures import BadParameter, GeometryParameters, Verdict
 from station.calibration.chart_scale import ChartScale
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement

@@ -1,7 +1,5 @@
 """Which photographs a batch finds, and what it makes of their names."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

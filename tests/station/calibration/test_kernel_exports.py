@@ -1,7 +1,5 @@
 """Filters as other programs apply them, compared with the convolutions by SciPy."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Distortion, lateral colour and vignetting for lensfun and as a DNG's opcodes, undone as these would undo them."""
 
-from __future__ import annotations
-
 import json
 import struct
 import xml.etree.ElementTree as ElementTree
@@ -10,24 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rawpy
-from click.testing import CliRunner
 from scipy.ndimage import map_coordinates
 
 from drivers.dng import Shot, write_dng
+from procedures import BadInput, BadParameter, read_frame
 from procedures.field.maps import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.conversion import as_radial
-from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
-from procedures.raw import read_frame
 from procedures.reading.dng_opcodes import OPCODE_LIST_2, fix_vignette_radial, with_opcodes
 from procedures.vignetting.surface import LightSurface
-from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
-from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import GivenNames, LensNames, best_radial, export_lensfun, unit_px
+from station.calibration.stored_cameras import StoredCamera
 from station.calibration.vignetting import StoredVignetting
+from tests.program import run
 from tests.station.calibration.opcodes import doubles_of, gain_map, opcodes_in
 
 COLUMNS, ROWS = 600, 400
@@ -241,19 +237,13 @@ def test_the_commands_measure_flats_and_export(photo, tmp_path):
     for i in (1, 2):
         mosaic = np.random.default_rng(i).poisson(512 + 7000 * light).astype(np.uint16)
         write_dng(tmp_path / f"flat{i}.dng", mosaic, Shot(), cfa="RGGB", black=(512,) * 4, white=16383)
-    run = CliRunner().invoke(
-        main, ["vignetting", str(tmp_path / "flat1.dng"), str(tmp_path / "flat2.dng"), "--out", str(tmp_path / "v")]
-    )
-    assert run.exit_code == 0, run.output
+    run("vignetting", tmp_path / "flat1.dng", tmp_path / "flat2.dng", "--out", tmp_path / "v")
     entry = json.loads((tmp_path / "v" / "result.json").read_text())["planes"]["G1"]
     assert entry["corner_light"]["value"] == pytest.approx(0.7, abs=5 * entry["corner_light"]["uncertainty"] + 0.003)
     copy = tmp_path / "copy.dng"
-    run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), str(copy)])
-    assert run.exit_code == 0, run.output
+    run("export", tmp_path / "v", "--to", "dng", "--photo", photo, copy)
     assert [one.number for one in opcodes_in(copy.read_bytes())] == [3]
     words = ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), "--gain-map", str(copy)]
-    run = CliRunner().invoke(main, words)
-    assert run.exit_code == 0, run.output
+    run(*words)
     assert [one.number for one in opcodes_in(copy.read_bytes(), OPCODE_LIST_2)] == [9, 9, 9, 9]
-    run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", str(copy)])
-    assert run.exit_code == 2
+    run("export", tmp_path / "v", "--to", "dng", copy, code=2)

@@ -1,22 +1,18 @@
 """PSF fields as files of other programs: read by these where they are installed, by the formats' own rules anyway."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.signal import fftconvolve
 
-from procedures.field.field_file import write_field
+from procedures import BadInput, BadParameter, write_field
 from procedures.field.interpolate import interpolate
 from procedures.field.samplings import as_polynomial, powers, whole_psfs
-from procedures.outcome import BadInput, BadParameter
 from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node, SpaceVariantBlur
-from station.__main__ import main
 from station.calibration.exports.psf import export_field, read_plane
+from tests.program import run
 
 S, K, SHAPE = 4, 17, (60, 90)
 PLACES = [(x, y) for y in (8.0, 29.5, 51.0) for x in (10.0, 32.0, 56.0, 79.0)]
@@ -127,9 +123,7 @@ def test_filters_and_multipliers_blur_as_the_field_does(field):
 @pytest.mark.slow
 def test_the_command_exports_a_field(estimate, tmp_path):
     write_field(tmp_path / "field.h5", {"G1": estimate}, {}, [], {})
-    run = CliRunner().invoke(main, ["export", str(tmp_path), "--to", "psfex", str(tmp_path / "field.psf")])
-    assert run.exit_code == 0, run.output
-    assert "a polynomial of degree" in run.output
+    run("export", tmp_path, "--to", "psfex", tmp_path / "field.psf", says="a polynomial of degree")
     assert (tmp_path / "field.psf").stat().st_size % 2880 == 0
     with pytest.raises(BadParameter, match="has the planes G1, not 'B'"):
         read_plane(tmp_path, "B")

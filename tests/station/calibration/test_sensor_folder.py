@@ -1,7 +1,5 @@
 """The manifest of a sensor's pictures in its formats, and invalid ones."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np
@@ -46,8 +44,7 @@ COMMENTED = "#####\r\n# Release 3.0\r\n\r\n" + DESCRIPTOR.split("\n", 1)[1].repl
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
-    [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR), ("set.txt", COMMENTED)],
+    ("name", "text"), [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR), ("set.txt", COMMENTED)]
 )
 def test_every_format_gives_the_same(folder, name, text):
     (folder / name).write_text(text)

@@ -1,7 +1,5 @@
 """Validation of a sensor's record and noise spectrum."""
 
-from __future__ import annotations
-
 import copy
 import json
 from types import SimpleNamespace

@@ -1,17 +1,12 @@
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from procedures import Psf, assess
 from procedures.outcome import Outcome, Quantity, Verdict
-from procedures.psf import Psf
-from procedures.quality import assess
-from station.__main__ import main
 from station.calibration import planes
 
 
@@ -82,9 +77,3 @@ def estimator(monkeypatch):
     monkeypatch.setattr(planes, "estimate_psf", stand_in)
     monkeypatch.setattr(planes, "check_edges", lambda plane, found: ())
     return stand_in
-
-
-@pytest.fixture
-def run():
-    """Run the program in this process: `run("psf", "pattern", ...)`."""
-    return lambda *words: CliRunner().invoke(main, [str(word) for word in words], prog_name="station")

@@ -1,10 +1,9 @@
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
 
 from station.demo.rendered import RenderPlan
+from tests.program import run
 
 
 @pytest.fixture
@@ -23,9 +22,8 @@ def small(monkeypatch):
 
 
 @pytest.mark.slow
-def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):
+def test_scenes_are_rendered_on_request(calibrated, small, tmp_path):
     done = run("demo", "--rendered", "--seed", "7", "--json", "--out", tmp_path)
-    assert done.exit_code == 0, done.output
     assert done.stdout == "{}\n"
     assert "room: " in done.stderr
     assert (tmp_path / "rendered" / "rays.html").is_file()
@@ -35,6 +33,6 @@ def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):
     ]
 
 
-def test_nothing_is_rendered_unasked(run, calibrated, small, tmp_path):
-    assert run("demo", "--json", "--out", tmp_path).exit_code == 0
+def test_nothing_is_rendered_unasked(calibrated, small, tmp_path):
+    run("demo", "--json", "--out", tmp_path)
     assert not (tmp_path / "rendered").exists()

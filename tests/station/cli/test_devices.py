@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -7,16 +5,14 @@ import sys
 import tomllib
 
 import pytest
-from click.testing import CliRunner
 
 from drivers.protocols.zaber import Reply, ZaberParser
 from drivers.transport import SerialTransport
-from station.__main__ import main
+from tests.program import run
 
 
 def test_the_simulated_bench_is_shown_with_firmware_and_state():
-    done = CliRunner().invoke(main, ["devices", "--simulate"])
-    assert done.exit_code == 0, done.output
+    done = run("devices", "--simulate")
     rows = {line.split()[0]: line for line in done.stdout.splitlines()}
     assert "1.1h.20190830" in rows["stage"]
     assert "not homed" in rows["stage"]
@@ -30,8 +26,7 @@ def test_what_is_wrong_is_shown_with_its_remedy(tmp_path):
         '[devices.light]\ndriver = "dmx"\nport = "/dev/nowhere"\n'
         '[devices.rangefinder]\ndriver = "jrt"\nport = "usb:NOSUCH"\n'
     )
-    done = CliRunner().invoke(main, ["devices", "--config", str(config), "--json"])
-    assert done.exit_code == 3
+    done = run("devices", "--config", config, "--json", code=3)
     rows = json.loads(done.stdout)
     assert [row["name"] for row in rows] == ["light", "rangefinder"]
     assert all(row["wrong"] and row["remedy"] and not row["usable"] for row in rows)
@@ -41,18 +36,13 @@ def test_what_is_wrong_is_shown_with_its_remedy(tmp_path):
 
 def test_without_configuration_the_remedy_names_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, ["devices"])
-    assert done.exit_code == 2
-    assert "there is no station.toml" in done.stderr
+    done = run("devices", code=2, says="there is no station.toml")
     assert "use --simulate" in done.stderr
 
 
 def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
     output = tmp_path / "stages.toml"
-    commissioned = CliRunner().invoke(
-        main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n"
-    )
-    assert commissioned.exit_code == 0, commissioned.output
+    commissioned = run("devices", "--simulate", "--commission", "--output", output, typed="n\n\n")
     assert commissioned.stderr.count("Is the way free and the emergency stop at hand? [y/N]") == 2
     tables = tomllib.loads(output.read_text())["devices"]
     assert [axis["name"] for axis in tables["stage"]["axes"]] == ["z_mm", "x_mm", "y_mm"]

@@ -1,17 +1,14 @@
 """`station focus`: where photographs may come from, and what is written of each."""
 
-from __future__ import annotations
-
 import json
 import math
 
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import Outcome, Verdict
-from station.__main__ import main
 from station.cli.focus import entry, line, summary
 from station.guide.focus.live import FocusReading, LiveFrame
+from tests.program import run
 
 
 @pytest.mark.parametrize(
@@ -23,15 +20,11 @@ from station.guide.focus.live import FocusReading, LiveFrame
     ],
 )
 def test_what_cannot_be_meant_is_refused(options, words):
-    done = CliRunner().invoke(main, ["focus", *options])
-    assert done.exit_code == 2
-    assert words in done.output
+    run("focus", *options, code=2, says=words)
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    done = CliRunner().invoke(main, ["focus", "--watch", str(tmp_path / "none")])
-    assert done.exit_code == 4
-    assert "there is no folder" in done.output
+    run("focus", "--watch", tmp_path / "none", code=4, says="there is no folder")
 
 
 def test_a_photograph_that_cannot_be_measured_is_reported_with_its_reason(tmp_path):

@@ -1,7 +1,5 @@
 """Help of every command: options in groups and an example whose options exist; completion; options of all commands."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from click.shell_completion import ShellComplete
-from click.testing import CliRunner
 
 from station.__main__ import main
 from station.cli.result_log import check_strict
 from station.cli.terminal.examples import EXAMPLES
 from station.cli.terminal.progress import awaited, step_lines
+from tests.program import run
 
 
 def commands(group: click.Group = main, context: click.Context | None = None) -> Iterator[click.Context]:
@@ -59,15 +57,14 @@ def test_options_are_in_groups():
 )
 def test_quiet_is_understood_before_and_after_a_command(before, after, quiet, tmp_path):
     words = ["vignetting", *made_flats(tmp_path), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(main, [*before, *words, *after])
-    assert done.exit_code == 0, done.stderr
+    done = run(*before, *words, *after)
     assert (done.stderr == "") == quiet
 
 
 @pytest.mark.parametrize(("strict", "code"), [([], 0), (["--strict"], 1)])
 def test_strict_counts_what_is_doubtful_as_failed(strict, code, tmp_path):
     flat = made_flats(tmp_path)[0]  # one flat does not separate lens and light
-    done = CliRunner().invoke(main, ["vignetting", flat, "--out", str(tmp_path / "out"), *strict])
+    done = run("vignetting", flat, "--out", tmp_path / "out", *strict, code=None)
     assert "doubtful" in done.stderr
     assert done.exit_code == code
 
@@ -92,7 +89,7 @@ def test_shells_complete_commands_and_options(args, incomplete, offered):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_script_asks_the_program(shell):
-    script = CliRunner().invoke(main, ["completion", shell]).stdout
+    script = run("completion", shell, code=None).stdout
     assert f"_STATION_COMPLETE={shell}_complete" in script
     if shell == "bash":
         subprocess.run(["bash", "-n"], input=script, text=True, check=True)
@@ -112,7 +109,7 @@ def test_work_within_a_step_is_reported_at_intervals(capsys):
     "command", ["demo", "verify", "session list", "session show", "session recompute", "session resume", "psf pattern"]
 )
 def test_commands_with_verdicts_take_strict(command):
-    answer = CliRunner().invoke(main, [*command.split(), "--help"])
+    answer = run(*command.split(), "--help", code=None)
     assert "--strict" in answer.output
 
 

@@ -1,7 +1,5 @@
 """`station init`: what it writes can be read as it stands, and every line that is commented out means something."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
 
@@ -16,14 +14,14 @@ from station.procedure.builtin.pattern import PatternSettings
 from station.reports.certificate_details import CertificateDetails
 from station.results.specification_file import read_specification
 from station.results.terms import USUAL
+from tests.program import run
 
 SETTING = re.compile(r"^#(?=\[|\w+ = )", re.MULTILINE)
 
 
 @pytest.fixture
-def written(run, tmp_path):
+def written(tmp_path):
     done = run("init", tmp_path)
-    assert done.exit_code == 0, done.output
     assert done.stdout.splitlines() == [
         str(tmp_path / "station.toml"),
         str(tmp_path / "procedure.toml"),
@@ -33,10 +31,10 @@ def written(run, tmp_path):
     return tmp_path
 
 
-def test_folder_is_made(run, tmp_path):
-    assert run("init", tmp_path / "lab" / "bench").exit_code == 0
+def test_folder_is_made(tmp_path):
+    run("init", tmp_path / "lab" / "bench")
     assert (tmp_path / "lab" / "bench" / "station.toml").exists()
-    assert run("init", tmp_path / "lab" / "bench" / "station.toml").exit_code == 2
+    run("init", tmp_path / "lab" / "bench" / "station.toml", code=2)
 
 
 def without_comment_marks(path):
@@ -53,17 +51,8 @@ def test_every_device_of_the_example_can_be_made(written):
     tables = read_config(without_comment_marks(written / "station.toml"))
     bench = make_bench(tables, folder=written)
     assert set(bench.devices) == {
-        "stage",
-        "room",
-        "head",
-        "shutter",
-        "shaker",
-        "watchdog",
-        "camera",
-        "imu",
-        "rangefinder",
-        "light",
-    }
+        "stage", "room", "head", "shutter", "shaker", "watchdog", "camera", "imu", "rangefinder", "light",
+    }  # fmt: skip
     bench.close()
 
 
@@ -99,11 +88,9 @@ def test_every_limit_of_the_specification_can_be_meant(written):
     ]
 
 
-def test_nothing_that_is_there_is_touched(run, tmp_path):
+def test_nothing_that_is_there_is_touched(tmp_path):
     (tmp_path / "procedure.toml").write_text("mine", encoding="utf-8")
-    done = run("init", tmp_path)
-    assert done.exit_code == 2
-    assert "has procedure.toml already" in done.stderr
+    run("init", tmp_path, code=2, says="has procedure.toml already")
     assert [path.name for path in tmp_path.iterdir()] == ["procedure.toml"]
     assert (tmp_path / "procedure.toml").read_text(encoding="utf-8") == "mine"
 
@@ -115,13 +102,11 @@ def test_every_detail_of_the_certificate_is_known(written):
     assert all(getattr(details, one.name) for one in fields(details))
 
 
-def test_a_key_is_written_for_its_owner_and_never_over_another(run, tmp_path):
+def test_a_key_is_written_for_its_owner_and_never_over_another(tmp_path):
     pytest.importorskip("cryptography", reason="cryptography is not installed (extra `sign`)")
     key = tmp_path / "laboratory.pem"
-    assert run("init", "--key", key).exit_code == 0
+    run("init", "--key", key)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["laboratory.pem", "laboratory.pub"]
     assert key.stat().st_mode & 0o077 == 0
     assert public_key(key) == public_key(key.with_suffix(".pub"))
-    done = run("init", "--key", key)
-    assert done.exit_code == 2
-    assert "name a file that does not exist" in done.stderr
+    run("init", "--key", key, code=2, says="name a file that does not exist")

@@ -1,13 +1,13 @@
 """`station mtf edge`: its files, its record, and its exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 
 import cv2
 import numpy as np
 import pytest
+
+from tests.program import run
 
 
 @pytest.fixture
@@ -25,9 +25,8 @@ def picture(tmp_path):
 
 
 @pytest.mark.slow
-def test_region_gives_record_table_and_picture(run, picture, tmp_path):
-    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json", "--at", "0.3,9")
-    assert done.exit_code == 0, done.output
+def test_region_gives_record_table_and_picture(picture, tmp_path):
+    run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json", "--at", "0.3,9")
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["schema"] == "station/mtf/1"
     assert record["parameters"]["roi"] == [5, 5, 50, 70]
@@ -49,24 +48,22 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
 
 
 @pytest.mark.slow
-def test_edges_are_found_where_no_region_is_given(run, picture, tmp_path):
-    done = run("mtf", "edge", picture, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_edges_are_found_where_no_region_is_given(picture, tmp_path):
+    run("mtf", "edge", picture, "--out", tmp_path / "out")
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert len(plane["edges"]) == 1
     assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.005)
 
 
 @pytest.mark.parametrize(("roi", "code"), [("0,0,99,20", 2), ("0,0,x,20", 2), ("1,2,3", 2), ("0,0,12,80", 5)])
-def test_regions_that_hold_no_edge_are_refused(run, picture, tmp_path, roi, code):
-    done = run("mtf", "edge", picture, "--roi", roi, "--out", tmp_path / "out")
-    assert done.exit_code == code
+def test_regions_that_hold_no_edge_are_refused(picture, tmp_path, roi, code):
+    run("mtf", "edge", picture, "--roi", roi, "--out", tmp_path / "out", code=code)
 
 
 @pytest.mark.slow
-def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
+def test_refusal_leaves_its_reason_and_no_table(picture, tmp_path):
     run("mtf", "edge", picture, "--out", tmp_path / "out")
-    assert run("mtf", "edge", picture, "--roi", "0,0,12,80", "--out", tmp_path / "out").exit_code == 5
+    run("mtf", "edge", picture, "--roi", "0,0,12,80", "--out", tmp_path / "out", code=5)
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
     assert "no edge" in plane["reason"]
@@ -74,11 +71,10 @@ def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["result.json"]
 
 
-def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
+def test_the_aperture_goes_into_record_and_verdict(picture, tmp_path):
     # a Gaussian has no tail: an aperture that throws 2 % of a pixel is not this picture's
     optics = ("--pixel-pitch-um", "5", "--f-number", "2.8")
-    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *optics, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    run("mtf", "edge", picture, "--roi", "5,5,50,70", *optics, "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["f_number"] == 2.8
     assert record["planes"]["Y"]["verdict"] == "doubtful"
@@ -86,9 +82,8 @@ def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_named_edge_has_the_verdict_it_has_in_the_list(run, picture, tmp_path):
-    listed = run("mtf", "edge", picture, "--out", tmp_path / "all")
-    assert listed.exit_code == 0, listed.output
+def test_a_named_edge_has_the_verdict_it_has_in_the_list(picture, tmp_path):
+    run("mtf", "edge", picture, "--out", tmp_path / "all")
     (edge,) = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]["Y"]["edges"]
     run("mtf", "edge", picture, "--roi", ",".join(map(str, edge["roi"])), "--out", tmp_path / "one")
     assert json.loads((tmp_path / "one" / "result.json").read_text())["planes"]["Y"]["edges"] == [edge]

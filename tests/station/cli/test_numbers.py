@@ -1,14 +1,12 @@
 """No numeric option takes NaN, infinity or a number out of all measure: each ends in exit code 2, which names it."""
 
-from __future__ import annotations
-
 import click
 import pytest
-from click.testing import CliRunner
 
 from station.__main__ import COMMANDS, main
+from station.cli.terminal.command import FiniteNumber
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import FiniteNumber
+from tests.program import run
 
 
 def commands(group, words=()):
@@ -48,8 +46,7 @@ def test_help_shows_no_bounds_where_there_are_none():
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
 @pytest.mark.parametrize(("words", "option"), FLOATS, ids=lambda one: "-".join(one) if isinstance(one, tuple) else one)
 def test_no_real_option_takes_what_is_no_finite_number(words, option, value):
-    done = CliRunner().invoke(main, [*words, f"{option}={value}"], prog_name="station")
-    assert done.exit_code == 2
+    done = run(*words, f"{option}={value}", code=2)
     assert "finite" in done.stderr or "range" in done.stderr
 
 
@@ -66,6 +63,6 @@ def test_no_real_option_takes_what_is_no_finite_number(words, option, value):
 )
 def test_numbers_out_of_all_measure_are_refused(tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, words, prog_name="station")
+    done = run(*words, code=None)
     assert (done.exit_code, list(tmp_path.iterdir())) == (2, [])
     assert says in done.stderr

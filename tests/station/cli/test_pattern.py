@@ -1,20 +1,18 @@
-from __future__ import annotations
-
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import DEFAULT_SEED, Chart
 from procedures.pattern_print.formats import bitmap
 from station.cli.pattern import pattern
+from tests.program import run
 
-
-def _run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(pattern, [str(argument) for argument in arguments])
+_run = partial(run, "pattern")
 
 
 @pytest.mark.slow
@@ -22,12 +20,12 @@ def _run(*arguments: str | Path) -> Result:
     ("name", "signature"), [("c.pdf", b"%PDF-1"), ("c.SVG", b"<?xml"), ("c.png", b"\x89PNG"), ("c.pgm", b"P5\n")]
 )
 def test_ending_chooses_the_format(tmp_path: Path, name: str, signature: bytes) -> None:
-    assert _run(tmp_path / name).exit_code == 0
+    _run(tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(signature)
 
 
 def test_options_choose_seed_and_pixels(tmp_path: Path) -> None:
-    assert _run(tmp_path / "c.pgm", "--seed", "7", "--cell-pixels", "2").exit_code == 0
+    _run(tmp_path / "c.pgm", "--seed", "7", "--cell-pixels", "2")
     written = cv2.imread(str(tmp_path / "c.pgm"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(written, bitmap(Chart.from_seed(7), 2))
 
@@ -35,7 +33,7 @@ def test_options_choose_seed_and_pixels(tmp_path: Path) -> None:
 def test_bits_choose_the_cells(tmp_path: Path) -> None:
     chart = Chart.from_seed(8)
     cv2.imwrite(str(tmp_path / "bits.pgm"), 255 * chart.cells)
-    assert _run(tmp_path / "c.pgm", "--bits", tmp_path / "bits.pgm").exit_code == 0
+    _run(tmp_path / "c.pgm", "--bits", tmp_path / "bits.pgm")
     written = cv2.imread(str(tmp_path / "c.pgm"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(written, bitmap(chart))
 
@@ -89,9 +87,7 @@ def test_a_given_lens_lists_the_noise_amplification_by_distance(tmp_path: Path) 
     [(("--focal-length-mm", "50"), "together"), (("--seed", "1", "--bits", "bits.pgm"), "both define the cells")],
 )
 def test_incompatible_options_are_refused(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
-    done = _run(tmp_path / "c.pdf", *words)
-    assert done.exit_code == 2
-    assert message in done.stderr
+    _run(tmp_path / "c.pdf", *words, code=2, says=message)
 
 
 @pytest.mark.parametrize(

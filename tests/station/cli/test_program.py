@@ -1,16 +1,13 @@
 """The program as a process: what a shell sees."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
+from tests.program import run
 
 HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
 OF_SETTINGS = ("numpy", "cv2", "procedures.raw")
@@ -86,9 +83,7 @@ def test_a_missing_chart_and_wrong_cells_are_exit_5(shared_data, tmp_path, photo
 
 
 def test_a_shaker_without_a_simulated_bench_is_usage():
-    done = CliRunner().invoke(main, ["--shaker", "--plain"])
-    assert done.exit_code == 2
-    assert "--shaker is for the simulated bench: give --simulate" in done.stderr
+    run("--shaker", "--plain", code=2, says="--shaker is for the simulated bench: give --simulate")
 
 
 def test_unknown_command_is_usage():

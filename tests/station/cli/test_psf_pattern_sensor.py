@@ -1,7 +1,5 @@
 """`station psf pattern --sensor`: the result of `station sensor` is read back and used."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import asdict
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.clipping import SensorModel
+from tests.program import run
 
 MODEL = SensorModel(0.3, 0.001, 60.0, 4.0, 3800.0, 4000.0, (-0.05, 0.01), 0.0003, 1.5, 0.005)
 SIGNAL, BLOCKS = 1800.0, 400
@@ -35,16 +34,15 @@ def sensor(tmp_path):
     return folder / "result.json"
 
 
-def test_model_reaches_the_estimate_and_the_record(run, estimator, photograph, sensor, tmp_path):
-    done = run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_model_reaches_the_estimate_and_the_record(estimator, photograph, sensor, tmp_path):
+    run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
     assert estimator.sensors == [MODEL]
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["sensor"]["path"] == str(sensor)
     assert len(record["parameters"]["sensor"]["sha256"]) == 64
 
 
-def test_information_stands_beside_the_psf(run, estimator, photograph, sensor, tmp_path):
+def test_information_stands_beside_the_psf(estimator, photograph, sensor, tmp_path):
     run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
     measured = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]["information"]
     zero = measured["neq_zero"]
@@ -60,7 +58,7 @@ def test_information_stands_beside_the_psf(run, estimator, photograph, sensor, t
     assert float(at["neq"]) == pytest.approx(6000 * np.exp(-4 * np.pi**2 * sigma**2 / 16), rel=0.02)
 
 
-def test_nothing_is_known_without_it(run, estimator, photograph, tmp_path):
+def test_nothing_is_known_without_it(estimator, photograph, tmp_path):
     run("psf", "pattern", photograph, "--out", tmp_path / "out")
     assert estimator.sensors == [None]
     record = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -77,27 +75,23 @@ def test_nothing_is_known_without_it(run, estimator, photograph, tmp_path):
     ],
     ids=["another record", "another plane", "a part missing"],
 )
-def test_what_is_no_result_of_this_plane_is_refused(run, estimator, photograph, sensor, tmp_path, change, words):
+def test_what_is_no_result_of_this_plane_is_refused(estimator, photograph, sensor, tmp_path, change, words):
     record = json.loads(sensor.read_text())
     change(record)
     sensor.write_text(json.dumps(record))
-    done = run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert words in done.stderr
+    run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out", code=4, says=words)
     assert not estimator.asked
 
 
-def test_missing_record_is_refused_as_every_missing_setting(run, estimator, photograph, tmp_path):
-    done = run("psf", "pattern", photograph, "--sensor", tmp_path / "none.json", "--out", tmp_path / "out")
-    assert done.exit_code == 2
-    assert "there is no file" in done.stderr
+def test_missing_record_is_refused_as_every_missing_setting(estimator, photograph, tmp_path):
+    done = run("psf", "pattern", photograph, "--sensor", tmp_path / "none.json", "--out", tmp_path / "out", code=2)
+    assert "there is no file" in done.output
 
 
-def test_another_sensitivity_is_refused(run, estimator, shared_data, sensor, tmp_path):
+def test_another_sensitivity_is_refused(estimator, shared_data, sensor, tmp_path):
     record = json.loads(sensor.read_text())
     record["iso"] = 51200
     sensor.write_text(json.dumps(record))
     raw = shared_data / "raw" / "tinydng_colorchart.dng"
-    done = run("psf", "pattern", raw, "--plane", "G1", "--sensor", sensor, "--out", tmp_path / "out")
-    assert done.exit_code == 4
+    done = run("psf", "pattern", raw, "--plane", "G1", "--sensor", sensor, "--out", tmp_path / "out", code=4)
     assert "ISO 51200" in done.stderr or "contains Y" in done.stderr

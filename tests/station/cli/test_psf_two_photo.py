@@ -1,9 +1,11 @@
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
+
+from tests.program import run
+
+SLOW_FIXTURES = {"far"}
 
 
 @pytest.fixture
@@ -16,10 +18,8 @@ def far(shared_data):
     return shared_data / "synthetic" / "two_photo" / "wall_a_far.pgm"
 
 
-@pytest.mark.slow
-def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
-    done = run("psf", "two-photo", far, near, "--out", tmp_path)
-    assert done.exit_code == 0, done.output
+def test_files_and_record_follow_the_contract(near, far, tmp_path):
+    run("psf", "two-photo", far, near, "--out", tmp_path)
     kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
     more = ("budget.csv", "numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
     assert {path.name for path in tmp_path.iterdir()} == {*kinds, *more}
@@ -40,10 +40,9 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     assert plane["mtf50_horizontal"]["unit"] == "cycles/pixel"
 
 
-def test_a_refusal_keeps_no_psf_and_names_the_remedy(run, near, tmp_path):
+def test_a_refusal_keeps_no_psf_and_names_the_remedy(near, tmp_path):
     out = tmp_path / "out"
-    done = run("psf", "two-photo", near, near, "--out", out)
-    assert done.exit_code == 5
+    run("psf", "two-photo", near, near, "--out", out, code=5)
     assert sorted(path.name for path in out.iterdir()) == ["result.json"]
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
@@ -52,24 +51,11 @@ def test_a_refusal_keeps_no_psf_and_names_the_remedy(run, near, tmp_path):
     assert "choose s" not in plane["remedy"]  # no s of 2 or more is possible
 
 
-def test_photographs_of_different_kinds_are_no_pair(run, near, shared_data, tmp_path):
-    done = run("psf", "two-photo", near, shared_data / "raw" / "tinydng_colorchart.dng", "--out", tmp_path)
-    assert done.exit_code == 4
+def test_photographs_of_different_kinds_are_no_pair(near, shared_data, tmp_path):
+    done = run("psf", "two-photo", near, shared_data / "raw" / "tinydng_colorchart.dng", "--out", tmp_path, code=4)
     assert "same planes" in done.output
 
 
-@pytest.mark.slow
-def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
-    done = run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
-    assert done.exit_code == 0, done.output
+def test_other_parameters_reach_the_estimate(near, far, tmp_path):
+    run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
     assert np.load(tmp_path / "psf_Y.npy", allow_pickle=False).shape == (9, 9)
-
-
-@pytest.mark.slow
-def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
-    run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
-    page = (tmp_path / "report.html").read_text()
-    assert "Trusted, in Y." in page
-    assert page.count("<svg") == 8  # PSF twice, MTF, energy, MTF over both frequencies, phase, kernel, the pair
-    assert "doi:10.5201/ipol.2013.77" in page
-    assert all(path.name in page for path in (near, far))

@@ -1,7 +1,5 @@
 """`station refocus`: a restoration's picture with another aperture and focus, and what it cannot work on."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -14,9 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures.field.field_file import write_field
 from procedures.restoration.masks.blur_models import pillbox, polygon
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.refocus import _mean_of_views
+from tests.procedures.correction.small_lens import SmallLens
+from tests.program import run
 
 LENS = {"metres": "behind", "focal_length_mm": 12.0, "f_number": [2.8, 2.0], "focus_m": [0.45, 0.45],
         "pixel_pitch_um": 6.0}  # fmt: skip
@@ -41,15 +42,14 @@ def restored(tmp_path):
     return folder
 
 
-def test_focus_moves_from_one_half_to_the_other(run, restored, tmp_path):
+def test_focus_moves_from_one_half_to_the_other(restored, tmp_path):
     sharp = cv2.imread(str(restored / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     # blur radii 1 and 3 px behind 0.45 m at f/2.8 lie at 0.506 and 0.670 m: 1/l = 1/l_s - r / (rho zeta)
     scale = 12 / 5.6 * (1 / (1 / 12 - 1 / 450)) / 0.006
     metres = [1 / (1 / 450 - r / scale) / 1000 for r in (1, 3)]
     for n, (near, far) in enumerate(((np.s_[:, 4:28], np.s_[:, 38:60]), (np.s_[:, 38:60], np.s_[:, 4:28]))):
         out = tmp_path / f"o{n}"
-        done = run("refocus", restored, "--f-number", 1.4, "--focus-m", metres[n], "--out", out)
-        assert done.exit_code == 0, done.output
+        run("refocus", restored, "--f-number", 1.4, "--focus-m", metres[n], "--out", out)
         picture = cv2.imread(str(out / "refocused.tiff"), cv2.IMREAD_UNCHANGED)
         np.testing.assert_allclose(picture[near], sharp[near], atol=1e-6)
         assert np.abs(picture[far] - sharp[far]).max() > 0.1
@@ -57,6 +57,18 @@ def test_focus_moves_from_one_half_to_the_other(run, restored, tmp_path):
         plane = record["planes"]["picture"]
         assert plane["depth_of_field_near"]["value"] < metres[n] < plane["depth_of_field_far"]["value"]
         assert "Pictures" in (out / "report.html").read_text()
+
+
+def test_a_field_leaves_an_even_picture_even_and_must_have_its_size(restored, tmp_path):
+    even = np.full((48, 64), 0.5, np.float32)
+    cv2.imwrite(str(restored / "sharp.tiff"), even)
+    for name, shape in (("field", even.shape), ("other", (60, 60))):
+        write_field(tmp_path / f"{name}.h5", {"Y": SmallLens(shape, 0.8).field("Y")}, {}, [], {})
+    words = ("refocus", restored, "--f-number", 4, "--focus-m", 0.6, "--out")
+    run(*words, tmp_path / "o", "--field", tmp_path / "field.h5")
+    picture = cv2.imread(str(tmp_path / "o" / "refocused.tiff"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(picture, even, atol=1e-6)  # no light is lost at the rim
+    run(*words, tmp_path / "p", "--field", tmp_path / "other.h5", code=2, says="frames of 64 x 48 pixels")
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +103,8 @@ def test_the_pages_script_has_the_programs_optics(node):
     np.testing.assert_allclose(drawn, setting.blur_radius_px(np.array([2000.0, 1000.0, 500.0])), rtol=1e-12)
 
 
-def test_the_page_has_controls_of_aperture_focus_and_bokeh(run, restored, tmp_path):
-    assert run("refocus", restored, "--f-number", 2, "--focus-m", 0.6, "--out", tmp_path / "o").exit_code == 0
+def test_the_page_has_controls_of_aperture_focus_and_bokeh(restored, tmp_path):
+    run("refocus", restored, "--f-number", 2, "--focus-m", 0.6, "--out", tmp_path / "o")
     page = (tmp_path / "o" / "report.html").read_text()
     assert all(f'name="{name}"' in page for name in ("aperture", "focus", "bokeh"))
     assert "meanOfViews" in page
@@ -112,10 +124,9 @@ def test_the_page_has_controls_of_aperture_focus_and_bokeh(run, restored, tmp_pa
         ({"pixel_pitch_um": 0.0001}, "blur circles", 2),
     ],
 )
-def test_what_is_no_restoration_in_metres_is_refused(run, restored, tmp_path, change, words, code):
+def test_what_is_no_restoration_in_metres_is_refused(restored, tmp_path, change, words, code):
     record = json.loads((restored / "result.json").read_text())
     record["parameters"] |= change
     (restored / "result.json").write_text(json.dumps(record))
-    done = run("refocus", restored, "--f-number", 2, "--focus-m", 0.6, "--out", tmp_path / "o")
-    assert (done.exit_code, words in done.output) == (code, True), done.output
+    run("refocus", restored, "--f-number", 2, "--focus-m", 0.6, "--out", tmp_path / "o", code=code, says=words)
     assert not (tmp_path / "o").exists()

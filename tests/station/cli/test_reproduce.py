@@ -1,16 +1,14 @@
-from __future__ import annotations
-
 import json
 
 import pytest
 
 from station.demo.reproduce import catalogue, gamma_rows
 from station.demo.reproduce.row import ClaimCheck, Row, RowValues
+from tests.program import run
 
 
-def test_a_row_is_computed_and_agrees(run, tmp_path):
-    done = run("reproduce", "bound-expected", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_a_row_is_computed_and_agrees(tmp_path):
+    run("reproduce", "bound-expected", "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     (row,) = record["rows"]
     assert row["place"] == "Thesis, Proposition 1 and Figure 2.3"
@@ -19,40 +17,33 @@ def test_a_row_is_computed_and_agrees(run, tmp_path):
     assert "<svg" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
 
 
-def test_an_unknown_name_lists_the_rows(run, tmp_path):
-    done = run("reproduce", "table-9.9", "--out", tmp_path / "out")
-    assert done.exit_code == 2
-    assert "gamma-table" in done.stderr
+def test_an_unknown_name_lists_the_rows(tmp_path):
+    run("reproduce", "table-9.9", "--out", tmp_path / "out", code=2, says="gamma-table")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_row_that_is_not_reproduced_returns_one(run, tmp_path, monkeypatch):
+def test_a_row_that_is_not_reproduced_returns_one(tmp_path, monkeypatch):
     off = Row(
         "off", "some", "Thesis", "Off", (ClaimCheck("a number", "1", 0.9, 1.1),), "None.", lambda _: RowValues((2.0,))
     )
     monkeypatch.setattr(catalogue, "ROWS", (off,))
-    done = run("reproduce", "--out", tmp_path)
-    assert done.exit_code == 1
+    done = run("reproduce", "--out", tmp_path, code=1)
     assert "a number: 1; ours 2.000, 0.9 above" in " ".join(done.stdout.split())
 
 
-def test_without_data_rows_are_not_computed(run, tmp_path, monkeypatch):
+def test_without_data_rows_are_not_computed(tmp_path, monkeypatch):
     monkeypatch.delenv("STATION_SHARED_DATA", raising=False)
-    done = run("reproduce", "rays-kappa", "--out", tmp_path)
-    assert done.exit_code == 1
-    assert "not computed" in done.stdout
+    run("reproduce", "rays-kappa", "--out", tmp_path, code=1, says="not computed")
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [(["--fetch"], "--fetch needs a folder"), (["--data", "absent"], "--data needs a folder; there is no absent")],
 )
-def test_a_folder_must_exist_or_be_fetched(run, tmp_path, monkeypatch, arguments, message):
+def test_a_folder_must_exist_or_be_fetched(tmp_path, monkeypatch, arguments, message):
     monkeypatch.delenv("STATION_SHARED_DATA", raising=False)
     monkeypatch.chdir(tmp_path)
-    done = run("reproduce", "bound-solved", "--out", tmp_path / "out", *arguments)
-    assert done.exit_code == 2
-    assert message in done.stderr
+    run("reproduce", "bound-solved", "--out", tmp_path / "out", *arguments, code=2, says=message)
 
 
 def test_the_tables_bounds_come_from_one_noise_region():

@@ -1,19 +1,17 @@
 """`station restore` from files to files, on a corner of the shared photographs."""
 
-from __future__ import annotations
-
 import json
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.unknown_motion import path_refinement
-from station.__main__ import main
+from tests.program import run
 
-SLOW_FIXTURES = {"photographs"}
+pytestmark = pytest.mark.slow
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
 
 
@@ -29,27 +27,23 @@ def photographs(shared_data, tmp_path_factory):
     return [str(target / "1.pgm"), str(target / "2.pgm")], shapes, np.load(folder / "w.npy")[100:200, 180:300]
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, ["restore", *map(str, arguments)])
+restore = partial(run, "restore")
 
 
 @pytest.fixture(scope="module")
 def done(photographs, tmp_path_factory):
     images, shapes, _ = photographs
     out = tmp_path_factory.mktemp("out") / "restored"
-    result = run(*images, "--blur", "motion", "--shape", *shapes, *QUICK, "--json", "--out", out)
+    result = restore(*images, "--blur", "motion", "--shape", *shapes, *QUICK, "--json", "--out", out)
     return result, out
 
 
-@pytest.mark.slow
 def test_it_writes_the_documented_files(done):
-    result, out = done
-    assert result.exit_code == 0, result.output
+    _, out = done
     assert {"sharp.tiff", "sharp.png", "w.npy", "depth.png", "result.json"} <= {f.name for f in out.iterdir()}
     assert not [f for f in out.iterdir() if f.name.startswith(".")]
 
 
-@pytest.mark.slow
 def test_the_picture_has_the_inputs_scale(done, photographs):
     sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535
@@ -59,93 +53,23 @@ def test_the_picture_has_the_inputs_scale(done, photographs):
     assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
 
 
-@pytest.mark.slow
 def test_depth_is_near_the_truth(done, photographs):
     w = np.load(done[1] / "w.npy")
     assert w.dtype == np.float32
     assert np.median(np.abs(w - photographs[2])) < 0.1
 
 
-@pytest.mark.slow
-def test_the_record_describes_the_run(done):
-    result, out = done
-    record = json.loads((out / "result.json").read_text())
-    assert record["schema"] == "station/restore/1"
-    assert all(i["sha256"] for i in record["input"])
-    assert record["verdict"] in {"pass", "doubtful"}
-    assert [i["n"] for i in record["iterations"]] == [0, 1, 2]
-    assert json.loads(result.stdout) == record
-
-
-@pytest.mark.parametrize(
-    ("change", "code", "complaint"),
-    [
-        (["--max-w", "0"], 2, "max w"),
-        (["--scheme", "often"], 2, "scheme"),
-        (["--max-w", "38"], 2, "too large"),
-    ],
-)
-def test_impossible_parameters_exit_2(photographs, tmp_path, change, code, complaint):
-    images, shapes, _ = photographs
-    result = run(*images, "--blur", "motion", "--shape", *shapes, *QUICK, *change, "--out", tmp_path / "o")
-    assert result.exit_code == code
-    assert complaint in result.stderr
-    assert not (tmp_path / "o").exists()
-
-
-def test_the_same_photograph_twice_exits_4(photographs, tmp_path):
-    images, shapes, _ = photographs
-    result = run(images[0], images[0], "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o")
-    assert result.exit_code == 4
-    assert "identical" in result.stderr
-
-
-def test_ratio_one_with_one_shape_exits_2(photographs, tmp_path):
-    result = run(*photographs[0], "--blur", "defocus", "--shape", "pillbox", *QUICK, "--out", tmp_path / "o")
-    assert result.exit_code == 2
-    assert "equally" in result.stderr
-
-
-def test_a_missing_shape_file_exits_4(photographs, tmp_path):
-    result = run(*photographs[0], "--blur", "motion", "--shape", "a.txt", "b.txt", *QUICK, "--out", tmp_path / "o")
-    assert result.exit_code == 4
-    assert "a.txt" in result.stderr
-
-
-def test_saturated_photographs_exit_5(photographs, tmp_path):
-    images, shapes, _ = photographs
-    image = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)
-    image[: image.shape[0] // 2] = 65535
-    cv2.imwrite(str(tmp_path / "white.pgm"), image)
-    result = run(
-        images[0], tmp_path / "white.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
-    )
-    assert result.exit_code == 5
-    assert "saturated" in result.stderr
-
-
 def test_one_photograph_is_a_usage_error(photographs, tmp_path):
-    result = run(
-        photographs[0][0], "--blur", "defocus", "--shape", "pillbox", "--ratio", "1.2", "--out", tmp_path / "o"
-    )
-    assert result.exit_code == 2
+    restore(photographs[0][0], "--blur", "defocus", "--shape", "pillbox", "--ratio", "1.2", "--out", tmp_path, code=2)
 
 
-def test_an_invalid_region_is_a_usage_error(photographs, tmp_path):
-    result = run(*photographs[0], "--blur", "motion", "--prototype-region", "10,10", *QUICK, "--out", tmp_path / "o")
-    assert result.exit_code == 2
-    assert "X,Y,W,H" in result.stderr
-
-
-@pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # the accuracy of the paths is tested with the procedure
     few = path_refinement.PathEffort(3, descending=1, bends=0, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2))
     monkeypatch.setattr(path_refinement, "PathEffort", lambda: few)
     # the upper left corner of this crop is at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
-    result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")
-    assert result.exit_code == 0, result.stderr
+    restore(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert record["parameters"]["prototype_region"] == "0,0,60,96"
     assert record["parameters"]["motion"]["half_width_px"] > 0
@@ -154,38 +78,18 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatc
     # its shapes are used again, with their doubt and without the search
     shapes = [tmp_path / "o" / f"shape_{n}.npy" for n in (1, 2)]
     arguments = ["--blur", "motion", "--shape", *shapes, "--scheme", "1x(2+2)", "--max-w", "3"]
-    result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "again")
-    assert result.exit_code == 0, result.stderr
+    restore(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "again")
     again = json.loads((tmp_path / "again" / "result.json").read_text())
     assert again["verdict"] == record["verdict"] == "doubtful"
     np.testing.assert_allclose(np.load(tmp_path / "again" / "w.npy"), np.load(tmp_path / "o" / "w.npy"), atol=0.02)
 
 
-def test_the_report_shows_every_picture_and_needs_no_network(done):
-    page = (done[1] / "report.html").read_text(encoding="utf-8")
-    # photograph and restored picture under the slider, one place, the other photograph, the restored one, and three
-    # refocused ones; depth, its spread, the picture's, residual, course
-    assert page.count('<img src="data:image/png;base64,') == 8
-    assert page.count("<svg ") == 5
-    assert "http" not in page.replace("http://www.w3.org", "")
-
-
-def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
-    arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--recorded-path", tmp_path / "p.txt"]
-    result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
-    assert result.exit_code == 2
-    assert "one path for each" in result.stderr
-
-
-@pytest.mark.slow
 def test_photographs_of_two_scenes_exit_5_and_leave_the_reason(photographs, tmp_path):
     images, shapes, _ = photographs
     second = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)
     cv2.imwrite(str(tmp_path / "negative.pgm"), second.max() + second.min() - second)
-    result = run(
-        images[0], tmp_path / "negative.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
-    )
-    assert result.exit_code == 5
+    blur = ["--blur", "motion", "--shape", *shapes, *QUICK]
+    result = restore(images[0], tmp_path / "negative.pgm", *blur, "--out", tmp_path / "o", code=5)
     assert "no picture explains the photographs" in result.stderr
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert (record["schema"], record["verdict"]) == ("station/restore/1", "refused")

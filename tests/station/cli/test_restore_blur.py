@@ -1,14 +1,12 @@
 """`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from procedures.raw import ImuRecord, read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
@@ -17,16 +15,15 @@ from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.body import Opening
 from simulators.bench.view import Mount
 from simulators.camera.sensor import Sensor
-from station.__main__ import main
 from station.calibration.restoration.inputs import imu_table, read_blur_shape, read_imu
+from tests.program import run
 
 SLOW_FIXTURES = {"shaken", "defocused"}
 OPEN_S = 0.2
 QUICK = ["--scheme", "1x(4+4)+1x8"]
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, ["restore", *map(str, arguments)])
+restore = partial(run, "restore")
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +53,7 @@ def by_imu(shaken, tmp_path_factory):
     folder, _, focal_px = shaken
     out = tmp_path_factory.mktemp("out") / "restored"
     records = ["--imu", folder / "1.csv", folder / "2.csv", "--focal-px", focal_px, "--max-inverse-depth", 0.9]
-    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, *QUICK, "--out", out)
-    assert result.exit_code == 0, result.output
+    restore(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, *QUICK, "--out", out)
     return out
 
 
@@ -69,7 +65,6 @@ def error(picture, reference, rim=10):
     )
 
 
-@pytest.mark.slow
 def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
     folder, reference, _ = shaken
     sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -77,7 +72,6 @@ def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
     assert error(sharp, reference) < 0.4 * error(blurred, reference)
 
 
-@pytest.mark.slow
 def test_the_record_has_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"
@@ -99,7 +93,6 @@ def test_a_written_record_is_read_identically(tmp_path):
     np.testing.assert_allclose(found.rotation_rad_s, imu.rotation_rad_s, rtol=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -114,13 +107,11 @@ def test_an_invalid_record_exits_4(shaken, tmp_path, text, complaint):
     folder, _, focal_px = shaken
     (tmp_path / "bad.csv").write_text(text)
     records = ["--imu", tmp_path / "bad.csv", folder / "2.csv", "--focal-px", focal_px, "--max-inverse-depth", 0.9]
-    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, "--out", tmp_path / "o")
-    assert result.exit_code == 4
-    assert complaint in result.stderr
+    done = restore(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, "--out", tmp_path / "o", code=4)
+    assert complaint in done.output
     assert not (tmp_path / "o").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -132,9 +123,9 @@ def test_an_invalid_record_exits_4(shaken, tmp_path, text, complaint):
 )
 def test_inconsistent_options_exit_2(shaken, tmp_path, change, complaint):
     folder, *_ = shaken
-    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o")
-    assert result.exit_code == 2
-    assert complaint in result.stderr
+    restore(
+        folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o", code=2, says=complaint
+    )
 
 
 # --- measured PSFs -----------------------------------------------------------------------------------------------
@@ -159,14 +150,10 @@ def defocused(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shape", [["psf_Y.npy"], ["psf.txt", "--samples-per-pixel", "3"]])
 def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
     given = [defocused / shape[0], *shape[1:], "--ratio", 1.25, "--max-w", 4.2, "--scheme", "1x(4+4)+1x6"]
-    result = run(
-        defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", *given, "--out", tmp_path / "o"
-    )
-    assert result.exit_code == 0, result.stderr
+    restore(defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", *given, "--out", tmp_path / "o")
     parameters = json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]
     # a sample is a third of a pixel wide, and noise removes the rim
     assert parameters["measured"][0]["half_width_px"] == pytest.approx(3.0, abs=0.35)
@@ -180,15 +167,10 @@ def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
 def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
     images = [defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--ratio", 1.25, "--out", tmp_path / "o"]
     (tmp_path / "psf_Y.npy").write_bytes((defocused / "psf_Y.npy").read_bytes())
-    result = run(*images, "--shape", tmp_path / "psf_Y.npy")
-    assert result.exit_code == 2
-    assert "--samples-per-pixel" in result.stderr
-    result = run(*images, "--shape", defocused / "psf.txt")
-    assert result.exit_code == 4
-    assert "must be finite, from 0" in result.stderr
+    restore(*images, "--shape", tmp_path / "psf_Y.npy", code=2, says="--samples-per-pixel")
+    restore(*images, "--shape", defocused / "psf.txt", code=4, says="must be finite, from 0")
 
 
-@pytest.mark.slow
 def test_a_field_must_fit_plane_and_frame(defocused, tmp_path):
     from procedures.field.field_file import write_field
     from procedures.field.interpolate import interpolate
@@ -202,14 +184,11 @@ def test_a_field_must_fit_plane_and_frame(defocused, tmp_path):
         nodes.append(Node(where, 1e-4 * np.eye(2), where, Psf(h / h.sum(), 3, 1e-8 * np.eye(h.size)), "a", len(nodes)))
     write_field(tmp_path / "field.h5", {"Y": interpolate("Y", (104, 124), nodes)}, {}, [], {})
     images = [defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", tmp_path / "field.h5"]
-    result = run(*images, "--ratio", 1.25, "--max-w", 2.0, "--scheme", "1x(1+1)+1x1", "--out", tmp_path / "o")
-    assert result.exit_code == 0, result.stderr
+    restore(*images, "--ratio", 1.25, "--max-w", 2.0, "--scheme", "1x(1+1)+1x1", "--out", tmp_path / "o")
     small = [tmp_path / "1.png", tmp_path / "2.png"]
     for one in small:
         cv2.imwrite(str(one), cv2.imread(str(defocused / one.name), cv2.IMREAD_UNCHANGED)[:80])
-    cropped = run(*small, *images[2:], "--out", tmp_path / "p")
-    assert cropped.exit_code == 4
-    assert "the size of the field's plane, 124 x 104" in cropped.stderr
+    restore(*small, *images[2:], "--out", tmp_path / "p", code=4, says="the size of the field's plane, 124 x 104")
     # named before there are photographs: its first plane, over itself
     shape = read_blur_shape(str(tmp_path / "field.h5"), None, None)
     assert shape.half_width_px == pytest.approx(3.0, abs=0.5)

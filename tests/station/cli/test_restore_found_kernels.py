@@ -1,18 +1,15 @@
 """`station restore` writes the kernels of a flat scene's motions, and accepts them as input."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
-from station.__main__ import main
 from station.calibration.restoration.inputs import read_blur_shape, read_kernels
+from tests.program import run
 
 SLOW_FIXTURES = {"found"}
 SIZE = 72
@@ -41,15 +38,13 @@ def result(photographs):
     return again(photographs, out, *(photographs / f"kernel{n}.txt" for n in (0, 1))), out
 
 
-def again(photographs, out, *kernels):
+def again(photographs, out, *kernels, **how):
     images = [photographs / f"{n}.png" for n in (0, 1)]
-    words = ["restore", *images, *QUICK, "--shape", *kernels, "--out", out]
-    return CliRunner().invoke(main, [str(one) for one in words])
+    return run("restore", *images, *QUICK, "--shape", *kernels, "--out", out, **how)
 
 
 def test_kernels_are_written_like_other_psfs(result):
-    done, out = result
-    assert done.exit_code == 0, done.output
+    _, out = result
     first = np.load(out / "kernel_1.npy")
     np.testing.assert_allclose(first, np.pad(KERNELS[0], 1), atol=1e-12)
     np.testing.assert_allclose(np.load(out / "kernel_2.npy"), KERNELS[1], atol=1e-12)
@@ -62,8 +57,7 @@ def test_kernels_are_written_like_other_psfs(result):
 
 
 def test_as_input_they_reproduce_the_picture(photographs, result, tmp_path):
-    done = again(photographs, tmp_path / "o", *(result[1] / f"kernel_{n}.npy" for n in (1, 2)))
-    assert done.exit_code == 0, done.output
+    again(photographs, tmp_path / "o", *(result[1] / f"kernel_{n}.npy" for n in (1, 2)))
     assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (result[1] / "sharp.tiff").read_bytes()
 
 
@@ -88,13 +82,13 @@ def test_their_doubt_is_inherited(result, tmp_path):
 
 
 def test_kernels_are_one_for_each_photograph(photographs, tmp_path):
-    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt")
+    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt", code=None)
     assert done.exit_code != 0
     assert "one kernel for each of 2 images" in done.output
 
 
 def test_kernels_finer_than_pixels_are_refused(photographs, tmp_path):
     np.savetxt(tmp_path / "fine.txt", np.ones((41, 41)))
-    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt")
+    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt", code=None)
     assert done.exit_code != 0
     assert "less than 40 pixels each way; got 41 x 41, 41 x 41" in done.output

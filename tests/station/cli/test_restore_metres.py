@@ -1,53 +1,48 @@
 """`station restore --metres`: required camera data, and the distances."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
-from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.masks.blur_models import mask_stack, named, pillbox, spread_of
 from procedures.restoration.masks.blur_operator import BlurOperator
 from procedures.restoration.masks.thin_lens import CameraSetting
+from tests.program import run
 
 from .test_restore_shapes import BOTH, FAR, NEAR, SIZE, R, depth, write
 
 FOCAL_MM, FOCUS_M, PITCH_UM = 12.0, 0.45, 6.0
 CAMERA = [
-    "--focal-length-mm",
-    "12",
-    "--focus-m",
-    "0.45",
-    "--pixel-pitch-um",
-    "6",
-    "--f-number",
-    "2.8",
-    "--f-number",
-    "2",
-]
+    "--focal-length-mm", "12", "--focus-m", "0.45", "--pixel-pitch-um", "6", "--f-number", "2.8", "--f-number", "2",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory):
+    return photographed(pillbox(), tmp_path_factory.mktemp("metres"))
+
+
+def photographed(shape, folder):
     rng = np.random.default_rng(4)
     picture = np.kron(rng.uniform(0.1, 0.9, (40, 48)), np.ones((3, 3)))[: BOTH[0], : BOTH[1]]
     images = []
-    for stack in [mask_stack(pillbox(), 4.0, ratio=ratio, R=R) for ratio in (1.0, 1.4)]:
+    for stack in [mask_stack(shape, 4.0, ratio=ratio, R=R) for ratio in (1.0, 1.4)]:
         blur = BlurOperator(stack, SIZE)
         blur.focus(depth())
         images.append(blur.blur(picture))
-    return write(tmp_path_factory.mktemp("metres"), images)
+    return write(folder, images)
 
 
-@pytest.mark.slow
-def test_distances_of_two_halves_follow_from_their_blur(run, images, tmp_path):
-    done = run(
-        "restore", *images, "--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA,
-        "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o",
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
-    setting = CameraSetting(FOCAL_MM, 2.8, 1000 * FOCUS_M, PITCH_UM)
+@pytest.mark.parametrize(
+    "shape",
+    [pytest.param("pillbox", marks=pytest.mark.slow), pytest.param("gaussian:0.5", marks=pytest.mark.nightly)],
+)
+def test_distances_of_two_halves_follow_from_their_blur(shape, tmp_path):
+    images = photographed(named(shape), tmp_path)
+    words = ("--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA, "--shape", shape)
+    run("restore", *images, *words, "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o")
+    setting = CameraSetting(FOCAL_MM, 2.8, 1000 * FOCUS_M, PITCH_UM, spread_of(shape))
     metres, std = (np.load(tmp_path / "o" / f"{name}.npy") for name in ("distance", "distance_std"))
     for w, half in ((FAR, np.s_[20:-20, 20:48]), (NEAR, np.s_[20:-20, 76:-20])):
         expected = setting.distance_mm(-w) / 1000
@@ -67,12 +62,12 @@ def test_distances_of_two_halves_follow_from_their_blur(run, images, tmp_path):
         (["--metres", "behind", *CAMERA[:4], *CAMERA[6:]], 2, "--pixel-pitch-um"),
         (["--metres", "behind", *CAMERA[:6]], 2, "--f-number"),
         (["--metres", "behind", *CAMERA, "--ratio", "1.4"], 2, "from the camera's data"),
-        (["--metres", "front", *CAMERA, "--shape", "gaussian"], 2, "--shape pillbox"),
+        (["--metres", "front", *CAMERA, "--shape", "polygon:7"], 2, "--shape pillbox"),
+        (["--metres", "front", *CAMERA, "--shape", "gaussian:0"], 2, "k > 0"),
         (["--shape", "pillbox", "--focus-m", "0.45"], 2, "go with --metres"),
         (["--metres", "front", *CAMERA, "--focus-m", "1", "--focus-m", "2"], 2, "one for each of 2 images"),
     ],
 )
-def test_missing_and_contradictory_data_are_named(run, images, tmp_path, words, code, complaint):
-    done = run("restore", *images, "--blur", "defocus", *words, "--out", tmp_path / "o")
-    assert (done.exit_code, complaint in done.output) == (code, True), done.output
+def test_missing_and_contradictory_data_are_named(images, tmp_path, words, code, complaint):
+    run("restore", *images, "--blur", "defocus", *words, "--out", tmp_path / "o", code=code, says=complaint)
     assert not (tmp_path / "o" / "result.json").exists()

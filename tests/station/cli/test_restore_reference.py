@@ -1,16 +1,13 @@
 """`station restore --reference`: a result compared with a sharp photograph, from files to files."""
 
-from __future__ import annotations
-
 import json
 import shutil
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
+from tests.program import run
 
 SLOW_FIXTURES = {"photographs"}
 QUICK = ["--blur", "motion", "--scheme", "4x(6+6)+1x8", "--max-w", "5.2"]
@@ -30,17 +27,16 @@ def photographs(shared_data, tmp_path_factory):
     return target
 
 
-def restore(folder, out, *words):
-    shapes = ["--shape", str(folder / "vibration_shape1.txt"), str(folder / "vibration_shape2.txt")]
-    files = [str(folder / f"item_{n}.pgm") for n in (1, 2)]
-    return CliRunner().invoke(main, ["restore", *files, *QUICK, *shapes, *map(str, words), "--out", str(out)])
+def restore(folder, out, *words, **how):
+    files, shapes = ([folder / one.format(n) for n in (1, 2)] for one in ("item_{}.pgm", "vibration_shape{}.txt"))
+    return run("restore", *files, *QUICK, "--shape", *shapes, *words, "--out", out, **how)
 
 
 @pytest.mark.slow
 def test_record_page_and_picture_show_the_difference_from_the_truth(photographs, tmp_path):
-    done = restore(photographs, tmp_path / "out", "--reference", photographs / "truth.png")
-    assert done.exit_code == 0, done.output
-    assert "compared with the ground truth" in done.output
+    restore(
+        photographs, tmp_path / "out", "--reference", photographs / "truth.png", says="compared with the ground truth"
+    )
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     comparison = record["ground_truth"]
     assert comparison["psnr_db"] > max(comparison["before_db"]) + 5
@@ -76,8 +72,7 @@ def test_a_batch_uses_the_ground_truth_next_to_each_first_photograph(photographs
         'shape = ["vibration_shape1.txt", "vibration_shape2.txt"]\nmax_w = 5.2\nscheme = "4x(6+6)+1x8"\n'
         'reference = "{name}_truth.png"\n'
     )
-    done = CliRunner().invoke(main, ["batch", str(folder), "--procedure", str(procedure), "--out", str(tmp_path / "b")])
+    run("batch", folder, "--procedure", procedure, "--out", tmp_path / "b")
     records = [json.loads(path.read_text()) for path in (tmp_path / "b" / "results").glob("*/result.json")]
-    assert done.exit_code == 0, done.output
     assert len((tmp_path / "b" / "results.jsonl").read_text().splitlines()) == 1
     assert records[0]["ground_truth"]["psnr_db"] > 25

@@ -1,7 +1,5 @@
 """`station sensor`: grey pictures with a manifest, RAW files of the bench's sensor, its files and exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import xml.etree.ElementTree as ElementTree
@@ -14,6 +12,9 @@ import pytest
 
 from drivers.dng import Shot, write_dng
 from simulators.camera.sensor import Sensor
+from tests.program import run
+
+SLOW_FIXTURES = {"bench_sensor"}
 
 ROWS, COLUMNS = 96, 128
 TIMES_S = np.linspace(0.003, 0.141, 24)
@@ -49,10 +50,8 @@ def raw_folder(tmp_path_factory, bench_sensor):
     return folder
 
 
-@pytest.mark.slow
-def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sensor, tmp_path):
-    done = run("sensor", raw_folder, "--no-report", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_the_bench_sensor_is_recovered_from_raw_files(raw_folder, bench_sensor, tmp_path):
+    run("sensor", raw_folder, "--no-report", "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["schema"] == "station/sensor/1"
     assert list(record["planes"]) == ["R", "G1", "G2", "B"]
@@ -72,8 +71,7 @@ def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sen
     assert high > 0.97 * 40000
 
 
-@pytest.mark.slow
-def test_all_files_are_written_and_agree(run, raw_folder, tmp_path):
+def test_all_files_are_written_and_agree(raw_folder, tmp_path):
     run("sensor", raw_folder, "--plane", "G1", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())
     gain = record["planes"]["G1"]["system_gain"]["value"]
@@ -130,10 +128,9 @@ def ladder(write, top: float) -> None:
 
 
 @pytest.mark.slow
-def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
+def test_grey_pictures_without_stacks_give_what_they_can(grey, tmp_path):
     ladder(grey, 1.2)
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    run("sensor", grey.folder, "--out", tmp_path / "out")
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "doubtful"
     assert "without a dark and flat stack" in plane["reason"]
@@ -143,7 +140,7 @@ def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
 
 
 @pytest.mark.slow
-def test_left_aligned_samples_give_digital_numbers_of_the_converter(run, grey, tmp_path):
+def test_left_aligned_samples_give_digital_numbers_of_the_converter(grey, tmp_path):
     ladder(grey, 1.2)
     for path in grey.folder.glob("*.png"):
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 16)
@@ -153,10 +150,9 @@ def test_left_aligned_samples_give_digital_numbers_of_the_converter(run, grey, t
     assert plane["model"]["gain"] == pytest.approx(16 * plane["system_gain_at_dark"]["value"])
 
 
-def test_ladder_without_saturation_is_refused(run, grey, tmp_path):
+def test_ladder_without_saturation_is_refused(grey, tmp_path):
     ladder(grey, 0.7)
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 5
+    run("sensor", grey.folder, "--out", tmp_path / "out", code=5)
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert (plane["verdict"], "beyond saturation" in plane["reason"]) == ("refused", True)
     assert plane["remedy"]
@@ -170,23 +166,19 @@ def test_ladder_without_saturation_is_refused(run, grey, tmp_path):
     ],
     ids=["two sizes", "a single picture of a level"],
 )
-def test_inconsistent_pictures_are_refused(run, grey, tmp_path, more, words):
+def test_inconsistent_pictures_are_refused(grey, tmp_path, more, words):
     ladder(grey, 1.2)
     more(grey)
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert words in done.stderr
+    run("sensor", grey.folder, "--out", tmp_path / "out", code=4, says=words)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_an_unreadable_picture_excludes_its_level(run, grey, tmp_path):
+def test_an_unreadable_picture_excludes_its_level(grey, tmp_path):
     ladder(grey, 1.2)
     lost, alone = (grey.folder / name for name in ("p007.png", "p008.png"))  # a pair of the ladder
     lost.write_bytes(lost.read_bytes()[:100])
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 1, done.output
-    assert f"warning: {lost} " in done.stderr
+    done = run("sensor", grey.folder, "--out", tmp_path / "out", code=1, says=f"warning: {lost} ")
     assert f"{alone} is the only readable picture" in done.stderr
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [one["source"] for one in record["left_out"]] == [str(lost), str(alone)]
@@ -195,28 +187,19 @@ def test_an_unreadable_picture_excludes_its_level(run, grey, tmp_path):
     assert "p008.png is the only readable picture" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_the_readable_part_of_a_ladder_must_suffice(run, grey, tmp_path):
+def test_the_readable_part_of_a_ladder_must_suffice(grey, tmp_path):
     ladder(grey, 1.2)
     lost = [path for path in sorted(grey.folder.glob("*.png"))[2:] if int(path.stem[1:]) % 3 == 0]
     for path in lost:
         path.write_bytes(b"no picture")
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 5, done.output
+    run("sensor", grey.folder, "--out", tmp_path / "out", code=5)
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert "the ladder needs at least 8 levels of light" in plane["reason"]
     assert f"of 46 photographs cannot be used, {lost[0]} is a text file" in plane["reason"]
 
 
-def test_a_folder_without_a_readable_picture_is_refused(run, tmp_path):
+def test_a_folder_without_a_readable_picture_is_refused(tmp_path):
     for kind in ("dark", "light"):
         (tmp_path / kind).mkdir()
         (tmp_path / kind / "a.dng").write_bytes(b"no picture")
-    done = run("sensor", tmp_path, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert "none of 2 photographs can be used" in done.stderr
-
-
-def test_help_describes_the_manifest(run):
-    words = run("sensor", "--help").output
-    assert "sensor.csv    file,kind,exposure_s,photons" in words
-    assert "[[level]]" in words
+    run("sensor", tmp_path, "--out", tmp_path / "out", code=4, says="none of 2 photographs can be used")

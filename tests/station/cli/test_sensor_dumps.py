@@ -1,12 +1,12 @@
 """`--raw`: every command that reads photographs takes a sensor's dump, as it takes the same picture in a file."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 from scipy.special import ndtr
+
+from tests.program import run
 
 LAYOUT = "60x80,Y,u16be,0,65535"
 
@@ -27,13 +27,12 @@ def dump(tmp_path, levels):
 
 
 @pytest.mark.slow
-def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump, tmp_path):
+def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(levels, dump, tmp_path):
     picture = tmp_path / "edge.pgm"
     picture.write_bytes(b"P5 60 80 65535\n" + levels.tobytes())
     records = []
     for name, words in (("file", (picture,)), ("dump", (dump, "--raw", LAYOUT))):
-        done = run("mtf", "edge", *words, "--out", tmp_path / name)
-        assert done.exit_code == 0, done.output
+        run("mtf", "edge", *words, "--out", tmp_path / name)
         records.append(json.loads((tmp_path / name / "result.json").read_text()))
     # a picture's numbers are as good as those of a dump, and less sure by what a program may have done to it
     for number in ("mtf50", "mtf20", "mtf_nyquist"):
@@ -52,20 +51,16 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[1])
-def test_every_command_names_the_missing_options_of_a_dump(run, dump, tmp_path, words):
+def test_every_command_names_the_missing_options_of_a_dump(dump, tmp_path, words):
     words = [str(dump) if word == "{}" else word for word in words]
-    done = run(*words, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert f"64 x 80 samples of u16le must have 10240 bytes; {dump} has 9600" in done.stderr
-    done = run(*words, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert "must have the header of a RAW format" in done.stderr
-    done = run(*words, "--raw", "64x80,RGGB", "--out", tmp_path / "out")
-    assert done.exit_code == 2
-    assert "for example 1920x1080,RGGB,u16le,64,1023" in done.stderr
+    done = run(*words, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out", code=4)
+    assert f"64 x 80 samples of u16le must have 10240 bytes; {dump} has 9600" in done.output
+    run(*words, "--out", tmp_path / "out", code=4, says="must have the header of a RAW format")
+    done = run(*words, "--raw", "64x80,RGGB", "--out", tmp_path / "out", code=2)
+    assert "for example 1920x1080,RGGB,u16le,64,1023" in done.output
 
 
-def test_field_names_the_dump_that_disagrees(run, dump, tmp_path):
-    done = run("psf", "field", dump.parent, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
+def test_field_names_the_dump_that_disagrees(dump, tmp_path):
+    done = run("psf", "field", dump.parent, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out", code=None)
     assert done.exit_code != 0
     assert "64 x 80 samples of u16le must have 10240 bytes" in done.stderr

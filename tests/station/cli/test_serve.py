@@ -1,7 +1,5 @@
 """`station serve` in the terminal: what it says, what it refuses, how it ends."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -14,13 +12,13 @@ import pytest
 from procedures.outcome import BadParameter
 from station.guide import workspace
 from station.service.hosting import listen
+from tests.program import run
 
 
-def test_a_port_that_is_taken_is_refused(run):
+def test_a_port_that_is_taken_is_refused():
     with listen("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
-        done = run("serve", "--simulate", "--port", port)
-    assert done.exit_code == 2
+        done = run("serve", "--simulate", "--port", port, code=2)
     assert f"port {port} of 127.0.0.1 is required, but another program uses it" in done.stderr
     assert "--port 0 takes a free one" in done.stderr
 
@@ -33,14 +31,12 @@ def test_a_port_that_is_taken_is_refused(run):
         (("--host", "no such host"), "is not an address of this machine"),
     ],
 )
-def test_options_that_cannot_be_meant_are_refused(run, options, words):
-    done = run("serve", "--simulate", "--port", 0, *options)
-    assert done.exit_code == 2
-    assert words in done.stderr
+def test_options_that_cannot_be_meant_are_refused(options, words):
+    done = run("serve", "--simulate", "--port", 0, *options, code=2, says=words)
     assert "what to do" in done.stderr
 
 
-def test_new_sessions_have_the_unit_the_specification_and_the_shaker(run, monkeypatch, tmp_path):
+def test_new_sessions_have_the_unit_the_specification_and_the_shaker(monkeypatch, tmp_path):
     limits = tmp_path / "lens.toml"
     limits.write_text("[limits]\nmtf50_horizontal = { min = 0.25 }\n")
     asked = []
@@ -51,15 +47,14 @@ def test_new_sessions_have_the_unit_the_specification_and_the_shaker(run, monkey
 
     monkeypatch.setattr(workspace, "StationLab", lab)
     given = ("--unit", "lp/mm", "--specification", limits, "--simulate", "--shaker")
-    assert run(*given, "serve").exit_code == 2
+    run(*given, "serve", code=2)
     assert asked[0] | {"unit": "lp/mm", "specification": limits, "shaker": True, "simulate": True} == asked[0]
 
 
-def test_without_the_extra_the_remedy_is_to_install_it(run, monkeypatch):
+def test_without_the_extra_the_remedy_is_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     monkeypatch.delitem(sys.modules, "station.service.hosting")
-    done = run("serve", "--simulate", "--port", 0)
-    assert done.exit_code == 2
+    done = run("serve", "--simulate", "--port", 0, code=2)
     assert "the extra `serve` is needed, and uvicorn is not installed" in done.stderr
     assert "pip install 'calibration-station[serve]'" in done.stderr
 

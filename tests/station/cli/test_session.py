@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -9,6 +7,7 @@ from station.guide import recompute
 from station.guide.recompute import MovedNumber, RecomputedResult
 from station.guide.workspace import kept_in
 from station.sessions.session import Session
+from tests.program import run
 
 from ..sessions.test_index import make
 from ..sessions.work import FixedClock
@@ -26,9 +25,9 @@ def root(tmp_path):
 
 
 @pytest.fixture
-def session(run, root):
+def session(root):
     """Run `station session ...` on these sessions."""
-    return lambda *words: run("session", words[0], *words[1:], "--sessions", root)
+    return lambda *words, code=None, **how: run("session", *words, "--sessions", root, code=code, **how)
 
 
 def test_list_shows_the_newest_first_and_filters(session):
@@ -79,9 +78,7 @@ NAME = "2026-03-10-box-50-mm-pattern"
     ],
 )
 def test_commands_report_what_is_missing(session, words, code, message):
-    done = session(*words)
-    assert done.exit_code == code
-    assert message in done.stderr
+    session(*words, code=code, says=message)
 
 
 def test_a_damaged_index_is_rebuilt(session, root):
@@ -89,39 +86,36 @@ def test_a_damaged_index_is_rebuilt(session, root):
     assert "4 sessions, 2 cameras, 1 lenses" in session("index", "--rebuild").stderr
 
 
-def test_an_empty_list_is_no_error(run, tmp_path):
-    done = run("session", "list", "--sessions", tmp_path / "none")
-    assert done.exit_code == 0
-    assert "no session" in done.stderr
+def test_an_empty_list_is_no_error(tmp_path):
+    run("session", "list", "--sessions", tmp_path / "none", says="no session")
 
 
 @pytest.mark.parametrize(
     "words", [["list"], ["list", "--json"], ["trend", HOSTILE], ["trend", HOSTILE, "--json"], ["show"]]
 )
-def test_terminal_gets_no_control_characters_whatever_a_camera_is_called(run, tmp_path, words):
+def test_terminal_gets_no_control_characters_whatever_a_camera_is_called(tmp_path, words):
     folder = make(tmp_path, camera=HOSTILE, lens=HOSTILE, mtf50=0.3)
     with Session.open(folder, FixedClock()) as session:
         session.learn({HOSTILE: HOSTILE})
         session.note("noticed", say=HOSTILE)
     name = [folder.name] if words == ["show"] else []
     done = run("session", *words, *name, "--sessions", tmp_path)
-    assert done.exit_code == 0, done.stderr
     for line in (done.stdout + done.stderr).splitlines():
         assert line.isprintable(), ascii(line)
     if "--json" in words:
         json.loads(done.stdout)
 
 
-def test_damaged_session_is_named_without_its_escapes(run, tmp_path):
+def test_damaged_session_is_named_without_its_escapes(tmp_path):
     folder = make(tmp_path)
     (folder / "session.toml").write_text('camera = "\x1b[31m')
     done = run("session", "list", "--sessions", tmp_path)
     assert "damaged" in done.stdout
     assert "\x1b" not in done.stdout + done.stderr
-    assert run("session", "show", folder).exit_code == 4
+    run("session", "show", folder, code=4)
 
 
-def test_show_takes_a_path_or_a_name(run, session, root):
+def test_show_takes_a_path_or_a_name(session, root):
     assert session("show", NAME).stdout == run("session", "show", root / NAME).stdout
     state = json.loads(session("show", NAME, "--json").stdout)["state"]
     assert state["results"][0]["verdict"] == "pass"
@@ -134,10 +128,8 @@ def test_show_detects_a_missing_photograph(session, root):
     with Session.open(folder, FixedClock()) as opened:
         shot = opened.adopt(Camera(root.parent / "incoming").expose("x"), step="s", purpose="p", snapshot={})
         opened.original(shot).unlink()
-    done = session("show", folder.name)
-    assert done.exit_code == 4
-    assert "missing or changed" in done.stderr
-    assert session("show", folder.name, "--no-check").exit_code == 0
+    session("show", folder.name, code=4, says="missing or changed")
+    session("show", folder.name, "--no-check", code=0)
 
 
 def test_trend_reports_a_decrease_and_its_rate(session, tmp_path):
@@ -147,32 +139,28 @@ def test_trend_reports_a_decrease_and_its_rate(session, tmp_path):
     assert trend["line"]["slope"] == pytest.approx(-0.019 / 4 * 365.25, rel=1e-3)
     assert trend["finding"] == "falls"
     assert "falls" in session("trend", "Box").stdout
-    assert session("trend", "Box", "--strict").exit_code == 1
-    assert session("trend", "Other", "--strict").exit_code == 1  # nothing to judge
+    session("trend", "Box", "--strict", code=1)
+    session("trend", "Other", "--strict", code=1)  # nothing to judge
     assert (tmp_path / "trend.svg").read_text().lstrip().startswith("<?xml")
 
 
-def test_picture_of_a_hostile_camera_runs_nothing(run, tmp_path):
+def test_picture_of_a_hostile_camera_runs_nothing(tmp_path):
     camera = "<script>alert(1)</script> $\\frac{1}{0}$"
     make(tmp_path, camera=camera, mtf50=0.3)
-    done = run("session", "trend", camera, "--sessions", tmp_path, "--out", tmp_path / "trend.svg")
-    assert done.exit_code == 0, done.stderr
+    run("session", "trend", camera, "--sessions", tmp_path, "--out", tmp_path / "trend.svg")
     assert "<script" not in (tmp_path / "trend.svg").read_text()
 
 
-def test_resume_of_an_unknown_plan_names_the_plans(run, tmp_path):
+def test_resume_of_an_unknown_plan_names_the_plans(tmp_path):
     folder = make(tmp_path, plan="../../evil")
-    done = run("session", "resume", folder, "--back-to", "x")
-    assert done.exit_code == 2
-    assert "no plan" in done.stderr
+    run("session", "resume", folder, "--back-to", "x", code=2, says="no plan")
 
 
-def test_a_session_is_deleted_when_that_is_confirmed(session, root, run):
+def test_a_session_is_deleted_when_that_is_confirmed(session, root):
     name = "2026-03-14-box-50-mm-pattern"
-    assert session("delete", name).exit_code == 130  # nobody answers
+    session("delete", name, code=130)  # nobody answers
     assert (root / name).is_dir()
-    done = session("delete", name, "--yes")
-    assert done.exit_code == 0, done.stderr
+    session("delete", name, "--yes", code=0)
     assert not (root / name).exists()
     assert len(list(root.glob(".deleting-*"))) == 0
     assert "2026-03-14" not in session("list").stdout
@@ -193,9 +181,7 @@ def test_resume_without_a_name_needs_an_unfinished_session(session, root, tmp_pa
         if (folder / "journal.jsonl").is_file():
             with Session.open(folder, FixedClock()) as one:
                 one.end("finished")
-    done = session("resume")
-    assert done.exit_code == 2
-    assert "is unfinished" in done.stderr
+    session("resume", code=2, says="is unfinished")
 
 
 def test_the_newest_unfinished_session_is_resumed(root):

@@ -1,7 +1,5 @@
 """`station sharpen`: which procedure it chooses, that it says why, and that every decision can be overridden."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
@@ -11,10 +9,10 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from drivers.dng import Shot, write_dng
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
+from procedures import BadParameter, read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, SHAKEN, choose, spectral_difference
+from tests.program import run
 
 SIZE = 96
 
@@ -99,7 +97,7 @@ def test_light_does_not_count_as_blur(photograph):
 
 
 @pytest.mark.slow
-def test_defocused_pair_is_restored_and_the_record_says_why(run, photograph, tmp_path):
+def test_defocused_pair_is_restored_and_the_record_says_why(photograph, tmp_path):
     paths = photograph("a", disc(1.5)), photograph("b", disc(2.5))
     done = run("sharpen", *paths, "--ratio", 5 / 3, "--max-w", 4, "--scheme", "2x(4+4)+1x6", "--out", tmp_path / "o")
     assert done.exit_code in (0, 5), done.output

@@ -1,12 +1,9 @@
 """What `station tilt` must know is asked for before any photograph is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
+from tests.program import run
 
 OPTICS = ("--pixel-pitch-um", 5.0, "--focal-length-mm", 50.0)
 SCREWS = ("--screw-radius-mm", 20, "--screw-pitch-mm", 0.35)
@@ -24,10 +21,9 @@ def bracket(tmp_path):
     return tmp_path, table
 
 
-def run(bracket, *words):
+def tilted(bracket, *words, **how):
     folder, table = bracket
-    arguments = ["tilt", folder, "--focus", table, *SCREWS, "--out", folder / "out", *words]
-    return CliRunner().invoke(main, [str(word) for word in arguments], prog_name="station")
+    return run("tilt", folder, "--focus", table, *SCREWS, "--out", folder / "out", *words, **how)
 
 
 @pytest.mark.parametrize(
@@ -40,15 +36,11 @@ def run(bracket, *words):
     ],
 )
 def test_unknown_settings_are_required_first(bracket, words, asked):
-    done = run(bracket, *words)
-    assert done.exit_code == 2
-    assert asked in done.output
+    done = tilted(bracket, *words, code=2, says=asked)
     assert "frame-0" not in done.output
     assert not (bracket[0] / "out").exists()
 
 
 def test_photographs_without_charts_are_refused_and_said_so_in_the_record(bracket):
-    done = run(bracket, *OPTICS, "--positions", "set", "--json")
-    assert done.exit_code == 5
-    assert '"refused"' in done.stdout
+    done = tilted(bracket, *OPTICS, "--positions", "set", "--json", code=5, says='"refused"')
     assert "no chart" in done.output

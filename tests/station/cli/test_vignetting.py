@@ -1,12 +1,12 @@
 """`station vignetting`: flats that cannot be read."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
 import numpy as np
 import pytest
+
+from tests.program import run
 
 
 @pytest.fixture
@@ -20,20 +20,16 @@ def flats(tmp_path, rng):
     return folder
 
 
-def test_a_flat_that_cannot_be_read_is_named_and_excluded(run, flats, tmp_path):
+def test_a_flat_that_cannot_be_read_is_named_and_excluded(flats, tmp_path):
     (flats / "a.png").write_bytes(b"no picture")
-    done = run("vignetting", flats, "--out", tmp_path / "out")
-    assert done.exit_code == 1, done.output
-    assert f"{flats / 'a.png'} " in done.stderr
+    run("vignetting", flats, "--out", tmp_path / "out", code=1, says=f"{flats / 'a.png'} ")
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [one["source"] for one in record["left_out"]] == [str(flats / "a.png")]
     assert record["planes"]["Y"]["corner_light"]["n"] == 2
 
 
-def test_flats_of_which_none_can_be_read_are_refused(run, flats, tmp_path):
+def test_flats_of_which_none_can_be_read_are_refused(flats, tmp_path):
     for path in flats.iterdir():
         path.write_bytes(b"no picture")
-    done = run("vignetting", flats, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert "none of 3 photographs can be used" in done.stderr
+    run("vignetting", flats, "--out", tmp_path / "out", code=4, says="none of 3 photographs can be used")
     assert not (tmp_path / "out").exists()

@@ -30,8 +30,7 @@ def failing(error, *words):
 
 
 @pytest.mark.parametrize(
-    ("error", "code"),
-    [(BadParameter("r", "m"), 2), (StageLost(), 3), (BadInput("r", "m"), 4), (Refused("r", "m"), 5)],
+    ("error", "code"), [(BadParameter("r", "m"), 2), (StageLost(), 3), (BadInput("r", "m"), 4), (Refused("r", "m"), 5)]
 )
 def test_our_errors_keep_their_exit_code(error, code):
     done = failing(error)

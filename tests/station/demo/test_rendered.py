@@ -3,9 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
-from procedures.ray_histogram.film_files import read_film
+from procedures import BadParameter, read_film, read_frame
 from simulators.rays.ray_scenes import SCENES
 from station.demo.rendered import RenderPlan, rendered_demo, steps
 from station.demo.rendered_depth import PASS, render_film

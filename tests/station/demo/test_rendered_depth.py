@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from station.__main__ import main
 from station.demo.rendered import RenderPlan, rendered_demo, steps
 from station.demo.rendered_depth import NAME, RATIO
+from tests.program import run
 
 pytestmark = pytest.mark.nightly
 
@@ -49,8 +48,7 @@ def test_the_command_finds_the_same_from_the_files(done, tmp_path):
     out, depth, record, _ = done
     files = [str(out / one["path"]) for one in record["restored"]["photographs"]]
     options = ["--blur", "defocus", "--shape", "pillbox", "--ratio", str(RATIO), "--max-w", str(depth.plan.max_w)]
-    found = CliRunner().invoke(main, ["restore", *files, *options, "--out", str(tmp_path / "restored")])
-    assert found.exit_code == 0, found.output
+    run("restore", *files, *options, "--out", tmp_path / "restored")
     np.testing.assert_array_equal(np.load(tmp_path / "restored" / "w.npy"), np.load(out / f"{NAME}-w.npy"))
 
 

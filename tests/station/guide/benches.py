@@ -1,7 +1,5 @@
 """A simulated bench in virtual time whose frames are cheap, and short plans to run on it."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """What the devices of a run report of themselves."""
 
-from __future__ import annotations
-
 from station.guide.active_devices import ActiveDevices
 
 

@@ -1,15 +1,22 @@
 """The coach: previews while a person corrects a pose, a question that the photographs answer, and the progress."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from procedures.drawings.screws import screws_drawing
 from procedures.pattern_psf.plan import FEWEST, goal_of
 from procedures.plan import Advice, Ask, Goal, Look, Outline
+from procedures.raw import Plane
+from procedures.restoration.progress import DISC, moved, picture_error, view_of
+from procedures.sensor.plan import gain_uncertainty, panel_outline
+from procedures.slanted_edge.find import longest_segment
+from procedures.slanted_edge.pose import edge_outline
 from station.guide import coach
 from station.guide.catalogue import PLANS, plan_named
 from station.guide.coach import until_held, way_words, ways
@@ -32,6 +39,43 @@ def test_the_way_of_an_outline_to_its_place():
     assert ways(OUTLINE, (100, 200)) == [("→", 0.1)]
     assert way_words(OUTLINE, (100, 200)) == "→ 10 % of the frame, 40 % larger"
     assert Outline((), LARGER).off_px == float("inf")
+    upright = Outline(((0.0, 0.0), (0.0, 10.0)), ((-1.0, 0.0), (1.0, 10.0)))
+    assert way_words(upright, (100, 100)) == "2 % larger, turned counter-clockwise"
+
+
+def test_a_panel_an_edge_and_a_scene_are_matched_by_their_outlines():
+    lit = np.full((60, 80), 0.02, np.float32)
+    lit[10:, :50] = 0.6
+    panel = panel_outline(lit)
+    assert panel.present[0] == pytest.approx((0.0, 10.0), abs=1.5)
+    assert panel.present[2] == pytest.approx((50.0, 59.0), abs=1.5)
+    assert panel.growth > 1.3
+    straight = np.where(np.arange(200) < 100, 0.1, 0.7)[None].repeat(150, axis=0).astype(np.float32)
+    edge = edge_outline(straight, longest_segment(straight))
+    assert abs(edge.turn_deg) == pytest.approx(5.0, abs=0.3)
+    assert edge.arrow == pytest.approx((0.0, 0.0), abs=1e-6)
+    scene = cv2.GaussianBlur(np.random.default_rng(1).random((240, 320)).astype(np.float32), (0, 0), 12)
+    first, now = (Plane("Y", scene[20:200, left : left + 240], quantisation=0.0) for left in (40, 16))
+    assert moved(first, view_of(first)).off_px < 2.0
+    assert moved(now, view_of(first)).arrow[0] == pytest.approx(-24.0, abs=4.0)
+
+
+def test_the_progress_before_an_estimate():
+    assert Goal(4, "MTF", "", inf, inf).say.startswith("MTF unknown now, unknown after the next photograph; 4 ")
+    # K is a line through 0: two levels of variances known to sqrt(2/N) each
+    assert gain_uncertainty([1.0, 1.0, 0.0, 0.0], 200.0) == pytest.approx(0.1)
+    assert gain_uncertainty([1.0, 1.0, 1.0, 1.0], 200.0) == pytest.approx(0.1 / 3**0.5)
+    assert gain_uncertainty([1.0, 0.5], 200.0) == inf
+    both = [picture_error([DISC * 3 * share for share in shares], 0.01, 0.15) for shares in ([1.0], [1.0, 0.5])]
+    assert 0.15 > both[0] > both[1] > 0.01
+
+
+def test_the_screws_of_a_sensor_are_shown_with_their_turns():
+    lines = screws_drawing((0.0, 90.0, 180.0, 270.0), (0.5, -0.25, 0.0, 1.0)).splitlines()
+    assert lines[0].split() == ["1", "|0", "1", "turn|"]
+    assert lines[1].split() == ["1|====>", "|", "0.50", "away"]
+    assert lines[2].split() == ["2|=<", "|", "0.25", "nearer"]
+    assert {"4", "2"} <= set(lines[5].split())
 
 
 def test_a_pose_must_be_held_without_interruption():

@@ -1,7 +1,5 @@
 """Nothing moves without approval: what is asked, when, and the meaning of "no"."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.plan import Advice, Go, Look

@@ -1,7 +1,5 @@
 """Answers of the operator compared with the camera's metadata."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

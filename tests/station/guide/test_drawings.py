@@ -1,7 +1,5 @@
 """The drawings of every plan's steps fit the smallest terminal."""
 
-from __future__ import annotations
-
 import pytest
 
 from procedures.drawings.steps import DRAWINGS

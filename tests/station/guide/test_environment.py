@@ -1,7 +1,5 @@
 """Readings of probes in the session, the record and the report; drift over a session."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,9 +9,8 @@ import pytest
 
 from drivers.errors import NoReading
 from drivers.interfaces import Condition, Identity, ProbeReading
+from procedures import estimate_psf, read_frame
 from procedures.pattern_psf.combine import combine
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import read_frame
 from simulators.bench.body import Opening
 from simulators.bench.view import View, bench_camera
 from simulators.camera.sensor import Sensor

@@ -1,15 +1,12 @@
 """The general plan: the settings of a procedure as questions, and the photographs that it requires."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
 
-from procedures.outcome import BadParameter, Verdict
+from procedures import BadParameter, Verdict, read_frame
 from procedures.plan import Tour
-from procedures.raw import read_frame
 from station.guide.catalogue import PLANS, entries
 from station.guide.plans import general
 from station.procedure import PhotographProcedure, PlaneSettings, setting

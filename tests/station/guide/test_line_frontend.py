@@ -1,7 +1,5 @@
 """The guide as lines: output, valid input, and every way to stop."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,15 +1,12 @@
 """Sources of photographs for live focus, and its results."""
 
-from __future__ import annotations
-
 import itertools
 
 import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput
-from procedures.pattern import Chart
+from procedures import BadInput, Chart
 from station.guide.focus.live import POLL_S, SETTLE_S, UNREADABLE_AFTER_S, LiveFocus, PhotographSource
 
 PICTURE = np.full((40, 60), 20000, np.uint16)

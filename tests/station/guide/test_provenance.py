@@ -1,7 +1,5 @@
 """Provenance of input numbers, and the evidence compared with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

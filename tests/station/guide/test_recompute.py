@@ -1,19 +1,14 @@
 """A session's results are recomputed bitwise from its folder; differences are named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
 from functools import partial
 
 import pytest
-from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
-from station.__main__ import main
+from procedures import BadParameter, read_frame
 from station.guide import catalogue, session_result
 from station.guide.recompute import kernels_of, recompute
 from station.guide.session_report import certificate_files, session_page
@@ -22,6 +17,7 @@ from station.results.reader import read_result
 from station.sessions.journal import Damaged
 from station.sessions.reader import read_session
 from station.sessions.session import Session
+from tests.program import run
 
 from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
 from ..sessions.work import FixedClock, exposure_of, today
@@ -57,7 +53,6 @@ def _known_plan(monkeypatch):
     monkeypatch.setattr(catalogue, "PLANS", {**catalogue.PLANS, **ENTRY})
 
 
-@pytest.mark.slow
 def test_every_result_is_recomputed_bitwise_by_any_number_of_threads(folder):
     with threadpool_limits(2, user_api="blas"):
         records = list(recompute(folder))
@@ -66,7 +61,6 @@ def test_every_result_is_recomputed_bitwise_by_any_number_of_threads(folder):
     assert all(one.machine == () for one in records)
 
 
-@pytest.mark.slow
 def test_result_of_a_version_without_hashes_is_reproduced(folder, tmp_path, monkeypatch):
     shutil.copytree(folder, earlier := tmp_path / "earlier")
     monkeypatch.setattr("station.guide.session_result.compute", partial(compute, sealed=False))
@@ -78,7 +72,6 @@ def test_result_of_a_version_without_hashes_is_reproduced(folder, tmp_path, monk
     assert redone.identical
 
 
-@pytest.mark.slow
 def test_each_result_uses_the_journal_at_its_time(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
@@ -125,13 +118,11 @@ def test_file_that_was_altered_is_named(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b'"mean": 0.5', b'"mean": 0.6'))
-    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    done = run("session", "recompute", folder, "--result", "2", code=1)
     path.write_bytes(whole)
-    assert done.exit_code == 1
     assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
 
 
-@pytest.mark.slow
 def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
@@ -142,7 +133,7 @@ def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     assert record["planes"]["G1"]["verdict"] == "doubtful"
     record["planes"]["G1"]["verdict"] = "pass"
     path.write_text(json.dumps(record))
-    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    done = run("session", "recompute", folder, "--result", "2", code=None)
     (redone,) = recompute(folder, (2,))
     path.write_bytes(whole)
     (moved,) = redone.moved
@@ -164,10 +155,8 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
     path.write_bytes(whole)
 
 
-@pytest.mark.slow
 def test_report_is_complete_and_escapes_html(folder):
-    done = CliRunner().invoke(main, ["session", "report", str(folder)])
-    assert done.exit_code == 0, done.stderr
+    run("session", "report", folder)
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page
@@ -175,7 +164,6 @@ def test_report_is_complete_and_escapes_html(folder):
         assert markup not in page
 
 
-@pytest.mark.slow
 def test_the_rooms_temperature_is_in_record_page_and_certificate(folder):
     record = json.loads((folder / "derived/1/result.json").read_text())
     assert record["environment"]["<i>room</i>"]["temperature"] == {**READING, "min": 21.34, "max": 21.34, "n": 2}

@@ -1,7 +1,5 @@
 """The plan of a restoration without a bench, and the stored IMU records on one."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -12,11 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import SystemClock
-from procedures.outcome import Refused
+from procedures import Refused, pillbox
 from procedures.plan import HAS_SHAKER, Ask, Shake
 from procedures.raw import Exposure, ImuRecord, RawFrame, ShakerPath
 from procedures.restoration.known_blur import rig_poses
-from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.camera_motion import poses_on
 from station.calibration.restoration.inputs import poses_table, read_poses
 from station.common.durable_files import sha256_of

@@ -1,7 +1,5 @@
 """A run carries out its plan, stores everything, and turns every error into a message and a question."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -262,10 +260,7 @@ def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
 @contextmanager
 def finished_run(folder, fault):
     """A finished run with a fault: bench, session and operator."""
-    with (
-        benches.quick_bench(folder, fault_events=[fault]) as bench,
-        benches.new_session(folder, bench) as session,
-    ):
+    with benches.quick_bench(folder, fault_events=[fault]) as bench, benches.new_session(folder, bench) as session:
         operator = ScriptedOperator()
         assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
         yield bench, session, operator

@@ -1,19 +1,16 @@
 """A session resumes only on the bench on which it began; another is refused before any connection."""
 
-from __future__ import annotations
-
 import socket
 from contextlib import closing
 
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import BadParameter
-from station.__main__ import main
 from station.bench.device_models import bench_differences
 from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import StationLab
 from station.sessions.layout import Busy
+from tests.program import run
 
 NOBODY = "socket://127.0.0.1:9"
 
@@ -44,9 +41,8 @@ def begun(tmp_path):
 def test_another_port_is_refused_and_not_connected(begun, tmp_path, listener):
     port = f"socket://127.0.0.1:{listener.getsockname()[1]}"
     other = config(tmp_path / "b.toml", port)
-    done = CliRunner().invoke(main, ["session", "resume", str(begun), "--config", str(other)], prog_name="station")
-    assert done.exit_code == 2
-    assert f"b.toml has another: devices.stage.port was '{NOBODY}', is '{port}'" in done.stderr
+    done = run("session", "resume", begun, "--config", other, code=2)
+    assert f"b.toml has another: devices.stage.port was '{NOBODY}', is '{port}'" in done.output
     assert f"give --config {tmp_path / 'a.toml'}" in done.stderr
     with pytest.raises(BlockingIOError):
         listener.accept()

@@ -1,7 +1,5 @@
 """A tour of places: one shot that counts at each, corrections, skipped places, interruptions."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

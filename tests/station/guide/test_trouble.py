@@ -1,7 +1,5 @@
 """After any fault of the bench a run ends in order, and the session keeps every photograph."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 

@@ -1,7 +1,5 @@
 """The plan of the two photographs without a bench: the operator photographs, and the files arrive in a folder."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

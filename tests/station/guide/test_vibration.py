@@ -1,7 +1,5 @@
 """Settling is detected by the IMU relative to its own noise, or by the decay time of the slowest mode."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The guided plan of a witnessed PSF: what each photograph requires, and the whole of it on the simulated bench."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,13 +1,10 @@
 """The files that the manual's examples name, small, in the folder in which the examples are run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
@@ -15,7 +12,6 @@ from procedures.pattern import Chart
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
-from station.__main__ import main
 
 from ..sessions.test_index import make as make_session
 
@@ -64,12 +60,6 @@ def defocused(sigma):
     scene = 0.1 + 0.8 * gaussian_filter(rng.random((84, 90)), 0.8, mode="wrap")
     seen = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
     return np.clip(np.rint(seen * 65535), 0, 65535).astype(np.uint16)
-
-
-@pytest.fixture
-def run():
-    """Run the program in this process: `run("manual", "numbers")`."""
-    return lambda *words: CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """The recipes for SLURM and Kubernetes in the manual, as far as they show without a cluster."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shlex

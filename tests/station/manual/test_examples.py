@@ -1,7 +1,5 @@
 """The command lines that the manual and the README show are run as they stand."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from functools import partial

@@ -1,7 +1,5 @@
 """Documents stay short: table cells, README and changelog."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A batch's page: counts of both verdicts, distributions by camera, every item with its link."""
 
-from __future__ import annotations
-
 import html5lib
 import pytest
 

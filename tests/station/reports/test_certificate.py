@@ -1,7 +1,5 @@
 """The certificate: one page with both verdicts and every uncertainty expanded, as HTML and as PDF."""
 
-from __future__ import annotations
-
 import base64
 import re
 
@@ -10,9 +8,7 @@ import html5lib
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter, Verdict
-from procedures.psf import Psf
-from procedures.quality import Diffraction, assess
+from procedures import BadParameter, Diffraction, Psf, Verdict, assess
 from station.reports.certificate import CODE, certificate_page, number_table, record_digest
 from station.reports.certificate_details import CertificateDetails
 from station.reports.certificate_print import certificate_files, certificate_pdf

@@ -1,7 +1,5 @@
 """The record of a driver's trials: its digest, its signature, its page."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -28,14 +26,9 @@ def folder(tmp_path):
     import drivers.newport
 
     record = conformance_record(
-        "esp301",
-        at="its twin",
-        identity={"model": "Newport ESP301", "firmware": "3.0.1"},
-        source=source_of(drivers.newport.__name__),
-        seed=3,
-        operations=500,
-        trials=TRIALS,
-    )
+        "esp301", at="its twin", identity={"model": "Newport ESP301", "firmware": "3.0.1"},
+        source=source_of(drivers.newport.__name__), seed=3, operations=500, trials=TRIALS,
+    )  # fmt: skip
     write_conformance(tmp_path / "out", record, tmp_path / "key.pem")
     return tmp_path / "out"
 

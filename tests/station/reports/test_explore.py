@@ -1,7 +1,5 @@
 """The part of a page that a script makes, in a browser: places, units, other results, limits."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -19,6 +17,8 @@ from station.reports.report_page import report_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.units import Unit
+
+SLOW_FIXTURES = {"opened"}
 
 HOSTILE = "</script><script>alert(1)</script>"
 F = np.linspace(0, 1, 11)
@@ -79,7 +79,6 @@ def test_data_cannot_end_their_script(page):
     assert "explore-data" not in report_page(Report("a", "pattern", [plain], [], {}))
 
 
-@pytest.mark.slow
 def test_a_place_under_the_pointer_has_its_psf_its_mtf_and_its_budget(opened):
     at = "document.querySelectorAll('.frame rect')[1].dispatchEvent(new Event('pointerenter'))"
     opened.evaluate(at)
@@ -93,7 +92,6 @@ def test_a_place_under_the_pointer_has_its_psf_its_mtf_and_its_budget(opened):
     assert stated(np.interp(0.25, F, np.exp(-F / 0.9)), own) in text(opened, ".mtf figcaption")  # of the other result
 
 
-@pytest.mark.slow
 def test_units_of_the_page_and_of_the_plot_are_switched_together(opened):
     choose(opened, "Unit", "lp/mm")
     words = stated(LP_MM * MTF50.value, LP_MM * MTF50.uncertainty)
@@ -104,7 +102,6 @@ def test_units_of_the_page_and_of_the_plot_are_switched_together(opened):
     assert text(opened, ".facts dd") == stated(MTF50.value, MTF50.uncertainty)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "verdict"), [(0.30, "meets"), (0.31, "undecided"), (0.325, "does not meet")])
 def test_a_limit_has_its_probability_of_conformity(opened, limit, verdict):
     choose(opened, "Limit", "at least")
@@ -119,7 +116,6 @@ def test_a_limit_has_its_probability_of_conformity(opened, limit, verdict):
     assert f"uncertainties: {verdict}." in words
 
 
-RECORD = {"input": [{"path": "a/lens C.dng"}], "planes": {"G1": {"mtf50_horizontal": vars(MTF50)}}}
 FILES = {
     "mtf_G1.csv": "frequency [lp/mm],horizontal,horizontal_uncertainty\n0,1,0\n125,0,0\n",
     "result.json": json.dumps(
@@ -128,7 +124,6 @@ FILES = {
 }
 
 
-@pytest.mark.slow
 def test_other_results_are_drawn_over_it(opened, page):
     files = {**FILES, "other.html": page.read_text(encoding="utf-8")}
     shown = opened.evaluate(f"""(async () => {{

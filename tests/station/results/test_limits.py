@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from procedures import Diffraction, Psf, assess
 from procedures.outcome import BadParameter, Quantity, Verdict
-from procedures.psf import Psf
-from procedures.quality import Diffraction, assess
 from station.results.comparison import Comparison, Compliance
 from station.results.limits import Limit, Place, Specification, Spot, compare, limited_numbers, place_of
 from station.results.plane_result import PlaneResult

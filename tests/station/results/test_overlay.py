@@ -3,10 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures import BadParameter, Psf, Verdict, assess
 from procedures.field.maps import HeightCurve
-from procedures.outcome import BadParameter, Verdict
-from procedures.psf import Psf
-from procedures.quality import assess
 from station.reports.field.height_curves import heights_figure, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.results.overlay import read_height_overlay, read_height_overlays, read_overlay

@@ -1,13 +1,12 @@
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import BadParameter
-from station.__main__ import main
 from station.bench.opening import read_config
 from station.cli.psf.terms import terms_of
 from station.cli.terminal.bench_options import frozen_unit
 from station.results.specification_file import preferred_unit
 from station.results.units import Unit
+from tests.program import run
 
 
 @pytest.fixture
@@ -42,9 +41,7 @@ def test_what_is_no_unit_is_named(station_toml):
     station_toml('unit = "lp/inch"\n')
     with pytest.raises(BadParameter, match=r"station\.toml, line 1: unit must be one of cycles/pixel, lp/mm"):
         preferred_unit()
-    result = CliRunner().invoke(main, ["mtf", "edge", "a.png", "--out", "out"])
-    assert result.exit_code == 2
-    assert 'it is "lp/inch"' in result.stderr
+    run("mtf", "edge", "a.png", "--out", "out", code=2, says='it is "lp/inch"')
 
 
 def test_a_unit_alone_configures_no_devices(station_toml, tmp_path):

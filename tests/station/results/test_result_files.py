@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures import Diffraction, Psf, assess
 from procedures.choice import with_parts
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
-from procedures.psf import Psf
-from procedures.quality import Diffraction, assess
 from procedures.sensor.defects import IntervalNumber
 from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
@@ -251,11 +250,8 @@ def test_printed_edge_stands_beside_the_psf():
     )  # fmt: skip
     (entry,) = plane_record(PlaneResult("G1", Verdict.PASS, "", "", {}, edges=(edge,)))["edges"]
     assert (entry["orientation"], entry["normal_deg"], entry["difference"], entry["sigmas"]) == (
-        "vertical",
-        3,
-        0.01,
-        0.7,
-    )
+        "vertical", 3, 0.01, 0.7,
+    )  # fmt: skip
     assert (entry["mtf50_edge"]["value"], entry["mtf50_psf"]["value"]) == (0.31, 0.30)
 
 

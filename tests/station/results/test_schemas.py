@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures import Diffraction, Psf, assess
 from procedures.outcome import Cause, Verdict
-from procedures.psf import Psf
-from procedures.quality import Diffraction, assess
 from station.results.limits import Limit, Place, Specification
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result

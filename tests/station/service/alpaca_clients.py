@@ -1,7 +1,5 @@
 """What the tests do with the client's devices."""
 
-from __future__ import annotations
-
 import inspect
 import threading
 

@@ -1,7 +1,5 @@
 """A bench behind pseudo-terminals whose controllers hang on request, and requests that wait for their answers."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import select

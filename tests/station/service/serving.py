@@ -1,7 +1,5 @@
 """A server on a loopback port, over a simulated bench whose frames cost nothing, and a client to it."""
 
-from __future__ import annotations
-
 import json
 import threading
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Who may ask what."""
 
-from __future__ import annotations
-
 import base64
 import json
 import socket

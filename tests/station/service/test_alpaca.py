@@ -1,7 +1,5 @@
 """The ASCOM Initiative's own client drives every member of the bench's Alpaca devices."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,7 +1,5 @@
 """The ASCOM Initiative's own client photographs with the bench's camera."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 
@@ -13,7 +11,7 @@ from alpaca import exceptions
 
 from procedures.raw import read_frame
 from station.guide.workspace import StationLab
-from station.service.alpaca.image import nested, sensor_image
+from station.service.alpaca.protocol import nested, sensor_image
 
 from ..guide import benches
 from .alpaca_clients import once

@@ -1,7 +1,5 @@
 """The driver of Alpaca's cameras at the bench's own server, and at servers that are not as they should be."""
 
-from __future__ import annotations
-
 import threading
 import time
 
@@ -12,16 +10,11 @@ import pytest
 from drivers.alpaca.camera import FAILED, AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import HEADER, AlpacaLink, read_image
 from drivers.dng import DngFolder, OpticsMetadata
-from drivers.errors import (
-    EmergencyStopped,
-    FrameMissing,
-    FrameWrong,
-    Rejected,
-)
+from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
-from station.service.alpaca.image import image_bytes, sensor_image
+from station.service.alpaca.protocol import image_bytes, sensor_image
 
 from .alpaca_clients import beside
 

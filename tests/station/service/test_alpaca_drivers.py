@@ -1,7 +1,5 @@
 """The drivers of Alpaca's devices at the bench's own server: what every stage, camera, light and shutter promises."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from types import SimpleNamespace

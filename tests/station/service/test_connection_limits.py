@@ -1,7 +1,5 @@
 """Clients that connect and do not ask leave room for those that do, and files for the run."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

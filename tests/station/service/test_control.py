@@ -1,15 +1,12 @@
 """Runs are started, answered and stopped by other programs; the bench reports its state."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, Plane
 from procedures.plan import Advice, Outline, Step
-from procedures.raw import Plane
 from station.guide.frontend import FrameEvent, StepBegan
 from station.service.bench_state import coach_record
 from station.service.remote_operator import RunStatus, after

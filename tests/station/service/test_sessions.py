@@ -1,7 +1,5 @@
 """Sessions, results and journals are read by other programs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """A stop gets through, whatever hangs: over HTTP, from the phone page, and over Alpaca."""
 
-from __future__ import annotations
-
 import json
 import time
 
@@ -10,6 +8,8 @@ import pytest
 from .alpaca_clients import once
 from .hung_bench import HungLab, pending
 from .serving import TOKEN, Client, serving
+
+pytestmark = pytest.mark.slow
 
 BOUND_MS = 50.0
 POLLS = 200
@@ -74,7 +74,6 @@ def stop_ms(client, served, way, how):
     return 1000 * (answered_s - begin_s), 1000 * (max(wires) - begin_s)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("how", ["silent", "clogged"])
 @pytest.mark.parametrize("way", [*WAYS])
 def test_a_stop_waits_for_no_poll_and_no_controller(hung, way, how):
@@ -91,7 +90,6 @@ def test_a_stop_waits_for_no_poll_and_no_controller(hung, way, how):
     assert min(wire for _, wire in found) < BOUND_MS, found
 
 
-@pytest.mark.slow
 def test_polls_whose_clients_have_left_are_forgotten(hung):
     client, _, lab = hung
     lab.hang("silent")

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.outcome import Outcome
-from procedures.pattern import Chart
+from procedures import Chart, Outcome, PatternParameters, estimate_psf
 from procedures.pattern_psf.combine import combine
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.plan import Advice, Decide, Estimate, Home, Look, Plan, Shoot, Step
 from simulators.bench.body import Opening
 from simulators.bench.view import View, bench_camera

@@ -6,10 +6,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import ProcedureError
-from station.__main__ import main
 from station.common.durable_files import Disk
 from station.sessions import reader
 from station.sessions.index import Index
@@ -17,6 +15,7 @@ from station.sessions.journal import Contents, Damaged, Journal
 from station.sessions.layout import read_config
 from station.sessions.reader import check_whole, read_session, unknown_files, verify
 from station.sessions.session import Session
+from tests.program import run
 
 from .faulty_disk import FaultyDisk
 from .work import Camera, FixedClock, Work, today
@@ -257,9 +256,7 @@ def test_head_of_another_journal_is_reported(finished, earlier, tmp_path):
 
 def test_show_says_that_lines_are_gone_and_what_they_spoke_of(finished, tmp_path):
     folder = cut(finished, tmp_path, ends(finished)[1])
-    done = CliRunner().invoke(main, ["session", "show", str(folder)], prog_name="station")
-    assert done.exit_code == 4
-    assert "the journal has 2 lines" in done.stderr
+    done = run("session", "show", folder, code=4, says="the journal has 2 lines")
     unknown = unknown_files(folder, read_session(folder).state)
     assert unknown == ["derived/1", *(f"originals/000{i}-IMG_000{i}.DNG" for i in (1, 2, 3))]
     for name in unknown:

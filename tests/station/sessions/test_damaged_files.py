@@ -5,14 +5,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from procedures.outcome import ProcedureError
-from station.__main__ import main
 from station.results.result_files import damage, is_sealed
 from station.sessions import reader
 from station.sessions.index import Index
 from station.sessions.session import Session
+from tests.program import run
 
 from .faulty_disk import FaultyDisk
 from .work import Camera, FixedClock, Work, today
@@ -42,8 +41,7 @@ def parts(folder: Path) -> list[str]:
 
 
 def test_a_whole_session_is_whole(finished):
-    done = CliRunner().invoke(main, ["session", "show", str(finished)], prog_name="station")
-    assert done.exit_code == 0, done.stderr
+    done = run("session", "show", finished)
     assert "WARNING" not in done.stderr.upper()
 
 
@@ -59,7 +57,7 @@ def test_every_file_that_is_not_what_was_written_is_named(finished, tmp_path, mo
         data = path.read_bytes()
         path.chmod(0o644)
         SPOILS[spoil](path, data)
-        done = CliRunner().invoke(main, ["session", "show", str(folder)], prog_name="station")
+        done = run("session", "show", folder, code=None)
         assert Path(name).name in done.stderr or ("journal" in name and "journal" in done.stderr), name
         assert done.exit_code == (0 if name == "SHA256SUMS" or "was not whole" in done.stderr else 4), name
         shutil.rmtree(tmp_path / "sessions")

@@ -18,20 +18,9 @@ from station.sessions.session import Session
 from .work import FixedClock, exposure_of, today
 
 NAMES = [
-    "../../evil",
-    "/etc/passwd",
-    "..",
-    "",
-    "a\x00b",
-    "\x1b[31mred\x1b[0m",
-    '"\n[config]\nevil = true',
-    "-rf",
-    "x" * 5000,
-    "a\udcffb",
-    "C:\\windows",
-    "<script>alert(1)</script>",
-    "{{ 7 * 7 }}",
-]
+    "../../evil", "/etc/passwd", "..", "", "a\x00b", "\x1b[31mred\x1b[0m", '"\n[config]\nevil = true', "-rf",
+    "x" * 5000, "a\udcffb", "C:\\windows", "<script>alert(1)</script>", "{{ 7 * 7 }}",
+]  # fmt: skip
 
 
 def tree(folder) -> dict[str, bytes]:

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import SystemClock
+from procedures import BadParameter, Psf, Verdict, assess
 from procedures.choice import knot_budgets, with_parts
-from procedures.outcome import BadParameter, Verdict
-from procedures.psf import Psf
-from procedures.quality import assess
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
 from station.results.comparison import Comparison, Compliance

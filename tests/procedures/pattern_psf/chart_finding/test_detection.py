@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -161,8 +159,7 @@ def test_several_charts_are_refused_with_their_places() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("pixels", "says"),
-    [(36, "its noise region 45 to 300 pixels wide"), (330, "move back 1.1x or more")],
+    ("pixels", "says"), [(36, "its noise region 45 to 300 pixels wide"), (330, "move back 1.1x or more")]
 )
 def test_wrong_distances_are_refused(pixels: float, says: str) -> None:
     camera = camera_of(*(int(1.6 * pixels),) * 2)

@@ -1,7 +1,5 @@
 """A typed f-number against the photograph's own far tail and what diffraction lets pass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,6 +15,8 @@ from procedures.raw import Plane, read_frame
 from simulators.bench.view import bench_camera
 from simulators.world.projection import ObjectPose
 from simulators.world.scene import PlacedChart, Scene
+
+SLOW_FIXTURES = {"photographed"}
 
 FOCAL_MM, PITCH_UM, CELL_MM, Z_MM = 24.0, 5.94, 0.3, 1865.0
 """At that distance s/t is 1.3 with 4 samples a pixel: a noise region 83 pixels of a plane wide."""
@@ -40,7 +40,6 @@ def look(frame, typed, **more):
     return check_aperture(frame, {**facts, KEY: typed})
 
 
-@pytest.mark.slow
 def test_the_right_f_number_is_taken_and_the_tail_s_is_told(photographed):
     true, frame = photographed
     advice = look(frame, true)
@@ -50,7 +49,6 @@ def test_the_right_f_number_is_taken_and_the_tail_s_is_told(photographed):
     assert advice.facts["tail_f_number_uncertainty"] < 0.2 * true
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_half_and_twice_are_named(photographed, factor):
     true, frame = photographed
@@ -64,7 +62,6 @@ def test_half_and_twice_are_named(photographed, factor):
     assert look(frame, factor * true, insisted_typed_f_number=True).good
 
 
-@pytest.mark.slow
 def test_an_f_number_that_the_camera_noted_is_not_held_against_the_photograph(photographed):
     true, frame = photographed
     recorded = replace(frame, exposure=replace(frame.exposure, f_number=true))

@@ -1,7 +1,5 @@
 """Sharpness of one photograph after the other, against the simulated camera's true MTF."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The top of a sweep, and which way to turn."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
@@ -52,7 +50,7 @@ def test_the_symmetric_start_is_unbiased(w, direction, noise_db, rng):
     for order in (slice(None), slice(None, None, -1)):  # the sharper photograph may come second
         estimate = initial_depth.algorithm_2(z[order], stacks[order], sigma, direction=direction).w[16:-16, 16:-16]
         assert estimate.mean() == pytest.approx(w, abs=0.1)
-        assert np.sqrt(np.mean((estimate - w) ** 2)) < 0.5
+        assert np.sqrt(np.mean((estimate - w) ** 2)) < (0.2 if noise_db is None else 0.5)
 
 
 @pytest.mark.parametrize(("noise", "sigma", "bar"), [("clean", 0.0, 0.20), ("40dB", 1.4e-3, 0.5)])

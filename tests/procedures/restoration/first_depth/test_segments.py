@@ -1,17 +1,9 @@
 """Depth maps cut along their edges: connected parts, and their extrapolation beyond the border."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from procedures.restoration.first_depth.segments import (
-    extrapolate,
-    joined,
-    remove_blemishes,
-    segments,
-    surfaces,
-)
+from procedures.restoration.first_depth.segments import extrapolate, joined, remove_blemishes, segments, surfaces
 
 
 @pytest.fixture

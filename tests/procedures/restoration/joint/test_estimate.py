@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +22,6 @@ def outcome(vibrating):
     return restore(list(vibrating.z), vibrating.stacks, RestorationParameters(scheme=Scheme(6, 6, 6, 2, 10)))
 
 
-@pytest.mark.slow
 def test_a_good_pair_passes(outcome, vibrating):
     assert outcome.verdict == Verdict.PASS, outcome.reason
     assert outcome.value.sharp.shape == (1, 96, 112)
@@ -48,7 +45,6 @@ def test_noise_is_estimated_from_a_single_photograph():
     assert noise_upper_bound(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
 
 
-@pytest.mark.slow
 def test_the_residual_is_close_to_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
@@ -65,14 +61,12 @@ def test_photographs_of_two_scenes_are_refused(vibrating):
     assert residual == pytest.approx(100 / 2**0.5, rel=0.15)
 
 
-@pytest.mark.slow
 def test_uncertainty_of_the_picture_is_its_error_for_true_masks(outcome, vibrating):
     # without the edges of the depth and the frame's rim; the prior assumes the detail of this scene
     error = vibrating.picture_error(outcome.value.sharp) / 255
     assert outcome.value.diagnostics.picture_std == pytest.approx(error, rel=0.5)
 
 
-@pytest.mark.slow
 def test_inaccurate_paths_are_doubtful_with_their_error(vibrating, vibration_shapes, outcome):
     # a shape rotated by 20 degrees represents an inaccurate measurement
     turned = mask_stack(rotate(vibration_shapes[1], 20, reshape=False, order=1).clip(0), 4.6, R=6)

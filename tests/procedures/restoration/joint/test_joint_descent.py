@@ -1,7 +1,5 @@
 """Algorithm I on a small vibrating scene with a depth edge: properties of one restoration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +13,8 @@ from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.schedule import NEAR, Schedule, Scheme
 
 from ..conftest import scene
+
+SLOW_FIXTURES = {"restored"}
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,6 @@ def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
     assert joint_descent.cost(problem, u, w, weights)[0] < before
 
 
-@pytest.mark.slow
 def test_restoration_approaches_the_true_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
@@ -81,7 +80,6 @@ def test_rounds_can_be_stopped_and_resumed(problem, first):
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_every_round_is_reported(restored, problem):
     assert [r.n for r in restored.history] == [*range(8), 8]
     assert restored.history[0].what.startswith("steps far")

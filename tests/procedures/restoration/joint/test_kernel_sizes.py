@@ -1,7 +1,5 @@
 """Kernels in the sensor's own pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Motion between photographs, detected from the residual of a restoration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Estimated noise and contrast, compared with the truth and with solutions for random photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Occlusion at depth edges: detection, and uncertainties there in ray-traced scenes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

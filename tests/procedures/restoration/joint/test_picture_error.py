@@ -1,7 +1,5 @@
 """Expected error of the picture, and noise separated from errors of the masks, for simulated truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

@@ -1,7 +1,5 @@
 """Restarted regions: a deliberately misplaced depth edge is detected by its residual and corrected."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Loops over arrays compared with NumPy and SciPy, to rounding."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

@@ -1,7 +1,5 @@
 """Space-variant operators: identities that hold to rounding, and FFT convolution where depth is constant."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import fftconvolve

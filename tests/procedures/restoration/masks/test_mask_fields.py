@@ -1,7 +1,5 @@
 """Masks that vary over the frame: one stack is a grid of one, and a field restores the blur of the field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,6 +12,8 @@ from procedures.restoration.masks.mask_fields import MaskField, alike, one_grid,
 from procedures.restoration.masks.shape_fields import symmetric
 
 from ..conftest import scene
+
+SLOW_FIXTURES = {"photographs"}
 
 
 def coma(strength):
@@ -46,7 +46,6 @@ def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
     assert np.median(np.abs(many.sharp - one.sharp)) < 1e-3
 
 
-@pytest.mark.slow
 def test_blur_of_a_lens_with_coma_is_restored_with_its_field(photographs, lens):
     parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
     restored = restore(list(photographs.z), lens, parameters)
@@ -60,7 +59,6 @@ def test_blur_of_a_lens_with_coma_is_restored_with_its_field(photographs, lens):
     assert view.shape == restored.value.sharp.shape
 
 
-@pytest.mark.slow
 def test_initial_depths_accept_fields(photographs, lens):
     sigmas = np.full(2, noise_of(photographs.z, lens))
     errors = [

@@ -1,7 +1,5 @@
 """Shapes over the frame, and motion convolved with them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

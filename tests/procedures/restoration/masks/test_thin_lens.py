@@ -1,9 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter
+from procedures.psf import Psf
+from procedures.restoration.masks.blur_models import spread_of
+from procedures.restoration.masks.gaussian_constant import gaussian_constant
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
 
 FIRST = CameraSetting(focal_length_mm=50.0, f_number=2.8, focus_mm=1500.0, pitch_um=6.0)
@@ -24,6 +25,27 @@ def test_blur_circles_follow_similar_triangles():
 def test_distance_and_blur_are_inverse():
     distances = np.array([600.0, 1200.0, 1500.0, 4000.0])
     np.testing.assert_allclose(FIRST.distance_mm(FIRST.blur_radius_px(distances)), distances)
+
+
+def test_a_gaussian_has_the_blur_circle_times_three_k():
+    # (4.18): sigma_2 = alpha sigma_1 + k beta; a mask reaches to 3 sigma
+    pairs = [[CameraSetting(50.0, 2.8, focus, 6.0, spread_of(name)) for focus in (1500.0, 1100.0)]
+             for name in ("pillbox", "gaussian:0.6")]  # fmt: skip
+    (alpha, beta), (same, wider) = (relation(*pair) for pair in pairs)
+    assert (same, wider) == (pytest.approx(alpha), pytest.approx(1.8 * beta))
+    with pytest.raises(BadParameter, match="k > 0"):
+        spread_of("gaussian:-1")
+
+
+def test_k_of_gaussian_psfs_is_their_sigma_over_the_radius(rng):
+    x = np.arange(-20, 21) / 2
+    kernels = [np.exp(-(x[:, None] ** 2 + x**2) / (2 * (0.7 * r) ** 2)) for r in (1.5, 2.5, 4.0)]
+    noisy = [one / one.sum() + 1e-4 * rng.standard_normal(one.shape) for one in kernels]
+    psfs = [Psf(one / one.sum(), 2, np.eye(one.size) * 1e-8) for one in noisy]
+    lens = gaussian_constant(psfs, [1.5, -2.5, 4.0])
+    assert lens.k.value == pytest.approx(0.7, abs=3 * max(lens.k.uncertainty, 1e-3))
+    with pytest.raises(BadParameter, match="1 pixel or more"):
+        gaussian_constant(psfs, [0.5, 2.5, 4.0])
 
 
 def test_no_distance_blurs_more_than_infinity():

@@ -3,8 +3,6 @@
 Image coordinates and translations are in units of the focal length, as in (5.1), x right, y down, z ahead.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Local minima of descent, and their escape by curves of a pool and by random bends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,8 @@ from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, co
 from procedures.restoration.unknown_motion.motion_splines import POINTS
 
 from ..motions import FLAT_W, curves
+
+pytestmark = pytest.mark.slow
 
 # lines about as wide as the spacing of samples
 HALF = 2 * FLAT_W
@@ -42,7 +42,6 @@ def relative_error(points):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
-@pytest.mark.slow
 def test_a_curve_of_the_pool_is_accepted(evidence, wrong):
     pools = [[wrong[0], TRUE[0]], [wrong[1]]]
     best = BasinHopping(pools, np.random.default_rng(0), NO_BENDS).minimise(evidence, wrong, HALF)
@@ -50,7 +49,6 @@ def test_a_curve_of_the_pool_is_accepted(evidence, wrong):
     assert relative_error(best) < 0.05
 
 
-@pytest.mark.slow
 def test_a_pool_is_moved_to_another_origin(evidence, wrong):
     origin = np.array([1.0, 0.0])
     hopping = BasinHopping([[TRUE[0] + origin], [TRUE[1] + origin]], np.random.default_rng(0), NO_BENDS).about_origin(
@@ -59,7 +57,6 @@ def test_a_pool_is_moved_to_another_origin(evidence, wrong):
     assert relative_error(hopping.minimise(evidence, wrong, HALF)) < 0.05
 
 
-@pytest.mark.slow
 def test_bends_end_no_worse_than_descent(evidence):
     bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
     start = TRUE + bend * np.array([[[1.6, -1.2]], [[-1.2, 1.6]]])

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -9,7 +7,7 @@ from procedures.outcome import BadInput, Refused
 from procedures.restoration.masks.blur_models import mask
 from procedures.restoration.unknown_motion import blind
 
-SLOW_FIXTURES = {"flat"}
+pytestmark = pytest.mark.slow
 
 
 def likeness(a, b):
@@ -34,12 +32,10 @@ def prototypes(flat):
     return blind.prototype_shapes(flat[0], 4, rounds=16)
 
 
-@pytest.mark.slow
 def test_both_motions_are_recovered(flat, prototypes):
     assert [likeness(a, b) > 0.95 for a, b in zip(prototypes.masks, flat[1], strict=True)] == [True, True]
 
 
-@pytest.mark.slow
 def test_their_relative_shift_is_recovered(flat, prototypes):
     # centroids may move together, not apart
     def centroid(h):
@@ -51,7 +47,6 @@ def test_their_relative_shift_is_recovered(flat, prototypes):
     np.testing.assert_allclose(between, centroid(flat[1][0]) - centroid(flat[1][1]), atol=0.15)
 
 
-@pytest.mark.slow
 def test_the_support_is_estimated(flat, prototypes):
     assert blind.support(flat[0], 5) == 2
     assert 1.5 <= prototypes.half_width <= 3

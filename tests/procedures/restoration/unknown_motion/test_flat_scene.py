@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +19,8 @@ from procedures.restoration.unknown_motion.flat_scene import (
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_change
 from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
+
+SLOW_FIXTURES = {"outcome"}
 
 R = 7
 QUICK = KernelEffort(
@@ -198,7 +198,6 @@ def outcome(shaken, blur):
     return alike.restored([one[None] for one in shaken[0]])
 
 
-@pytest.mark.slow
 def test_a_flat_scene_is_restored_at_its_w(shaken, outcome):
     assert outcome.verdict is Verdict.PASS, outcome.reason
     restored = outcome.value
@@ -211,7 +210,6 @@ def test_a_flat_scene_is_restored_at_its_w(shaken, outcome):
     assert error < 0.2 * np.std(shaken[0][0][inner] - shaken[2][inner])
 
 
-@pytest.mark.slow
 def test_the_difference_of_two_searches_is_in_the_estimated_error(blur, outcome):
     kernels = blur.motion.shapes
     wider = np.stack([fftconvolve(one, np.ones((3, 3)) / 9) for one in kernels])

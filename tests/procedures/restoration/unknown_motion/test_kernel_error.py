@@ -1,8 +1,6 @@
 """Difference of pictures from two searches' kernels, where it is known: for sinusoidal waves, which filters only
 scale."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Subpixel curves: their masks, and their estimation from masks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pairs of curves that the frame around a flat part contradicts weakly and strongly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

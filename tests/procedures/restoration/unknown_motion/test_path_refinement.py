@@ -1,7 +1,5 @@
 """Refinement of paths from a flat part by other depths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

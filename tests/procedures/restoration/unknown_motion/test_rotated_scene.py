@@ -1,7 +1,5 @@
 """Correction of rotation and zoom between photographs of a flat scene before their kernels are estimated."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Choice of the window for the search of motion paths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

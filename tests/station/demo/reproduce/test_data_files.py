@@ -2,8 +2,7 @@ import hashlib
 
 import pytest
 
-from procedures.outcome import BadInput
-from procedures.ray_histogram.film_files import read_film
+from procedures import BadInput, read_film
 from station.demo.reproduce import data_files
 from station.demo.reproduce.catalogue import PUBLISHED_FILES, ROWS
 from station.demo.reproduce.rays_rows import film_and_reference

@@ -204,24 +204,10 @@ DIRECTION_ONLY = {
 }  # fmt: skip
 """Rows whose order holds and whose values differ from the papers'; all others are within the papers' claims."""
 OF_SECONDS = {
-    "restoration-known",
-    "restoration-40db",
-    "restoration-start",
-    "stability",
-    "simulated-rivals",
-    "rays-kappa",
-    "rays-oracle",
-    "restoration-gaussian",
-    "restoration-direct",
-    "accuracy",
-    "gamma-table",
-    "bound-realised",
-    "two-photo-zoom-published",
-    "two-photo-zoom",
-    "two-photo-simulated",
-    "rays-cornell",
-    "apertures",
-}
+    "restoration-known", "restoration-40db", "restoration-start", "stability", "simulated-rivals", "rays-kappa",
+    "rays-oracle", "restoration-gaussian", "restoration-direct", "accuracy", "gamma-table", "bound-realised",
+    "two-photo-zoom-published", "two-photo-zoom", "two-photo-simulated", "rays-cornell", "apertures",
+}  # fmt: skip
 """Rows of the quick set that take four seconds of processor and more: nightly."""
 
 
