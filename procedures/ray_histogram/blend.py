@@ -109,13 +109,13 @@ def blend(
     films = halves[0].film, halves[1].film
     weights = cross_validated(films, first.pictures, second.pictures)
     picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
-    sigma = _uncertainty(films, (a, b))
+    blended, sigma = picture.astype(np.float32), _uncertainty(films, (a, b))
     if parameters.rims:
         rims = lamp_rims(whole.film, picture)
-        picture, sigma = rims.put(rims.values, picture), rims.put(rims.uncertainty, sigma)
+        blended, sigma = rims.put(rims.values, blended), rims.put(rims.uncertainty, sigma)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    return FilteredFilm(picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma), shares
+    return FilteredFilm(blended, filtered.similar, filtered.median_similar, sigma), shares
 
 
 @dataclass(frozen=True)

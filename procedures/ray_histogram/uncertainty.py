@@ -103,7 +103,7 @@ def weighting_variance(film: Film) -> Doubles:
     A pixel whose few samples happen to agree would otherwise count most.
     """
     variance = allowed_variance(film) + RELATIVE_VARIANCE * (film.mean**2 + DARK)
-    return np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0)))
+    return np.asarray(np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0))))
 
 
 def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:
