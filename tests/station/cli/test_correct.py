@@ -75,7 +75,7 @@ def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_
     depth = 65535 if name.endswith("png") else 255
     levels = np.rint(depth * through).astype(np.uint16 if depth > 255 else np.uint8)
     cv2.imwrite(str(tmp_path / name), levels, [cv2.IMWRITE_JPEG_QUALITY, 97])
-    correct(tmp_path / name, "--field", folder / "field.h5", "--out", tmp_path / "out")
+    run("correct", tmp_path / name, "--field", folder / "field.h5", "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "result.json").read_text())["result"]
     assert record["verdict"] == "doubtful"
     assert "developed" in record["reason"] + str(record["other_causes"])
