@@ -80,8 +80,8 @@ def standard_uncertainty(
     shared = np.mean(noise * before, axis=2)
     sigma = np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
     if parameters.rims:
-        rims = lamp_rims(film, smooth)
-        sigma = rims.put(rims.uncertainty, sigma)
+        _, rims = lamp_rims(film, smooth)
+        sigma = np.where(np.isnan(rims), sigma, rims).astype(np.float32)
     return sigma
 
 

@@ -391,7 +391,7 @@ ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
 
 
 def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
-    """What every command of `COMMANDS` writes, as a terminal shows it."""
+    """The text that every command of `COMMANDS` writes, as a terminal shows it."""
     printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
     session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
     pictures: Pictures = {}
