@@ -95,7 +95,7 @@ def fit_model(
     formula = fit_formula(split_model(coarse)[0], start, problem).state
     trials = _trials(coarse, ROUGHNESS_PX, formula, problem)
     best = min(trials, key=lambda trial: trial.left_over)
-    if fine and best.roughness_px > ROUGHNESS_PX[0]:  # the lens has structure
+    if fine and best.left_over < (1 - WORTHWHILE) * trials[0].left_over:  # the lens has structure
         trials += _trials(fine, tuple(share * best.roughness_px for share in FINER), formula, problem)
         finest = min(trials, key=lambda trial: trial.left_over)
         best = finest if finest.left_over < (1 - WORTHWHILE) * best.left_over else best
