@@ -44,14 +44,9 @@ class ArtNetLight(Lamp["ArtNetLight"]):
     """A Light on some channels of a universe of an Art-Net node, which is its own line."""
 
     def __init__(
-        self,
-        host: str,
-        channels: Sequence[int] = (1,),
-        *,
-        universe: int = 0,
-        panel: LampProperties | None = None,
+        self, host: str, channels: Sequence[int] = (1,), *, universe: int = 0, panel: LampProperties | None = None,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(self, clock, panel)
         name, _, port = host.partition(":")
         self._node = (name, int(port or PORT))

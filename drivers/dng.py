@@ -47,16 +47,9 @@ class Shot:
 
 
 def write_dng(
-    path: Path,
-    mosaic: Mosaic,
-    shot: Shot,
-    *,
-    cfa: str | None,
-    black: Sequence[float],
-    white: int,
-    bits: int = 16,
+    path: Path, mosaic: Mosaic, shot: Shot, *, cfa: str | None, black: Sequence[float], white: int, bits: int = 16,
     orientation: int = 1,
-) -> None:
+) -> None:  # fmt: skip
     """Write a mosaic (rows, columns) to a DNG file.
 
     Raises ValueError if a number does not fit into `bits`.
@@ -97,15 +90,9 @@ def pack(mosaic: Mosaic, bits: int) -> bytes:
 
 
 def _header(
-    shape: tuple[int, ...],
-    size: int,
-    shot: Shot,
-    cfa: str | None,
-    black: Sequence[float],
-    white: int,
-    bits: int,
+    shape: tuple[int, ...], size: int, shot: Shot, cfa: str | None, black: Sequence[float], white: int, bits: int,
     orientation: int,
-) -> bytes:
+) -> bytes:  # fmt: skip
     """Everything before the pixels, padded to a multiple of 16 bytes."""
     rows, columns = shape
     tags = {
@@ -294,13 +281,9 @@ class DngFolder:
         return self._record(path, wanted, None, requested_s, None)
 
     def _record(
-        self,
-        path: Path,
-        wanted: CameraSettings,
-        settings: CameraSettings | None,
-        requested_s: float,
+        self, path: Path, wanted: CameraSettings, settings: CameraSettings | None, requested_s: float,
         shutter: ShutterTimes | None,
-    ) -> ExposedFile:
+    ) -> ExposedFile:  # fmt: skip
         """Read a file back; without `settings` those in the file are the photograph's."""
         try:
             facts = self._inspect(path)

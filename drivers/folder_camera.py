@@ -55,15 +55,9 @@ class FolderCamera:
     """A Camera whose frames come through a folder."""
 
     def __init__(
-        self,
-        folder: Path,
-        shutter: Shutter,
-        inspect: Inspect,
-        *,
-        tether: Tether | None = None,
-        sensor: FrameFormat | None = None,
-        clock: Clock | None = None,
-    ) -> None:
+        self, folder: Path, shutter: Shutter, inspect: Inspect, *, tether: Tether | None = None,
+        sensor: FrameFormat | None = None, clock: Clock | None = None,
+    ) -> None:  # fmt: skip
         self.clock = clock or SystemClock()
         self.tether = tether or Tether()
         self._sensor = KnownSensor(folder, inspect, sensor)

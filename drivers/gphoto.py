@@ -107,18 +107,9 @@ class GphotoCamera(FrameCamera):
     """
 
     def __init__(
-        self,
-        folder: Path,
-        inspect: Inspect,
-        *,
-        model: str = "",
-        port: str = "",
-        shutter: Shutter | None = None,
-        pulse_s: float = 0.1,
-        patience_s: float = 20.0,
-        sensor: FrameFormat | None = None,
-        clock: Clock | None = None,
-    ) -> None:
+        self, folder: Path, inspect: Inspect, *, model: str = "", port: str = "", shutter: Shutter | None = None,
+        pulse_s: float = 0.1, patience_s: float = 20.0, sensor: FrameFormat | None = None, clock: Clock | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(clock)
         self._sensor = KnownSensor(folder, inspect, sensor)
         self._stray: set[BodyFile] | None = None

@@ -54,14 +54,9 @@ class GrblStage:
     """A Stage behind a GRBL controller."""
 
     def __init__(
-        self,
-        transport: Transport[Event],
-        axes: Sequence[GrblAxis],
-        *,
-        clock: Clock | None = None,
-        reset_on_open: str = "expect",
-        poll_s: float = 0.2,
-    ) -> None:
+        self, transport: Transport[Event], axes: Sequence[GrblAxis], *, clock: Clock | None = None,
+        reset_on_open: str = "expect", poll_s: float = 0.2,
+    ) -> None:  # fmt: skip
         self.clock = clock or SystemClock()
         self.link = GrblLink(transport)
         self._axes = tuple(axes)

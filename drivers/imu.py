@@ -231,14 +231,9 @@ class FastImu(StreamingImu[SampleBatch | TextMessage]):
     """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(
-        self,
-        transport: Transport[SampleBatch | TextMessage],
-        *,
-        clock: Clock | None = None,
-        full_scale_g: float = 8.0,
-        full_scale_deg_s: float = 500.0,
-        latency: CableLatency | None = None,
-    ) -> None:
+        self, transport: Transport[SampleBatch | TextMessage], *, clock: Clock | None = None,
+        full_scale_g: float = 8.0, full_scale_deg_s: float = 500.0, latency: CableLatency | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(transport, clock, _Stream(1e-6, latency))
         self._scale = scale_of(full_scale_g, full_scale_deg_s)
         self._seq: int | None = None

@@ -337,13 +337,9 @@ class Transport(Line, Protocol[E_co]):
         """Own the port; `listen(event, host_s)` is called for every event. Raises LineLost."""
 
     def request(
-        self,
-        data: bytes,
-        answer: Callable[[E_co], T | None],
-        timeout_s: float,
-        tries: int = 1,
+        self, data: bytes, answer: Callable[[E_co], T | None], timeout_s: float, tries: int = 1,
         allowed: Callable[[], None] = ...,
-    ) -> T:
+    ) -> T:  # fmt: skip
         """Write and wait until `answer(event)` is not None, up to `tries` times. Raises NoAnswer, LineLost.
 
         `allowed` raises why the order may not be given: it is called when nothing can intervene any more.

@@ -125,13 +125,9 @@ class DmxLight(Lamp[Transport[DmxFrame]]):
     """A Light on some channels of a DMX line."""
 
     def __init__(
-        self,
-        transport: Transport[DmxFrame],
-        channels: Sequence[int] = (1,),
-        *,
-        panel: LampProperties | None = None,
+        self, transport: Transport[DmxFrame], channels: Sequence[int] = (1,), *, panel: LampProperties | None = None,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(transport, clock, panel)
         self._channels = tuple(channels)
 

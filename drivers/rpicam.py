@@ -52,14 +52,9 @@ class RpicamCamera(FrameCamera):
     """A Camera on `rpicam-still`; `number` counts the cameras from 0, `program` is its name or path, "" the usual."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        number: int = 0,
-        settings: RpicamSettings | None = None,
-        *,
-        program: str = "",
+        self, frames: DngFolder, number: int = 0, settings: RpicamSettings | None = None, *, program: str = "",
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._wanted = settings or RpicamSettings()
         super().__init__(clock, CameraSettings(self._wanted.exposure_s, round(ISO_PER_GAIN * self._wanted.gain)))
         self._frames, self._number, self._program = frames, number, program

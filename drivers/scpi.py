@@ -104,13 +104,9 @@ class ScpiLight(ScpiInstrument, Lamp[Transport[str]]):
     """A Light on a power supply, or a lamp of its own: its setting is read back, and so is its output."""
 
     def __init__(
-        self,
-        transport: Transport[str],
-        supply: SupplySettings,
-        *,
-        panel: LampProperties | None = None,
+        self, transport: Transport[str], supply: SupplySettings, *, panel: LampProperties | None = None,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(transport, clock)
         self.panel = panel or LampProperties()
         self._supply = supply

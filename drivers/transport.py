@@ -53,16 +53,9 @@ class SerialTransport(Generic[E]):
     """A line whose bytes are decoded by `parser()`."""
 
     def __init__(
-        self,
-        address: str,
-        parser: Callable[[], Parser[E]],
-        *,
-        baud: int = 115200,
-        clock: Clock | None = None,
-        transcript: Transcript | None = None,
-        dtr: bool | None = None,
-        rts: bool | None = None,
-    ) -> None:
+        self, address: str, parser: Callable[[], Parser[E]], *, baud: int = 115200, clock: Clock | None = None,
+        transcript: Transcript | None = None, dtr: bool | None = None, rts: bool | None = None,
+    ) -> None:  # fmt: skip
         self.address = address
         self.baud = baud
         self.clock = clock or SystemClock()
@@ -124,13 +117,9 @@ class SerialTransport(Generic[E]):
         self.transcript.close()
 
     def request(
-        self,
-        data: bytes,
-        answer: Callable[[E], T | None],
-        timeout_s: float,
-        tries: int = 1,
+        self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, tries: int = 1,
         allowed: Callable[[], None] = anything,
-    ) -> T:
+    ) -> T:  # fmt: skip
         """Write `data` and wait for the first event for which `answer` returns a value; up to `tries` times.
 
         Only queries may be repeated: a repeated order is a second order. `allowed` is called at the last moment,

@@ -26,6 +26,7 @@ from .restoration.masks.camera_motion import poses_at
 from .restoration.masks.gaussian_constant import gaussian_constant
 from .restoration.masks.thin_lens import CameraSetting
 from .restoration.photograph_blur import BlurSpec, KnownShapes, RecordedMotion, UnknownMotion, blur_of
+from .restoration.refocus import refocus
 from .sensor.estimate import characterise
 from .sensor.stacks import SensorRecording, measure_level, measure_stack
 from .slanted_edge.estimate import estimate_edge, estimate_edges
@@ -43,5 +44,6 @@ __all__ = [
     "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges", "estimate_field",
     "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_psf_of_wall", "estimate_vignetting",
     "filter_film", "gaussian", "gaussian_constant", "measure_level", "measure_stack", "otf", "pillbox", "poses_at",
-    "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "stacks_of", "view_of", "write_field",
+    "read_camera_numbers", "read_field", "read_film", "read_frame", "refocus", "restore", "stacks_of", "view_of",
+    "write_field",
 ]  # fmt: skip

@@ -122,15 +122,9 @@ def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDE
 
 
 def choose(
-    attempt: Callable[[int, int], T],
-    psf_of: Callable[[T], Psf],
-    samples: int,
-    most_s: int,
-    *,
-    start_s: int = START_S,
-    s: int | None,
-    k: int | None,
-) -> tuple[T, tuple[Trial, ...]]:
+    attempt: Callable[[int, int], T], psf_of: Callable[[T], Psf], samples: int, most_s: int, *,
+    start_s: int = START_S, s: int | None, k: int | None,
+) -> tuple[T, tuple[Trial, ...]]:  # fmt: skip
     """Choose s and k; returns the result and the trials.
 
     attempt : function from s and k to a result
@@ -186,9 +180,9 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
-    "processing": "sharpening that the noise does not exclude",
-    "wide mask": "sharpening over several pixels that the frame does not exclude",
-    "ghost": "a reflection of the picture that it does not exclude",
+    "processing": "unsharp mask not excluded",
+    "wide mask": "wide mask not excluded",
+    "ghost": "ghost not excluded",
     "variation": "variation of the PSF over the chart",
     "print blur": "blur of the print",
     "focus": "focus at either distance",

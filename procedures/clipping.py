@@ -44,13 +44,9 @@ class Clipping:
 
 
 def find_clipping(
-    samples: npt.NDArray[np.float32] | Array,
-    quantisation: float = 0.0,
-    *,
-    dark_noise: float = 0.0,
-    bright_noise: float = 0.0,
-    of_edge: bool = False,
-) -> Clipping:
+    samples: npt.NDArray[np.float32] | Array, quantisation: float = 0.0, *, dark_noise: float = 0.0,
+    bright_noise: float = 0.0, of_edge: bool = False,
+) -> Clipping:  # fmt: skip
     """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.
 
     samples : of any shape, black 0 and nominal white 1

@@ -251,17 +251,9 @@ def assess(
         for one in reported
     }
     return Quality(
-        f,
-        *(mtf_h, mtf_v, mtf_r),
-        horizontal @ psf.parameters / psf.light,
-        vertical @ psf.parameters / psf.light,
-        numbers,
-        gradients | {one.name: one.gradient for one in reported},
-        budgets,
-        curve_budgets,
-        tuple(at),
-        origin,
-    )
+        f, *(mtf_h, mtf_v, mtf_r), horizontal @ psf.parameters / psf.light, vertical @ psf.parameters / psf.light,
+        numbers, gradients | {one.name: one.gradient for one in reported}, budgets, curve_budgets, tuple(at), origin,
+    )  # fmt: skip
 
 
 def _read_from_curve(numbers: Sequence[DrawnNumber], f: Array, uncertainty: Array, fall: Array) -> dict[str, float]:

@@ -33,20 +33,9 @@ from procedures.reading.tiff_tags import (
 )
 
 __all__ = [
-    "GREY_PLANE",
-    "MOSAIC_PLANES",
-    "Exposure",
-    "ImuRecord",
-    "Plane",
-    "RawFrame",
-    "ShakerPath",
-    "ShakerResponse",
-    "default_plane",
-    "measured_path",
-    "read_frame",
-    "read_photograph",
-    "read_planes",
-]
+    "GREY_PLANE", "MOSAIC_PLANES", "Exposure", "ImuRecord", "Plane", "RawFrame", "ShakerPath", "ShakerResponse",
+    "default_plane", "measured_path", "read_frame", "read_photograph", "read_planes",
+]  # fmt: skip
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """Planes of a 2 x 2 mosaic; G1 lies on the red rows."""
@@ -458,14 +447,9 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 
 
 def _scaled_plane(
-    name: str,
-    levels: Samples,
-    black: npt.NDArray[np.float32],
-    white: float,
-    position: tuple[int, int] | None = None,
-    *,
-    raw: bool = True,
-) -> Plane:
+    name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
+    *, raw: bool = True,
+) -> Plane:  # fmt: skip
     """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)

@@ -37,16 +37,16 @@ COMMANDS = {
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
-    "explain": ("explain", "explain", "Explain a result: cause, largest uncertainty, best remedy."),
-    "verify": ("verify", "verify", "Compare a certificate with its record and its originals."),
+    "explain": ("results", "explain", "Explain a result: cause, largest uncertainty, best remedy."),
+    "verify": ("results", "verify", "Compare a certificate with its record and its originals."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("bench.devices", "devices", "Show the configured devices and their answers."),
-    "conform": ("bench.conform", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
+    "conform": ("bench.devices", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
-    "simulate": ("bench.simulate", "simulate", "Open the simulated bench for other programs."),
-    "completion": ("completion", "completion", "Write the script by which a shell completes commands."),
+    "simulate": ("bench.serve", "simulate", "Open the simulated bench for other programs."),
+    "completion": ("templates", "completion", "Write the script by which a shell completes commands."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
-    "init": ("init", "init", "Write commented template files."),
+    "init": ("templates", "init", "Write commented template files."),
     "manual": ("manual", "manual", "Show the manual, or write it as pages for a browser."),
     "reproduce": ("reproduce", "reproduce", "Compute the papers' tables and figures again."),
 }
@@ -75,7 +75,8 @@ LARGE_HEAP = 50_000
 @click.option(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
-    "  [also for: psf, focus, mtf, session resume, devices, conform, serve]",
+    "  [also for: psf pattern, psf witnessed, psf two-photo, psf series, psf field, focus, mtf, session resume,"
+    " devices, conform, serve]",
 )  # fmt: skip
 @click.option(
     "--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
@@ -94,7 +95,8 @@ LARGE_HEAP = 50_000
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,
-    help="Of frequencies.  [default: from --config, else cycles/pixel]  [also for: psf, mtf, serve]",
+    help="Of frequencies.  [default: from --config, else cycles/pixel]"
+    "  [also for: psf pattern, psf witnessed, psf two-photo, psf series, psf field, mtf, serve]",
 )  # fmt: skip
 @click.pass_context
 def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> None:

@@ -44,14 +44,9 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
     """A Camera of an Alpaca server; frames are saved by `frames`."""
 
     def __init__(
-        self,
-        server: AlpacaAddress,
-        number: int,
-        frames: DngFolder,
-        settings: AlpacaCameraSettings | None = None,
-        *,
+        self, server: AlpacaAddress, number: int, frames: DngFolder, settings: AlpacaCameraSettings | None = None, *,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._link = AlpacaLink(server, "camera", number)
         self._wanted = settings or AlpacaCameraSettings()
         LineDevice.__init__(self, self._link)

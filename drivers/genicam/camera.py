@@ -50,13 +50,9 @@ class GenicamCamera(FrameCamera):
     """A Camera on Aravis; `camera` is its name or address as listed by Aravis, "" the first one found."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        camera: str = "",
-        settings: GenicamSettings | None = None,
-        *,
+        self, frames: DngFolder, camera: str = "", settings: GenicamSettings | None = None, *,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(clock)
         self._frames, self._name, self._wanted = frames, camera, settings or GenicamSettings()
         self._aravis: Any = None

@@ -178,15 +178,9 @@ class MicroManagerCamera(CoreDevice, FrameCamera):
     """
 
     def __init__(
-        self,
-        core: Core,
-        device: str,
-        frames: DngFolder,
-        *,
-        cfa: str | None = None,
-        gain: float | None = None,
+        self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, gain: float | None = None,
         clock: Clock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         CoreDevice.__init__(self, core, {device: (CAMERA, "camera")})
         FrameCamera.__init__(self, clock)
         self._frames, self._cfa, self._gain = frames, cfa, gain

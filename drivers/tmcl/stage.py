@@ -61,14 +61,9 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
     stop_bytes = b""
 
     def __init__(
-        self,
-        transport: Transport[bytes],
-        axes: Sequence[TmclAxis],
-        *,
-        patience_s: float = 60.0,
-        variable: int = 55,
+        self, transport: Transport[bytes], axes: Sequence[TmclAxis], *, patience_s: float = 60.0, variable: int = 55,
         **more: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._modules = tuple(dict.fromkeys(axis.module for axis in axes))
         self._link = TmclLink(transport, self._modules)
         super().__init__(cast(Transport[bytes], self._link), axes, **more)

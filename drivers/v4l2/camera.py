@@ -92,14 +92,9 @@ class V4l2Camera(FrameCamera):
     """A Camera on a device file such as /dev/video0."""
 
     def __init__(
-        self,
-        frames: DngFolder,
-        device: str = "/dev/video0",
-        settings: V4l2Settings | None = None,
-        *,
-        kernel: v4l2.Kernel | None = None,
-        clock: Clock | None = None,
-    ) -> None:
+        self, frames: DngFolder, device: str = "/dev/video0", settings: V4l2Settings | None = None, *,
+        kernel: v4l2.Kernel | None = None, clock: Clock | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(clock)
         self._frames, self._path, self._wanted = frames, device, settings or V4l2Settings()
         self._kernel = kernel or v4l2.Kernel()

@@ -35,7 +35,7 @@ def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda 
 
 
 class Closable(Protocol):
-    """What can be closed."""
+    """A device or a line that can be closed."""
 
     def close(self) -> None:
         """Release the line."""
@@ -299,13 +299,9 @@ class InStepLine(Generic[E]):
         self.owed: StepQuestion[E] | None = None
 
     def request(
-        self,
-        data: bytes,
-        answer: Callable[[E], T | None],
-        question: StepQuestion[E],
-        allowed: Callable[[], None] = anything,
-        tries: int = 1,
-    ) -> T:
+        self, data: bytes, answer: Callable[[E], T | None], question: StepQuestion[E],
+        allowed: Callable[[], None] = anything, tries: int = 1,
+    ) -> T:  # fmt: skip
         """The reply to `data`; arguments and errors are those of a Transport."""
         while True:
             try:

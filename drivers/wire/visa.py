@@ -21,14 +21,9 @@ class VisaTransport:
     """A Transport of one resource; `library` is pyvisa's name of the VISA library, `@py` that of pyvisa-py."""
 
     def __init__(
-        self,
-        address: str,
-        parser: Callable[[], Parser[str]],
-        *,
-        library: str = "@py",
-        clock: Clock | None = None,
+        self, address: str, parser: Callable[[], Parser[str]], *, library: str = "@py", clock: Clock | None = None,
         transcript: Transcript | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.address = address
         self.clock = clock or SystemClock()
         self.transcript = transcript or Transcript()
@@ -70,13 +65,9 @@ class VisaTransport:
         self.transcript.close()
 
     def request(
-        self,
-        data: bytes,
-        answer: Callable[[str], T | None],
-        timeout_s: float,
-        tries: int = 1,
+        self, data: bytes, answer: Callable[[str], T | None], timeout_s: float, tries: int = 1,
         allowed: Callable[[], None] = anything,
-    ) -> T:
+    ) -> T:  # fmt: skip
         """Write, and read until `answer` accepts a line, up to `tries` times. Raises NoAnswer, LineLost."""
         for _ in range(tries):
             with self._turn:

@@ -99,15 +99,16 @@ def deconvolve(
     M = prior.mixing(tile.channels).astype(np.float32)
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
-    predicted = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
-    for k in range(settings.iterations):
-        if k > 0:
-            agree(predicted, tile.z, tile.weight, data_dual, rho)
+    copies = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
+    for left in reversed(range(settings.iterations)):
         gradients = differences(mixed(M, u), prior.second)
         shrink(gradients, prior_dual, np.float32(tau / penalty))
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
-        U = solver(scipy.fft.rfft2(predicted), scipy.fft.rfft2(target))
-        predicted = tile.blurred(U)
+        U = solver(scipy.fft.rfft2(copies), scipy.fft.rfft2(target))
+        if left:
+            predicted = tile.blurred(U)
+            agree(predicted, copies, tile.z, tile.weight, data_dual, rho)
+            copies = predicted
         u = _transformed_back(U, tile.n)
     return u
 

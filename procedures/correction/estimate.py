@@ -242,9 +242,23 @@ class _Work:
     def _tile(self, start: tuple[int, int]) -> tuple[DeconvolutionTile, Single]:
         n = self.grid.rows.n
         x, y = self.grid.centre(start)
-        z, weight = self.mosaic.cut(start, n, self.optics.ring, self.optics.whole(x, y))
-        tile = DeconvolutionTile(z, weight, self.optics.otf(x, y, n), self.optics.channel)
+        moved, otf = self.optics.whole(x, y), self.optics.otf(x, y, n)
+        z, weight = self.mosaic.cut(start, n, self.optics.ring, moved)
+        groups = self._groups(moved)
+        tile = DeconvolutionTile(
+            np.stack([z[planes].sum(axis=0) for planes in groups]),
+            np.stack([weight[planes].sum(axis=0) for planes in groups]),
+            np.stack([otf[planes].mean(axis=0) for planes in groups]),
+            [self.optics.channel[planes[0]] for planes in groups],
+        )
         return tile, self.mosaic.first(z, weight)
+
+    def _groups(self, moved: Mapping[str, tuple[int, int]]) -> list[list[int]]:
+        """Planes of one colour, photograph and displacement: they have samples at different places, and one PSF."""
+        groups: dict[object, list[int]] = {}
+        for p, (key, colour) in enumerate(zip(self.mosaic.planes, self.optics.channel, strict=True)):
+            groups.setdefault((colour, key.partition(" ")[2], moved.get(key, (0, 0))), []).append(p)
+        return list(groups.values())
 
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:
         window = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))

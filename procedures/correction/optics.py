@@ -57,7 +57,7 @@ class PlaneFields:
         """
         of_planes = {key: fields[plane.name] for key, plane in planes.items()}
         first, field = next(iter(planes.values())), next(iter(of_planes.values()))
-        finer = round(first.samples.shape[0] / field.shape[0])
+        finer = 2 if first.pitch == 1 and first.name != "Y" and first.samples.shape[0] > field.shape[0] else 1
         pitch = finer * first.pitch
         origins = {
             key: plane.origin if finer == 1 else _centred(plane.samples.shape, of_planes[key].shape, finer)

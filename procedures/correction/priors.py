@@ -9,7 +9,7 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
-CHROMA = 3.0
+CHROMA = 5.0
 """Weight of differences of colour relative to differences of lightness, in a balanced picture."""
 
 

@@ -10,6 +10,8 @@ Spectrum = npt.NDArray[np.complex64]
 
 BLOCK = 512
 """Samples of a row that are processed together: inner loops of one operation are vectorised."""
+RELAXED = np.float32(1.8)
+"""Over-relaxation of the copies, between 1 and 2 (Eckstein and Bertsekas 1992)."""
 TINY = np.float32(1e-30)
 """Smallest square of a length."""
 
@@ -42,9 +44,12 @@ def length(d: Single) -> Single:
     return np.asarray(np.sqrt(np.sum(d**2, axis=(0, 1))))
 
 
-def agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
-    """Update the copies of the blurred planes by the data: reflected at their targets, and their duals."""
-    _agree(copies.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
+def agree(copies: Single, before: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
+    """Update the copies of the blurred planes by the data: reflected at their targets, and their duals.
+
+    before : the copies of the last iteration as this function left them, for over-relaxation
+    """
+    _agree(copies.reshape(-1), before.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
 
 
 def shrink(d: Single, dual: Single, threshold: np.float32) -> None:
@@ -75,9 +80,9 @@ def _mix(M: Single, u: Single, out: Single) -> None:
 
 
 @vectorised
-def _agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
+def _agree(copies: Single, before: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
     for i in range(copies.size):
-        q = copies[i] - dual[i]
+        q = RELAXED * copies[i] + (np.float32(1) - RELAXED) * (before[i] - dual[i]) - dual[i]
         # a negative weight marks a clipped sample, whose value is a lower bound
         v = max(q, z[i]) if weight[i] < 0 else (weight[i] * z[i] + rho * q) / (weight[i] + rho)
         dual[i] = v - q

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.corruption.family import SHARPENED, SMOOTHED, threshold
+from procedures.corruption.family import SHARPENED, SMOOTHED, Strength
 from procedures.numerics import transforms
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -73,33 +73,14 @@ class Variogram:
         return float(near[1, 0] + near[0, 1] - (near[1, 1] + near[-1, 1]) / 2)
 
 
-@dataclass(frozen=True)
-class MaskScore:
-    """Amount of an unsharp mask of one radius from the correlations of noise; negative for smoothing."""
-
-    radius_px: float
-    amount: float
-    uncertainty: float
-
-    @property
-    def score(self) -> float:
-        """The amount over its uncertainty."""
-        return self.amount / self.uncertainty
-
-    @property
-    def unseen(self) -> float:
-        """The amount, at most what a test lets pass."""
-        return min(self.amount, threshold() * self.uncertainty) if np.isfinite(self.uncertainty) else 0.0
-
-
 def mask_scores(
     variograms: Sequence[Variogram], radii: Sequence[float], nuisances: Sequence[Array] = ()
-) -> list[MaskScore]:
+) -> list[Strength]:
     """Score of a mask of each radius in the noise: an amount a of radius r gives white noise the correlation -2 a
     g(lag), g a Gaussian of unit volume; a constant and `nuisances` are fitted too."""
     known = [one for one in variograms if one.pairs.min() >= MIN_PAIRS and one.half_square.min() > 0]
     if not known:
-        return [MaskScore(radius, 0.0, np.inf) for radius in radii]
+        return [Strength() for _ in radii]
     columns = np.stack([np.ones(len(LAG_X)), *nuisances, *(_first_order(radius) for radius in radii)], axis=1)
     normal, right = (
         columns.T @ (columns * np.sum([one.pairs for one in known], axis=0)[:, None]),
@@ -108,14 +89,14 @@ def mask_scores(
     for one in known:
         right += columns.T @ (one.pairs * (1 - one.half_square / np.average(one.half_square, weights=one.pairs)))
     free, scores = 1 + len(nuisances), []
-    for i, radius in enumerate(radii):
+    for i in range(len(radii)):
         used = [*range(free), free + i]
         covariance = np.linalg.pinv(normal[np.ix_(used, used)])
-        scores.append(MaskScore(radius, float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
+        scores.append(Strength(float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
     return scores
 
 
-def noise_checks(masks: Sequence[MaskScore], smoothing: Sequence[MaskScore], *, raw: bool) -> list[Check]:
+def noise_checks(masks: Sequence[Strength], smoothing: Sequence[Strength], *, raw: bool) -> list[Check]:
     """Tests of sharpening and of smoothing by the noise: the largest score of all radii counts."""
     return [
         SHARPENED.check(max(one.score for one in masks), raw=raw, places=len(masks)),
@@ -128,14 +109,14 @@ def _first_order(radius_px: float) -> Array:
     return np.asarray(-np.exp(-(LAG_X**2 + LAG_Y**2) / (2 * radius_px**2)) / (np.pi * radius_px**2))
 
 
-def combined_scores(first: Sequence[MaskScore], second: Sequence[MaskScore]) -> list[MaskScore]:
+def combined_scores(first: Sequence[Strength], second: Sequence[Strength]) -> list[Strength]:
     """Scores of the same masks by independent fields together."""
     combined = []
     for one, other in zip(first, second, strict=True):
         weights = np.array([one.uncertainty, other.uncertainty]) ** -2.0
         information = float(weights.sum())
-        amount = float(weights @ [one.amount, other.amount]) / information if information else 0.0
-        combined.append(MaskScore(one.radius_px, amount, information**-0.5 if information else np.inf))
+        amount = float(weights @ [one.value, other.value]) / information if information else 0.0
+        combined.append(Strength(amount, information**-0.5 if information else np.inf))
     return combined
 
 

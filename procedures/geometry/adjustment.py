@@ -170,8 +170,9 @@ class AdjustmentProblem:
     def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
         """Indices of a view's camera, shape terms and pose among the unknowns."""
         p, shared = len(state.camera.params), len(state.camera.params) + len(state.terms_mm)
-        first = shared + POSE * i
-        return np.asarray(np.r_[state.camera.part(self.views[i].camera)[1], p:shared, first : first + POSE])
+        first, own = shared + POSE * i, state.camera.part(self.views[i].camera)[1]
+        places: npt.NDArray[np.int64] = np.r_[own, p:shared, first : first + POSE]
+        return places
 
     def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""

@@ -9,12 +9,27 @@ from scipy.spatial.transform import Rotation
 
 from procedures.field.plan import FieldFacts
 from procedures.geometry.views import Pose
+from procedures.outcome import BadParameter
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.pose import ChartPose
 from procedures.plan import Fact, Facts, gathered, number
 
+FRAME = "frame"
 VIEW = "view_"
 PARTS = ("x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg")
+
+
+def place_of(aim: str) -> tuple[float, float] | None:
+    """Fractions of the frame from a text x,y in per cent; None for the whole frame. Raises BadParameter."""
+    if aim == FRAME:
+        return None
+    try:
+        x, y = (float(one) / 100 for one in aim.split(","))
+    except ValueError:
+        x = y = -1.0
+    if not (0 <= x <= 1 and 0 <= y <= 1):
+        raise BadParameter(f"a place is {FRAME} or two shares in per cent; got {aim!r}", "answer 80,20, for example")
+    return x, y
 
 
 @dataclass(frozen=True)
@@ -50,10 +65,16 @@ def as_pose(pose: ChartPose) -> Pose:
 
 @dataclass(frozen=True)
 class GeometryFacts(FieldFacts):
-    """The facts of the plan: those of a field, the requested number of `views`, and the poses in those that count."""
+    """The facts of the plan: those of a field, the number of `views`, the `aim`, and the poses in those that count."""
 
     views: float | None = None
+    aim: str = FRAME
     poses: tuple[ViewPose, ...] = gathered(poses_of, *SIZES, prefix=VIEW)
+
+    @property
+    def aimed_at(self) -> tuple[float, float] | None:
+        """The place whose direction matters most, as fractions of the frame; None: all of it."""
+        return place_of(self.aim)
 
     def before(self, number: int) -> tuple[ChartPose, ...]:
         """The poses of the views before one."""

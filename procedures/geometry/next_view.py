@@ -99,6 +99,7 @@ def planned_view(
     distance_mm: float,
     sigma_px: float,
     rim: tuple[float, float],
+    pixel: tuple[float, float] | None = None,
 ) -> NextView | None:
     """The pose to photograph next before any adjustment, for a nominal camera.
 
@@ -115,6 +116,8 @@ def planned_view(
         Standard deviation of a node's position in a photograph.
     rim : (x, y)
         Least distance of the chart's centre from the sides, in fractions of the frame.
+    pixel : (x, y), optional
+        Whose direction matters; None: the whole frame.
 
     Returns
     -------
@@ -131,7 +134,7 @@ def planned_view(
     if poses:  # the chart is turned by hand after it has moved: it arrives with its previous tilt
         places = [at for at in places if _obliquity_deg(camera, at, poses[-1].R) <= STEEPEST_DEG] or places
     wider = _widening(camera, projected, nodes, distance_mm, places)
-    return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), wider)), None)
+    return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), wider, pixel)), None)
 
 
 def corner_share(camera: CameraModel, nodes: Array, distance_mm: float, rim: tuple[float, float]) -> float:

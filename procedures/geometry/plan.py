@@ -20,7 +20,7 @@ from procedures.field.plan import MOST_CLIPPED, TourStart, correction, light_rea
 from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
+from procedures.geometry.facts import FRAME, GeometryFacts, ViewPose, as_pose, place_of, pose_facts
 from procedures.geometry.next_view import COVER, NextView, chart_at, corner_share, next_view_words, planned_view
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Refused, Verdict
@@ -122,9 +122,11 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
 
 START = (
     Ask("views", "How many views?", "number", "", USUAL, low=FEWEST, high=MOST),
+    Ask("aim", "Which place matters most? Per cent of the frame's width and height as 80,20, or frame for all of it.",
+        "text", default=FRAME, check=lambda answer, facts: place_of(str(answer))),
     Look("light", check_light),
     Look("start", check_start, tries=10, rests_on=SIZES),
-)
+)  # fmt: skip
 
 # --- the next view ---
 
@@ -133,7 +135,7 @@ def wanted_pose(number: int, known: GeometryFacts) -> NextView:
     """The most informative pose after the previous views. Raises Refused where none fits."""
     start = known.begun()
     before, rim = known.before(number), rim_of(start)
-    view = _planned(before, start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim)
+    view = _planned(before, start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim, known.aimed_at)
     if view is None:
         raise Refused("the chart fits into the frame in no pose", "go farther away, or print a smaller chart")
     return view
@@ -154,10 +156,16 @@ def nominal_camera(shape: tuple[int, int], principal_px: float) -> CameraModel:
 @lru_cache(maxsize=64)
 def _planned(
     poses: tuple[ChartPose, ...], shape: tuple[int, int], principal_px: float, distance_mm: float, cell_mm: float,
-    rim: tuple[float, float],
+    rim: tuple[float, float], aim: tuple[float, float] | None = None,
 ) -> NextView | None:  # fmt: skip
-    camera = nominal_camera(shape, principal_px)
-    return planned_view(camera, [as_pose(one) for one in poses], chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim)
+    camera, pixel = nominal_camera(shape, principal_px), None if aim is None else in_pixels(aim, shape[::-1])
+    before = [as_pose(one) for one in poses]
+    return planned_view(camera, before, chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim, pixel)
+
+
+def in_pixels(place: tuple[float, float], size: tuple[int, int]) -> tuple[float, float]:
+    """The pixel at fractions of a frame of a size (columns, rows)."""
+    return place[0] * (size[0] - 1), place[1] * (size[1] - 1)
 
 
 def stops(facts: Facts) -> list[TourStop]:
@@ -216,7 +224,7 @@ def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
 
 
 def view_goal(number: int, facts: Facts) -> Goal:
-    """Predicted error of the projection over the frame before this view and with it."""
+    """Predicted error of the projection, over the frame or at the wanted place, before this view and with it."""
     known = facts_as(GeometryFacts, facts)
     wanted = wanted_pose(number, known)
     left = int(USUAL if known.views is None else known.views) - number + 1
@@ -285,7 +293,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     known_facts = facts_as(GeometryFacts, facts)
     name, size = _plane_size(shown(frames[0])) if frames else ("", (0, 0))
     views, reasons = chart_views(frames, known_facts)
-    outcome = calibrate_geometry(views, size, GeometryParameters(known_facts.cell_mm))
+    aim = known_facts.aimed_at
+    advise_px = None if aim is None else in_pixels(aim, size)
+    outcome = calibrate_geometry(views, size, GeometryParameters(known_facts.cell_mm, advise_px=advise_px))
     if outcome.value is None and reasons:
         return {name: replace(outcome, reason=f"{outcome.reason}; {reasons[0]}")}
     return {name: outcome}

@@ -61,13 +61,9 @@ def tail_kernels(k: int) -> Array:
 
 
 def tail_columns(
-    u: npt.NDArray[np.float32],
-    rows: npt.NDArray[np.int64],
-    columns: npt.NDArray[np.int64],
-    s: int,
-    k: int,
+    u: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], s: int, k: int,
     shapes: int = len(SHAPES),
-) -> Array:
+) -> Array:  # fmt: skip
     """Convolution of an image `u` on the s grid, with a border of `tail_border`, with the first tail shapes, at pixels:
     (m, q)."""
     # only every s-th sample is needed: along y by folding the spectrum, which is exact
@@ -81,13 +77,9 @@ def tail_columns(
 
 
 def far_light(
-    picture: npt.NDArray[np.floating[Any]],
-    corner: tuple[int, int],
-    shape: tuple[int, int],
-    s: int,
-    k: int,
+    picture: npt.NDArray[np.floating[Any]], corner: tuple[int, int], shape: tuple[int, int], s: int, k: int,
     levels: tuple[float, float] = (-0.5, 0.5),
-) -> Array32:
+) -> Array32:  # fmt: skip
     """Light from beyond the reach, for a mean tail of energy 1 within it: a picture filtered by 1/r^3, (rows, columns).
 
     picture : (rows, columns) the scene at pixels. Details do not matter at that distance, so the photograph itself

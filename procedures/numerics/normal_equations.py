@@ -108,12 +108,9 @@ class Products:
         block[last, last] += precision
         right[last] += precision * pull
         return Products(
-            np.block([[self.AA, joined], [joined.T, block]]),
-            np.vstack([others, self.ZZ[-count:, :-count]]),
-            self.ZZ[:-count, :-count],
-            np.concatenate([self.Ar, right]),
-            self.Zr[:-count],
-        )
+            np.block([[self.AA, joined], [joined.T, block]]), np.vstack([others, self.ZZ[-count:, :-count]]),
+            self.ZZ[:-count, :-count], np.concatenate([self.Ar, right]), self.Zr[:-count],
+        )  # fmt: skip
 
 
 def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:

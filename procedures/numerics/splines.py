@@ -156,15 +156,9 @@ def _prefilter(f: Array) -> Array:
 
 
 def read_spline(
-    coefficients: Array32,
-    H: Array,
-    centre: Array,
-    radius: float,
-    displacement: Array,
-    start: Array,
-    step: float,
+    coefficients: Array32, H: Array, centre: Array, radius: float, displacement: Array, start: Array, step: float,
     shape: tuple[int, int],
-) -> Array32:
+) -> Array32:  # fmt: skip
     """Values of a spline on a regular target grid, through a displacement and a homography.
 
     The value at a target point p is that at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of

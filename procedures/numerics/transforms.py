@@ -133,14 +133,9 @@ np.empty(31 << 20, np.uint8)
 
 
 def sample_convolution(
-    raster: Array32,
-    rows: npt.NDArray[np.int64],
-    columns: npt.NDArray[np.int64],
-    weight: Array32,
-    s: int,
-    k: int,
+    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int,
     more: int = 0,
-) -> Array32:
+) -> Array32:  # fmt: skip
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
 
     Parameters

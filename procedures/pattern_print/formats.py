@@ -227,14 +227,9 @@ class Encoded:
 
 
 def encode(
-    path: Path,
-    source: Source,
-    size: Size,
-    cell_pixels: int = CELL_PIXELS,
-    paper: Paper | None = None,
-    *,
+    path: Path, source: Source, size: Size, cell_pixels: int = CELL_PIXELS, paper: Paper | None = None, *,
     tile: bool = False,
-) -> Encoded:
+) -> Encoded:  # fmt: skip
     """Encode a chart: a page with caption and rulers for .pdf and .svg, pixels for .png and .pgm.
 
     `paper` is the paper of the printer; with `tile` a chart that does not fit is divided into several sheets, a page

@@ -7,42 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.corruption.directions import (
-    FLOW,
-    GHOST,
-    GHOST_PX,
-    MEDIAN,
-    RIM,
-    THRESHOLD,
-    VEIL,
-    WIDE_NAMES,
-    WIDE_PX,
-    ZOOM,
-)
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    SELECTIVE,
-    VEILED,
-    WIDE,
-    nuisance,
-)
-from procedures.corruption.noise import noise_checks
+from procedures.corruption.directions import RIM, ZOOM
+from procedures.corruption.evidence import TextureEvidence
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.evidence import ChartEvidence
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
-MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
-"""Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
-WIDE_MODEL = 0.01
-"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
-PRESENT = 0.5
-"""Prior probability that there is a wide mask, or a ghost, at all."""
 PRINT_UNKNOWN = 0.36
 """Prior standard deviation of the print's blur, in cells, where nothing is known of the print."""
 PRINTED_DOTS = 1.44
@@ -53,20 +27,9 @@ DOTS_VISIBLE = 0.008
 """Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
-def corruption_checks(evidence: ChartEvidence, *, raw: bool, structured: bool) -> list[Check]:
+def corruption_checks(evidence: TextureEvidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
-    scores = {name: one.score for name, one in evidence.strengths.items()}
-    wide = [
-        one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in (evidence.strengths[name] for name in WIDE_NAMES)
-    ]
-    checks = [
-        *noise_checks(evidence.masks, evidence.textured, raw=raw),
-        FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
-        SELECTIVE.check(scores[THRESHOLD], raw=raw),
-        *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
-        GHOSTED.check(scores[GHOST], raw=raw),
-        VEILED.check(scores[VEIL], raw=raw),
-    ]
+    checks = evidence.checks(raw=raw)
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
 
 
@@ -84,7 +47,7 @@ def print_blur_mode(f: Array, variance_px: float) -> Array:
 
 
 def modes_of(
-    evidence: ChartEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
+    evidence: TextureEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
 ) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
     excluded; `print_blur` in cells."""
@@ -96,20 +59,4 @@ def modes_of(
         PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
         "variation": square * varied,
     }
-    ghost = evidence.strengths[GHOST]
-    modes["ghost"] = nuisance(ghost.unseen, ghost.uncertainty, GHOST_PRIOR, PRESENT) * _mask(square, GHOST_PX)
-    if raw:
-        return modes
-    wide = [
-        nuisance(one.unseen, one.uncertainty, WIDE_PRIOR, PRESENT / len(WIDE_PX)) * _mask(square, radius)
-        for one, radius in (
-            (evidence.strengths[name], radius) for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
-        )
-    ]
-    processing = nuisance(evidence.fine.unseen, evidence.fine.uncertainty, MASK_PRIOR) * _mask(square, 1.0)
-    return modes | {"processing": processing, "wide mask": np.hypot(*wide)}
-
-
-def _mask(square: Array, radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1, less 1."""
-    return np.asarray(1 - np.exp(-square * radius_px**2))
+    return modes | evidence.modes(f, raw=raw)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.choice import Trial
-from procedures.corruption.noise import MaskScore
+from procedures.corruption.family import Strength
 from procedures.corruption.paper import NoiseMeasurement
 from procedures.corruption.ring import missing_light
 from procedures.numerics.arrays import Array
@@ -110,7 +110,7 @@ def diagnose(
     prior: TailPrior | None,
     trial: Trial,
     noise: NoiseMeasurement,
-    fine: MaskScore,
+    fine: Strength,
 ) -> Diagnostics:
     """Compute the diagnostics of a fit.
 
@@ -150,7 +150,7 @@ def diagnose(
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
         missing_light=missing_light(psf),
         crushed=light.crushed,
-        sharpened_by=fine.amount,
+        sharpened_by=fine.value,
         sharpening_uncertainty=fine.uncertainty,
         finest_noise=noise.finest,
         finest_noise_uncertainty=noise.uncertainty,

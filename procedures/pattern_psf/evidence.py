@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,13 +11,13 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
+from procedures.corruption.evidence import TextureEvidence
 from procedures.corruption.family import SampleGroup, Strength, strengths
 from procedures.corruption.noise import (
     DRIFT,
     MASK_RADII,
     SMOOTHING_RADII,
     TEXTURES,
-    MaskScore,
     Variogram,
     combined_scores,
     mask_scores,
@@ -39,25 +38,6 @@ AMOUNT_ABSORBED = 2.0
 """Amount of a mask that clean residuals show, per part of their noise that the fit has absorbed: 1.5 to 2.5."""
 
 
-@dataclass(frozen=True)
-class ChartEvidence:
-    """Scores of a photograph.
-
-    masks : unsharp masks of `MASK_RADII` in the noise of paper and residual
-    textured : masks of `SMOOTHING_RADII` where paper and residual may have textures, which the lens images
-    strengths : by the directions of `procedures.corruption.directions`
-    """
-
-    masks: list[MaskScore]
-    textured: list[MaskScore]
-    strengths: Mapping[str, Strength]
-
-    @property
-    def fine(self) -> MaskScore:
-        """The mask of one pixel."""
-        return self.masks[MASK_RADII.index(1.0)]
-
-
 def examine(
     fit: ChartFit,
     samples: Array32,
@@ -67,18 +47,18 @@ def examine(
     k: int,
     noise: tuple[Variogram, Variogram],
     curve: tuple[Array, Array],
-) -> ChartEvidence:
+) -> TextureEvidence:
     """Scores of a fit; `noise` are the variograms of its paper and residual, `curve` frequencies and MTF."""
     paper, residual = noise
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return ChartEvidence(
+    return TextureEvidence(
         combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), _in_residual(residual, k**2 / fit.residual.size)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),
     )
 
 
-def _in_residual(residual: Variogram, absorbed: float) -> list[MaskScore]:
+def _in_residual(residual: Variogram, absorbed: float) -> list[Strength]:
     """Masks in the noise of the residual, of which the fit has absorbed a part: that looks like a mask too."""
     scores = mask_scores([residual], MASK_RADII)
     return [replace(one, uncertainty=math.hypot(one.uncertainty, AMOUNT_ABSORBED * absorbed)) for one in scores]

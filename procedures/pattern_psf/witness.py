@@ -17,8 +17,8 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from procedures.choice import with_modes
-from procedures.corruption.family import nuisance, threshold
-from procedures.corruption.noise import MaskScore, Variogram, mask_scores
+from procedures.corruption.family import Strength, nuisance, threshold
+from procedures.corruption.noise import Variogram, mask_scores
 from procedures.numbers import WITNESS_BLACK, WITNESS_CURVATURE, WITNESS_PRINT_BLUR, WITNESS_RATIO, WITNESS_SHARPENING
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
@@ -140,14 +140,14 @@ def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterat
                  f"the response is not linear: signals of two exposures lie on a curve, {curvature:+.1%} of the range "
                  "from a line at its middle", raw)  # fmt: skip
     bend = c[0] + c[1] * _scaled(short, low, high) + c[2] * (_scaled(short, low, high) ** 2 - 1 / 12)
-    worst = _strongest(long - bend, known)
+    radius, worst = _strongest(long - bend, known)
     numbers[WITNESS_SHARPENING] = Quantity(
-        worst.amount, "1", worst.uncertainty, f"unsharp mask of {worst.radius_px:g} px, by noise", int(known.sum())
+        worst.value, "1", worst.uncertainty, f"unsharp mask of {radius:g} px, by noise", int(known.sum())
     )
-    correlated, cause = ("anticorrelated", "an unsharp mask") if worst.amount > 0 else ("correlated", "smoothing")
+    correlated, cause = ("anticorrelated", "an unsharp mask") if worst.value > 0 else ("correlated", "smoothing")
     yield _doubt("processing", abs(worst.score),
                  f"the noise of two exposures' difference is {correlated} by {abs(worst.score):.1f} standard "
-                 f"uncertainties, as by {cause} of {abs(worst.amount):.1%} and {worst.radius_px:g} px",
+                 f"uncertainties, as by {cause} of {abs(worst.value):.1%} and {radius:g} px",
                  "use the RAW file, or switch it off")  # fmt: skip
 
 
@@ -155,12 +155,12 @@ def _scaled(samples: Array, low: float, high: float) -> Array:
     return np.asarray((samples - (low + high) / 2) / (high - low))
 
 
-def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> MaskScore:
-    """The mask with the largest score in noise whose variance is made equal over the picture."""
+def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> tuple[float, Strength]:
+    """Radius and strength of the mask with the largest score in noise whose variance is made equal over the picture."""
     local = uniform_filter(difference**2, 4 * TILE + 1)
     white = difference / np.sqrt(np.maximum(local, 1e-3 * float(local.mean())))
     scores = mask_scores([Variogram.of(white - white[known].mean(), known)], MASKS_PX)
-    return max(scores, key=lambda one: abs(one.score))
+    return max(zip(MASKS_PX, scores, strict=True), key=lambda one: abs(one[1].score))
 
 
 def _distances(

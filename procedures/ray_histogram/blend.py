@@ -9,7 +9,7 @@ standard uncertainty: what the other half's noise does not explain is the square
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,9 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters
-from procedures.ray_histogram.multiscale import FilteredFilm, allowed_variance, filter_film
+from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+from procedures.ray_histogram.rims import lamp_rims
+from procedures.ray_histogram.uncertainty import weighting_variance
 
 Doubles = npt.NDArray[np.float64]
 Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
@@ -32,14 +34,14 @@ WEIGHT_PX = 4.0
 """Standard deviation of the neighbourhood in which a weight is determined, pixels."""
 SIGNIFICANCE = 4.0
 """A candidate's weight is reduced by this factor times its squared relative error, so that chance adds no noise."""
-RELATIVE_VARIANCE, DARK = 1e-2, 0.01
-"""Lower bound of the variance in the weights: this fraction of the squared value, plus that of a dark pixel."""
 ERROR_PX = 4.0
 """Standard deviation of the neighbourhood over which squared errors are averaged, pixels."""
+CHANCE = 0.2
+"""Standard deviations subtracted from squared biases, as chance makes those above zero that are zero."""
 NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the noise is averaged, which differs more between pixels."""
 SMOOTH_PX = 1.0
-"""Standard deviation by which weights and variances are smoothed."""
+"""Standard deviation by which weights are smoothed."""
 LEAST_ALBEDO = 0.05
 """Pixels that reflect less are not divided by their albedo: lamps, glass and metal."""
 
@@ -101,14 +103,20 @@ def blend(
     for half in halves:
         if (half.film.count < 2).any():
             raise BadInput("each half needs two samples per pixel to estimate noise", "cast four samples or more")
-    first, second, answer = (_candidates(one, parameters, denoiser, threads) for one in (*halves, whole))
+    parameters = parameters or FilterParameters()
+    plain = replace(parameters, rims=False)  # they are determined best from all samples
+    first, second, answer = (_candidates(one, plain, denoiser, threads) for one in (*halves, whole))
     films = halves[0].film, halves[1].film
     weights = cross_validated(films, first.pictures, second.pictures)
     picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
-    sigma = _uncertainty(films, (a, b))
+    sigma: npt.NDArray[np.floating] = _uncertainty(films, (a, b))
+    if parameters.rims:
+        values, spread = lamp_rims(whole.film, picture)
+        picture, sigma = np.where(np.isnan(values), picture, values), np.where(np.isnan(spread), sigma, spread)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    return FilteredFilm(picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma), shares
+    pictures = picture.astype(np.float32), sigma.astype(np.float32)
+    return FilteredFilm(pictures[0], filtered.similar, filtered.median_similar, pictures[1]), shares
 
 
 @dataclass(frozen=True)
@@ -117,9 +125,7 @@ class _Candidates:
     pictures: dict[str, Doubles]
 
 
-def _candidates(
-    render: Render, parameters: FilterParameters | None, denoiser: Denoiser | None, threads: int
-) -> _Candidates:
+def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int) -> _Candidates:
     film = render.film.checked()
     filtered = filter_film(film, parameters, threads=threads)
     pictures: dict[str, npt.NDArray[np.floating]] = {HISTOGRAMS: filtered.picture}
@@ -142,7 +148,7 @@ def cross_validated(
     sum(d^2 / v) near the pixel, with the variance sum(d^2 / v) of the numerator.
     """
     names = list(first)
-    va, vb = (_weighting_variance(film) for film in films)
+    va, vb = (weighting_variance(film) for film in films)
     weights = {names[0]: np.ones((*films[0].count.shape, 1))}
     a, b = first[names[0]], second[names[0]]
     for name in names[1:]:
@@ -163,11 +169,6 @@ def _mix(pictures: Mapping[str, Doubles], weights: Mapping[str, Doubles]) -> Dou
     return np.asarray(np.sum([weights[name] * picture for name, picture in pictures.items()], axis=0))
 
 
-def _weighting_variance(film: Film) -> Doubles:
-    variance = allowed_variance(film) + RELATIVE_VARIANCE * (film.mean**2 + DARK)
-    return np.maximum(variance, _around(variance, SMOOTH_PX))
-
-
 def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) -> npt.NDArray[np.float32]:
     """Standard uncertainty of the blend of all samples, from the blends of the halves.
 
@@ -175,13 +176,15 @@ def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) ->
     differ by twice the variance of one. Of all samples that variance is half as large, the bias is the same.
     """
     (a, b), (first, second) = pictures, films
-    scale = 1 / (_weighting_variance(first) + _weighting_variance(second))
+    scale = 1 / (weighting_variance(first) + weighting_variance(second))
     error = ((a - second.mean) ** 2 - mean_variance(second) + (b - first.mean) ** 2 - mean_variance(first)) / 2
     noise = (a - b) ** 2 / 2
     total = _around(scale, ERROR_PX)
     wide = _around(noise * scale, ERROR_PX) / total
-    bias2 = np.maximum(_around(error * scale, ERROR_PX) / total - wide, 0)
-    return np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    chance = _around(((error - noise) * scale) ** 2, ERROR_PX / np.sqrt(2)) / (4 * np.pi * ERROR_PX**2) / total**2
+    bias2 = np.maximum(_around(error * scale, ERROR_PX) / total - wide - CHANCE * np.sqrt(chance), 0)
+    sigma = np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    return np.maximum(sigma, np.spacing(np.abs(a + b).astype(np.float32)))  # a light without noise is still rounded
 
 
 def _around(values: Doubles, sigma_px: float) -> Doubles:

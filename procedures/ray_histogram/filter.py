@@ -61,6 +61,8 @@ class FilterParameters:
         Two patches differ by at least this fraction of the chi-square per bin of their most different pixels.
     bound : float
         Largest change of a pixel in standard deviations of its samples' mean; 0 for no limit.
+    rims : bool
+        Whether to estimate pixels at rims of lamps from the rim's shape (see `rims`).
     """
 
     kappa: float = 1.0
@@ -77,32 +79,31 @@ class FilterParameters:
     ease: float = 0.005
     pixel: float = 0.25
     bound: float = 4.0
+    rims: bool = True
     coarse: float = 0.8
 
     def __post_init__(self) -> None:
-        _require(self.kappa > 0 and np.isfinite(self.kappa), f"kappa must be positive; got {self.kappa}")
-        _require(self.scales >= 1, f"there must be 1 scale or more; got {self.scales}")
-        _require(self.search >= 1, f"half the search block must be 1 pixel or more; got {self.search}")
-        _require(self.patch >= 0, f"half a patch must be 0 pixels or more; got {self.patch}")
-        _require(self.at_least >= 0, f"the least number of similar patches must be 0 or more; got {self.at_least}")
-        _require(self.least_count >= 0, f"the least count must be 0 or more; got {self.least_count}")
-        _require(self.welch >= 0, f"welch must be 0 or more; got {self.welch}")
-        _require(self.doubt >= 0, f"doubt must be 0 or more; got {self.doubt}")
-        _require(self.ease >= 0, f"ease must be 0 or more; got {self.ease}")
-        _require(0 <= self.pixel <= 1, f"pixel must be between 0 and 1; got {self.pixel}")
-        _require(self.bound >= 0, f"bound must be 0 or more; got {self.bound}")
-        _require(0 <= self.softness <= 1, f"softness must be between 0 and 1; got {self.softness}")
-        _require(0 <= self.coarse <= 1, f"coarse must be between 0 and 1; got {self.coarse}")
+        if not (self.kappa > 0 and np.isfinite(self.kappa)):
+            raise BadParameter(f"kappa must be positive; got {self.kappa}", "choose a value in this range")
+        for name, least, most in _LIMITS:
+            if not least <= getattr(self, name) <= most:
+                limits = f"{least} or more" if most == np.inf else f"between {least} and {most}"
+                raise BadParameter(
+                    f"{name} must be {limits}; got {getattr(self, name)}", "choose a value in this range"
+                )
 
 
-def _require(holds: bool, requirement: str) -> None:
-    if not holds:
-        raise BadParameter(requirement, "choose a value in this range")
+_LIMITS = (
+    *((name, 1, np.inf) for name in ("scales", "search")),
+    *((name, 0, np.inf) for name in ("patch", "at_least", "least_count", "welch", "doubt", "ease", "bound")),
+    *((name, 0, 1) for name in ("pixel", "softness", "coarse")),
+)
+"""Smallest and largest values of parameters."""
 
 
 PAPER = FilterParameters(
     at_least=2, least_count=1.0, welch=0.0, softness=0.0, trend=False,
-    trust=0.0, ease=0.0, coarse=1.0, pixel=0.0, bound=0.0,
+    trust=0.0, ease=0.0, coarse=1.0, pixel=0.0, bound=0.0, rims=False,
 )  # fmt: skip
 """The filter as in Algorithms 1 and 2, which average every patch with two others, however different."""
 

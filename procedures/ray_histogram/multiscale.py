@@ -16,6 +16,7 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
+from procedures.ray_histogram.rims import lamp_rims
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -99,6 +100,9 @@ def filter_film(
         picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
     if parameters.bound > 0:
         picture = within_noise(picture, film, parameters.bound)
+    if parameters.rims:
+        rims, _ = lamp_rims(film, picture)
+        picture = np.where(np.isnan(rims), picture, rims).astype(np.float32)
     return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
 
 

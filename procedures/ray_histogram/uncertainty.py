@@ -23,9 +23,11 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Samples
-from procedures.ray_histogram.multiscale import fuse_scales, recombine, samples_of
+from procedures.ray_histogram.multiscale import allowed_variance, fuse_scales, recombine, samples_of
+from procedures.ray_histogram.rims import lamp_rims
 
 Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
 
 DRAWS = 8
 """Pictures of noise: their variance in a pixel has a relative error of one half, and is then averaged (`NOISE_PX`)."""
@@ -35,10 +37,12 @@ BIAS_PX = 1.0
 """Standard deviation for averaging the squared bias, which varies from pixel to pixel along edges."""
 LOST_DETAIL = 2.0
 """Mean square of the true bias over that of the estimated one: 1.9 on the Cornell box at 64 samples, 2.0 at 256."""
-EXCESS_PX = 3.0
-"""Standard deviation for averaging the excess, applied once to its mean and once more to the mean's noise."""
-SIGNIFICANCE_PX = 8.0
-"""Standard deviation of the neighbourhood in which the excess must be significant: in flat parts it is chance."""
+EXCESS_PX = 8.0
+"""Standard deviation of the neighbourhood over which the excess is averaged: a single one is mostly chance."""
+RELATIVE_VARIANCE, DARK = 1e-2, 0.01
+"""Lower bound of the variance in weights: this fraction of the squared value, plus that of a dark pixel."""
+SMOOTH_PX = 1.0
+"""Standard deviation of the neighbourhood whose variance bounds a pixel's in weights."""
 SEED = 4
 
 
@@ -74,7 +78,11 @@ def standard_uncertainty(
     noise, before = answer[..., 3:].reshape(shape), probes[0].picture[..., 3:].reshape(shape)
     variance = _around(np.mean(noise**2, axis=2), NOISE_PX) + np.float32(LOST_DETAIL) * _around(bias2, BIAS_PX)
     shared = np.mean(noise * before, axis=2)
-    return np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
+    sigma = np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
+    if parameters.rims:
+        _, rims = lamp_rims(film, smooth)
+        sigma = np.where(np.isnan(rims), sigma, rims).astype(np.float32)
+    return sigma
 
 
 def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
@@ -84,11 +92,18 @@ def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Flo
     the variance of the film's noise plus the picture's mean square error less twice that covariance.
     """
     error = (film.mean - smooth) ** 2 - mean_variance(film) + 2 * shared
-    beyond = (error - variance).mean(axis=-1, keepdims=True).astype(np.float32)
-    wide = _around(beyond, SIGNIFICANCE_PX)
-    chance = np.sqrt(_around((beyond - wide) ** 2, SIGNIFICANCE_PX) / (4 * np.pi * SIGNIFICANCE_PX**2))
-    share = np.clip(wide / np.maximum(chance, 1e-12), 0, 1) ** 2
-    return np.asarray(share * _around(np.maximum(_around(beyond, EXCESS_PX), 0), EXCESS_PX), np.float32)
+    beyond, precise = (error - variance).mean(-1, keepdims=True), 1 / weighting_variance(film).mean(-1, keepdims=True)
+    excess = _around(beyond * precise, EXCESS_PX) / _around(precise, EXCESS_PX)
+    return np.asarray(np.maximum(excess, 0), np.float32)
+
+
+def weighting_variance(film: Film) -> Doubles:
+    """Variance of each pixel's mean, (rows, columns, 3), for weights: bounded below, and never far below those beside.
+
+    A pixel whose few samples happen to agree would otherwise count most.
+    """
+    variance = allowed_variance(film) + RELATIVE_VARIANCE * (film.mean**2 + DARK)
+    return np.asarray(np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0))))
 
 
 def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:

@@ -106,16 +106,9 @@ def _array(data: bytearray) -> npt.NDArray[Any]:
 
 
 def checked_array(
-    value: object,
-    what: str,
-    shape: Shape | None = None,
-    *,
-    low: float = -LARGEST,
-    high: float = LARGEST,
-    finite: bool = True,
-    dtype: type[np.floating[Any]] | None = np.float64,
-    remedy: str = _REWRITE,
-) -> npt.NDArray[Any]:
+    value: object, what: str, shape: Shape | None = None, *, low: float = -LARGEST, high: float = LARGEST,
+    finite: bool = True, dtype: type[np.floating[Any]] | None = np.float64, remedy: str = _REWRITE,
+) -> npt.NDArray[Any]:  # fmt: skip
     """Convert a value, an array or nested lists of a record, to an array of real numbers, and check it.
 
     Raises BadInput if it has another shape, is not real, or has numbers out of range.

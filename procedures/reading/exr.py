@@ -15,8 +15,8 @@ BYTES = 4
 MOST_CHANNELS = 1024
 
 
-def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
-    """Read the wanted channels, each (rows, columns), and the names of all in the first part.
+def read_exr(path: Path, wanted: Container[str] | None = None) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
+    """Read the wanted channels (None: all), each (rows, columns), and the names of all in the first part.
 
     Raises BadInput if the package OpenEXR is missing, the file is not a picture in scan lines or tiles, or it is too
     large.
@@ -30,7 +30,7 @@ def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[
                 _check_part(part.header, room)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
-            pixels = {name: np.array(channels[name].pixels) for name in channels if name in wanted}
+            pixels = {name: np.array(channels[name].pixels) for name in channels if wanted is None or name in wanted}
             return pixels, sorted(channels)
 
 

@@ -91,12 +91,9 @@ def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:
     position_m = -_waves(w, at) @ (fit / np.tile(w, 2)[:, None] ** 2)
     error_m, rms_m = np.sqrt(2 / len(t) * variance * np.sum(w**-4.0)), np.linalg.norm(position_m) / np.sqrt(len(at))
     return ShakerPath(
-        np.asarray(position_m, np.float64),
-        commanded.interval_s,
-        commanded.since_s,
-        within_s=imu.within_s,
+        np.asarray(position_m, np.float64), commanded.interval_s, commanded.since_s, within_s=imu.within_s,
         amplitude_uncertainty=float(error_m / max(rms_m, error_m)),
-    )
+    )  # fmt: skip
 
 
 def _waves(w: npt.NDArray[np.floating[Any]], t: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:

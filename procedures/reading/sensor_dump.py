@@ -48,13 +48,9 @@ class DumpLayout:
         size, order, kind, black, white = words
         columns, _, rows = size.lower().partition("x")
         layout = cls(
-            _whole("width", columns),
-            _whole("height", rows),
-            _one_of("order of colours", order.upper(), ORDERS),
-            _one_of("kind of sample", kind.lower(), tuple(KINDS)),
-            _whole("black", black),
-            _whole("white", white),
-        )
+            _whole("width", columns), _whole("height", rows), _one_of("order of colours", order.upper(), ORDERS),
+            _one_of("kind of sample", kind.lower(), tuple(KINDS)), _whole("black", black), _whole("white", white),
+        )  # fmt: skip
         layout._check()
         return layout
 

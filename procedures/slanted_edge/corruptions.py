@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from procedures.corruption.directions import mask_gain
 from procedures.corruption.family import (
     GHOSTED,
     OVERSHOOT,
@@ -12,9 +13,10 @@ from procedures.corruption.family import (
     SHARPENED,
     TONE_CURVE,
     VEILED,
+    Strength,
     nuisance,
 )
-from procedures.corruption.noise import MASK_RADII, MaskScore, noise_checks
+from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
 from procedures.slanted_edge.evidence import HALO_PX, Evidence
@@ -34,27 +36,30 @@ PERIODIC_PLACES = 10
 """Independent frequencies among those searched for a rise of the MTF."""
 TONE_PRIOR = 0.3
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
+CONTRAST_PRIOR, CONTRAST_MODEL = 0.6, 0.1
+"""Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, and the
+standard uncertainty of that by a curve that is not centred between the plains."""
 TONE_MODEL = 0.3
 """Standard uncertainty of that logarithm by the growth of the noise: read noise and the pixels' unlike gain."""
 REPEATED, REPEATED_AT = 0.005, 0.8
 """Aliases of four bins to a pixel: relative standard uncertainty of a frequency at 0.8 cycles/pixel, growing with the
 fourth power of the frequency; from edges of known transfer functions."""
 TONE_STEP = 0.05
-"""Exponent's logarithm for the numerical derivative by it."""
+"""Exponent's logarithm, or strength of an S-shaped curve, for the numerical derivative by it."""
 
 
 def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
     """Tests of the corruptions that an edge shows."""
     fall = f"the edge overshoots its plains by {evidence.fall:.1f} standard uncertainties"
     halo = (
-        f"{evidence.halo.amount:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
+        f"{evidence.halo.value:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
     )
     return [
         *noise_checks(evidence.masks, evidence.textured, raw=raw),
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
-        OVERSHOOT.check(evidence.halo.amount / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
+        OVERSHOOT.check(evidence.halo.value / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
         VEILED.check(evidence.tail, raw=raw),
         PERIODIC.check(evidence.period, f"{evidence.rise:.2f}", raw=raw, places=PERIODIC_PLACES),
     ]
@@ -70,31 +75,29 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     }
     unseen, noise = evidence.halo.unseen, evidence.halo.uncertainty
     ghost = min(abs(evidence.ghost), 1.0) * nuisance(unseen, math.hypot(noise, GHOST_MODEL), HALO_PRIOR)
-    modes[GHOSTED.name] = mtf * ghost * _mask(HALO_PX)
+    modes[GHOSTED.name] = mtf * ghost * mask_gain(f, HALO_PX)
     if raw:
         return modes
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
     wide = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
+    known = evidence.scattered
+    contrast = nuisance(known.unseen, math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
     return modes | {
-        SHARPENED.name: mtf * amount * _mask(1.0),
-        OVERSHOOT.name: mtf * wide * _mask(HALO_PX),
+        SHARPENED.name: mtf * amount * mask_gain(f, 1.0),
+        OVERSHOOT.name: mtf * wide * mask_gain(f, HALO_PX),
         TONE_CURVE.name: exponent * _by_tone(profile),
+        "contrast": contrast * _by_contrast(profile),
     }
 
 
-def _mask_amount(plains: MaskScore, edge: MaskScore) -> float:
+def _mask_amount(plains: Strength, edge: Strength) -> float:
     """Nuisance of a mask that is as likely to spare the plains, by a threshold, as it is to sharpen them."""
     unseen = [one for one in (plains, edge) if math.isfinite(one.uncertainty)]
     information = sum(one.uncertainty**-2 for one in unseen)
     both = sum(one.unseen / one.uncertainty**2 for one in unseen) / information if unseen else 0.0
     alone = nuisance(edge.unseen, edge.uncertainty, MASK_PRIOR)
     return math.hypot(alone, nuisance(both, information**-0.5 if unseen else math.inf, MASK_PRIOR)) / 2**0.5
-
-
-def _mask(radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1, less 1, (f,)."""
-    return np.asarray(1 - np.exp(-2 * (np.pi * FREQUENCIES * radius_px) ** 2))
 
 
 def _tone(evidence: Evidence) -> tuple[float, float]:
@@ -107,10 +110,19 @@ def _tone(evidence: Evidence) -> tuple[float, float]:
 
 def _by_tone(profile: EdgeProfile) -> Array:
     """Change of the curve (f,) by the logarithm of a tone curve's exponent."""
-    esf = np.clip(profile.esf, 0, 1)
     floor = 1e-3 * profile.contrast
-    levels = np.maximum(profile.light[0] + profile.contrast * np.concatenate([[0.0, 1.0], esf]), floor)
-    low, high, *curved = levels ** (1 + TONE_STEP)
+    levels = profile.light[0] + profile.contrast * np.concatenate([[0.0, 1.0], np.clip(profile.esf, 0, 1)])
+    low, high, *curved = np.maximum(levels, floor) ** (1 + TONE_STEP)
+    return _by_curve(profile, (np.array(curved) - low) / (high - low))
+
+
+def _by_contrast(profile: EdgeProfile) -> Array:
+    """Change of the curve (f,) by an S-shaped tone curve of slope 1 + c (4 l (1 - l) - 2 / 3) at light l."""
+    light = np.clip(profile.esf, 0, 1)
+    return _by_curve(profile, light + TONE_STEP * (2 * light**2 - 4 / 3 * light**3 - 2 / 3 * light))
+
+
+def _by_curve(profile: EdgeProfile, curved: Array) -> Array:
     window = np.asarray(profile.tail), profile.flat_px, profile.end_px
-    both = mtf_of(np.stack([esf, (np.array(curved) - low) / (high - low)]), *window)
+    both = mtf_of(np.stack([np.clip(profile.esf, 0, 1), curved]), *window)
     return np.asarray((both[1] - both[0]) / TONE_STEP)

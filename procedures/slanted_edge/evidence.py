@@ -12,7 +12,8 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.clipping import step_of
 from procedures.corruption.directions import GHOST_PX
-from procedures.corruption.noise import MASK_RADII, MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.corruption.family import Strength
+from procedures.corruption.noise import MASK_RADII, Variogram, mask_scores, texture_correlation
 from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, EdgeProfile, filled, rebinned, steepness, values_of
@@ -60,10 +61,10 @@ class Evidence:
     ghost : contrast across the edge of the plane mirrored through its centre, relative to the edge's
     """
 
-    masks: list[MaskScore]
-    textured: list[MaskScore]
-    halo: MaskScore
-    scattered: MaskScore
+    masks: list[Strength]
+    textured: list[Strength]
+    halo: Strength
+    scattered: Strength
     growth: float
     exponent: float
     scatter: float
@@ -116,7 +117,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         masks=mask_scores(fields, MASK_RADII),
         textured=mask_scores(fields, MASK_RADII, [texture_correlation(FREQUENCIES, mtf)]),
         halo=_halo(averaged, profile),
-        scattered=scattered if fields else replace(scattered, amount=0.0, uncertainty=math.inf),
+        scattered=scattered if fields else Strength(),
         growth=growth,
         exponent=exponent,
         scatter=scatter,
@@ -147,7 +148,7 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
     return noise
 
 
-def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, MaskScore]:
+def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength]:
     """Score of the scatter on the edge against its plains' noise, convex in the light, and the displacement (the slope
     squared) and mask that explain it."""
     d = samples.d
@@ -171,7 +172,7 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Mas
     score = max(strength / uncertainty for strength, uncertainty in fits[:2])
     # a mask of amount a raises the variance of white noise by about 2 a
     strength, uncertainty = fits[2]
-    return score, max(fits[0][0], 0.0) ** 0.5, MaskScore(1.0, strength / 2, uncertainty / 2)
+    return score, max(fits[0][0], 0.0) ** 0.5, Strength(strength / 2, uncertainty / 2)
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
@@ -202,13 +203,13 @@ def _fall(samples: _Samples) -> tuple[float, int]:
     return float(np.max(falls, initial=0.0)), max(len(falls), 1)
 
 
-def _halo(samples: _Samples, profile: EdgeProfile) -> MaskScore:
+def _halo(samples: _Samples, profile: EdgeProfile) -> Strength:
     """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
     x, total, count = _binned(samples)
     near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
     kept = near & (count > 0)
     if np.count_nonzero(kept & (x < 0)) < BINS or np.count_nonzero(kept & (x > 0)) < BINS:
-        return MaskScore(HALO_PX, 0.0, math.inf)
+        return Strength()
     reach = int(6 * HALO_PX * BINS)
     wide = x[0] - reach / BINS + np.arange(len(x) + 2 * reach) / BINS
     inside = np.abs(wide) < 0.9 * profile.end_px
@@ -222,4 +223,4 @@ def _halo(samples: _Samples, profile: EdgeProfile) -> MaskScore:
     covariance = np.linalg.pinv((columns * weight).T @ (columns * weight))
     values = filled(total, count)[kept] - (d > 0)
     answer = covariance @ ((columns * weight).T @ (values * weight[:, 0]))
-    return MaskScore(HALO_PX, float(answer[-1]), float(np.sqrt(covariance[-1, -1])))
+    return Strength(float(answer[-1]), float(np.sqrt(covariance[-1, -1])))

@@ -18,7 +18,7 @@ from procedures.display import html, summary
 from procedures.numbers import GAIN, MTF50_HORIZONTAL, NOISE, PROBABILITY, RESIDUAL_STD, SCALE
 from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
-from procedures.outcome import Check, Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -247,7 +247,9 @@ def solve_pair(
         warp=fit.warp,
         diagnostics=asdict(diagnostics),
     )
-    checks = [*checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), *evidence.checks(raw=raw)]
+    # what the pair shows by itself names the cause better
+    symptoms = [replace(one, prior=SYMPTOM * one.prior) for one in evidence.checks(raw=raw)]
+    checks = [*checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), *symptoms]
     total = float(best.recovered.h.sum())
     covariance = best.recovered.covariance(kernel.covariance) / total**2
     free = Psf.of(best.recovered.parameters / total, covariance, psf.k, psf.s)

@@ -17,14 +17,9 @@ S = 4
 """Samples per pixel for which the charts' sizes are chosen."""
 PITCH_UM = 5.94
 LENS = Lens(
-    focal_length_mm=50.0,
-    f_number=2.8,
-    k1=-0.02,
-    spherical_um=0.03,
-    coma_um=0.06,
-    astigmatism_um=0.08,
+    focal_length_mm=50.0, f_number=2.8, k1=-0.02, spherical_um=0.03, coma_um=0.06, astigmatism_um=0.08,
     field_curvature_um=0.05,
-)
+)  # fmt: skip
 OPTICS = Optics((CircularPupil(LENS.f_number), PixelAperture(0.95, 0.95), FourSpots(0.8), GaussianBlur(0.3)), PITCH_UM)
 """Diffraction, photosites with gaps, an optical low-pass filter, and charge diffusion."""
 ISO = 400
@@ -78,14 +73,9 @@ def stage(setup: Staging, chart: Chart) -> tuple[SimulatedCamera, Scene]:
     sensor = Sensor(setup.rows, setup.columns, full_well_e=60000.0, gain_e_per_dn=3.78)
     camera = SimulatedCamera(LENS, sensor, PITCH_UM, OPTICS, WHITE_E_PER_S)
     placed = camera.place(
-        chart,
-        pixels=pixels_at(setup.s_over_t, S),
-        at=setup.at,
-        cell_mm=WIDTH_MM / (BLOCK * BLOCKS),
-        yaw_deg=setup.yaw_deg,
-        pitch_deg=setup.pitch_deg,
-        roll_deg=setup.roll_deg,
-    )
+        chart, pixels=pixels_at(setup.s_over_t, S), at=setup.at, cell_mm=WIDTH_MM / (BLOCK * BLOCKS),
+        yaw_deg=setup.yaw_deg, pitch_deg=setup.pitch_deg, roll_deg=setup.roll_deg,
+    )  # fmt: skip
     return camera, Scene((placed,), light=camera.light_on(placed, setup.slope))
 
 

@@ -149,13 +149,10 @@ class Lens:
         x, y = x - self.axis[0], y - self.axis[1]
         q2, coma, stretch = x * x + y * y, self.coma_um, self.astigmatism_um
         return Wavefront(
-            defocus_um=self.field_curvature_um * q2 + tilt_um,
-            astigmatism_um=stretch * (x * x - y * y),
-            oblique_astigmatism_um=stretch * 2 * x * y,
-            coma_y_um=coma * y,
-            coma_x_um=coma * x,
+            defocus_um=self.field_curvature_um * q2 + tilt_um, astigmatism_um=stretch * (x * x - y * y),
+            oblique_astigmatism_um=stretch * 2 * x * y, coma_y_um=coma * y, coma_x_um=coma * x,
             spherical_um=self.spherical_um,
-        )
+        )  # fmt: skip
 
     def falloff(self, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
         """Illumination of the frame by a uniform scene, (rows, columns), 1 on the optical axis."""
@@ -254,16 +251,9 @@ class SimulatedCamera:
         return Projection(principal, centre, self.lens.k1, self.lens.k2, np.hypot(rows, columns) / 2)
 
     def place(
-        self,
-        chart: Chart,
-        *,
-        pixels: float,
-        at: tuple[float, float] = (0.5, 0.5),
-        cell_mm: float = 300 / 320,
-        yaw_deg: float = 0.0,
-        pitch_deg: float = 0.0,
-        roll_deg: float = 0.0,
-    ) -> PlacedChart:
+        self, chart: Chart, *, pixels: float, at: tuple[float, float] = (0.5, 0.5), cell_mm: float = 300 / 320,
+        yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0,
+    ) -> PlacedChart:  # fmt: skip
         """A chart whose noise region is `pixels` wide in a plane, when it is frontal and in focus.
 
         at : (x, y)

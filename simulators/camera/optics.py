@@ -223,15 +223,9 @@ class Optics:
 
     @classmethod
     def typical(
-        cls,
-        *,
-        f_number: float = 5.6,
-        pitch_um: float = 3.76,
-        fill: float = 1.0,
-        olpf_px: float = 0.0,
-        gaussian_px: float = 0.0,
-        wavefront: Wavefront | None = None,
-    ) -> "Optics":
+        cls, *, f_number: float = 5.6, pitch_um: float = 3.76, fill: float = 1.0, olpf_px: float = 0.0,
+        gaussian_px: float = 0.0, wavefront: Wavefront | None = None,
+    ) -> "Optics":  # fmt: skip
         """Aperture and photosites, with nonzero low-pass filter, Gaussian blur and aberrations."""
         blurs: list[Blur] = [CircularPupil(f_number, wavefront or Wavefront()), PixelAperture(fill, fill)]
         if olpf_px:

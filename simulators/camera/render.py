@@ -30,15 +30,9 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def photograph_render(
-    picture: npt.NDArray[np.floating],
-    optics: Optics,
-    sensor: Sensor,
-    rng: np.random.Generator,
-    path: Path | None = None,
-    *,
-    white_e: float = 25e3,
-    shot: Shot | None = None,
-) -> Mosaic:
+    picture: npt.NDArray[np.floating], optics: Optics, sensor: Sensor, rng: np.random.Generator,
+    path: Path | None = None, *, white_e: float = 25e3, shot: Shot | None = None,
+) -> Mosaic:  # fmt: skip
     """Digital numbers of a render, (sensor.rows, sensor.columns); a DNG of them where `path` is given.
 
     Raises ValueError if the picture is not a whole multiple of the sensor's size.
@@ -157,14 +151,9 @@ class IdealImage:
 
 
 def render_region(
-    picture: IdealImage,
-    optics: Optics,
-    region: Region,
-    colours: Mapping[tuple[int, int], str],
-    *,
-    oversampling: int,
+    picture: IdealImage, optics: Optics, region: Region, colours: Mapping[tuple[int, int], str], *, oversampling: int,
     margin_px: int | None = None,
-) -> Array:
+) -> Array:  # fmt: skip
     """Light on the pixels of a region, 1 where reflectance and illumination are 1, (height, width).
 
     colours : mapping of (x, y) to str
@@ -190,13 +179,9 @@ def render_region(
 
 
 def render_frame(
-    picture: IdealImage,
-    optics: Callable[[PlacedChart | None], Optics],
-    shape: tuple[int, int],
-    colours: Mapping[tuple[int, int], str],
-    *,
-    oversampling: int,
-) -> Frame:
+    picture: IdealImage, optics: Callable[[PlacedChart | None], Optics], shape: tuple[int, int],
+    colours: Mapping[tuple[int, int], str], *, oversampling: int,
+) -> Frame:  # fmt: skip
     """Light on a whole frame (rows, columns), float32: exact around every chart, plain elsewhere.
 
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. Objects on the wall are

@@ -66,13 +66,9 @@ class PlacedSheet:
 
 
 def leaves(
-    shape: tuple[int, int],
-    rng: np.random.Generator,
-    *,
-    largest: float,
-    background: float = 0.4,
+    shape: tuple[int, int], rng: np.random.Generator, *, largest: float, background: float = 0.4,
     per_leaf: float = 300.0,
-) -> Frame:
+) -> Frame:  # fmt: skip
     """Dead leaves: occluding discs whose number falls with the cube of their size, (rows, columns) float32.
 
     largest : radius of the largest in texels; the smallest have 2
@@ -130,12 +126,9 @@ def _even(sheets: Sequence[PlacedSheet]) -> np.float32 | None:
 
 
 def draw_moving(
-    sheets: Sequence[PlacedSheet],
-    poses: Sequence[Sequence[ObjectPose]],
-    projection: Projection,
-    shape: tuple[int, int],
-    colours: Mapping[tuple[int, int], str],
-) -> Frame:
+    sheets: Sequence[PlacedSheet], poses: Sequence[Sequence[ObjectPose]], projection: Projection,
+    shape: tuple[int, int], colours: Mapping[tuple[int, int], str],
+) -> Frame:  # fmt: skip
     """Light on a frame as by `draw`, from sheets that move relative to the camera: the mean over all instants.
 
     Each sheet is blurred at its pose in `sheets`, then projected at its pose at each instant, and composited there.

@@ -33,15 +33,9 @@ class GrblController:
     baud = 115200
 
     def __init__(
-        self,
-        axes: Mapping[str, Axis],
-        *,
-        variant: str = "GRBL",
-        settings: Mapping[int, float] | None = None,
-        outputs: Outputs | None = None,
-        options: str = "",
-        rx_bytes: int | None = None,
-    ) -> None:
+        self, axes: Mapping[str, Axis], *, variant: str = "GRBL", settings: Mapping[int, float] | None = None,
+        outputs: Outputs | None = None, options: str = "", rx_bytes: int | None = None,
+    ) -> None:  # fmt: skip
         rx_bytes = rx_bytes or (1024 if variant == "grblHAL" else 128)
         self.program = Program(axes, variant, settings or {}, outputs or Outputs(), options, rx_bytes)
         self.motion, self.settings = self.program.motion, self.program.settings

@@ -208,12 +208,9 @@ def _tool_length(groups: Mapping[str, float], axes: Mapping[str, float]) -> int:
 
 
 def _motion(
-    groups: Mapping[str, float],
-    values: Mapping[str, float],
-    axes: Mapping[str, float],
-    after: Modes,
+    groups: Mapping[str, float], values: Mapping[str, float], axes: Mapping[str, float], after: Modes,
     takes: float | None,
-) -> int:
+) -> int:  # fmt: skip
     if groups.get("non_modal") == 53 and after.motion not in (0, 1):
         return 30
     if after.motion == 80:

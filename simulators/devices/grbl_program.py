@@ -18,14 +18,9 @@ class Program:
     """The state that lines act on; the controller around it handles bytes, realtime commands and alarms."""
 
     def __init__(
-        self,
-        axes: Mapping[str, Axis],
-        variant: str,
-        settings: Mapping[int, float],
-        outputs: Outputs,
-        options: str,
+        self, axes: Mapping[str, Axis], variant: str, settings: Mapping[int, float], outputs: Outputs, options: str,
         rx_bytes: int,
-    ) -> None:
+    ) -> None:  # fmt: skip
         travels = [axis.high - axis.low for axis in axes.values()]
         self.variant = variant
         self.options = options

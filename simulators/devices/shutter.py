@@ -96,16 +96,9 @@ class StrigBox:
     baud = 115200
 
     def __init__(
-        self,
-        contacts: Contacts,
-        *,
-        actuators: Actuators | None = None,
-        enable: Enable = lambda on, now_s: None,
-        inertial: Inertial | None = None,
-        serial: str = "SIM-1",
-        drift: float = 20e-6,
-        boot_s: float = 0.3,
-    ) -> None:
+        self, contacts: Contacts, *, actuators: Actuators | None = None, enable: Enable = lambda on, now_s: None,
+        inertial: Inertial | None = None, serial: str = "SIM-1", drift: float = 20e-6, boot_s: float = 0.3,
+    ) -> None:  # fmt: skip
         self.contacts, self.actuators, self.enable = contacts, actuators, enable
         self._inertial = inertial
         self._sample_s, self._interval_us = NEVER, 0

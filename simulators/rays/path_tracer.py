@@ -107,8 +107,8 @@ class ThinLensCamera:
         Position of the lens when the shutter opens, and the point it is aimed at.
     exposure_s : float
         Time the shutter is open; a moving camera smears.
-    velocity_mm_s, spin_rad_s : (x, y, z)
-        Motion of the lens, and rotation about it as axis times angle per second.
+    velocity_mm_s : (x, y, z)
+        Motion of the lens.
     """
 
     rows: int
@@ -121,7 +121,6 @@ class ThinLensCamera:
     target_mm: Vector = (0.0, 0.0, 1.0)
     exposure_s: float = 0.0
     velocity_mm_s: Vector = (0.0, 0.0, 0.0)
-    spin_rad_s: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.focus_mm <= self.focal_mm:
@@ -148,16 +147,9 @@ def depth_map(scene: RayScene, camera: ThinLensCamera) -> Doubles:
 
 
 def cast(
-    scene: RayScene,
-    camera: ThinLensCamera,
-    wanted: int | Ints,
-    receive: Receive,
-    *,
-    seed: int,
-    taken: Ints | None = None,
-    threads: int = 1,
-    progress: Progress | None = None,
-) -> None:
+    scene: RayScene, camera: ThinLensCamera, wanted: int | Ints, receive: Receive, *, seed: int,
+    taken: Ints | None = None, threads: int = 1, progress: Progress | None = None,
+) -> None:  # fmt: skip
     """Cast the requested number of samples per pixel, and deliver them tile by tile.
 
     A sample depends on the seed, its pixel and its number alone: not on tiles, threads, pauses, or what else is cast.
@@ -255,7 +247,6 @@ def build_world(scene: RayScene) -> SceneArrays:
     return SceneArrays(
         np.array([kind for kind, _ in rows], np.int64),
         np.array([np.pad(row, (0, GEOMETRY - len(row))) for _, row in rows], np.float64),
-        np.arange(len(rows), dtype=np.int64),
         np.array([m.albedo for m in materials], np.float64),
         np.array([(m.gloss, m.exponent) for m in materials], np.float64),
         np.array([m.emission for m in materials], np.float64),
@@ -300,7 +291,6 @@ def build_lens(camera: ThinLensCamera) -> RayCamera:
         np.array(camera.position_mm, np.float64),
         np.array([right, np.cross(forward, right), forward]),
         np.array(camera.velocity_mm_s, np.float64) * camera.exposure_s,
-        np.array(camera.spin_rad_s, np.float64) * camera.exposure_s,
         camera.focal_mm / camera.f_number / 2,
         camera.focus_mm,
         _pixel_at_focus_mm(camera),

@@ -43,14 +43,13 @@ _SAMPLES = np.uint64(0xAF251AF3B0F025B5)
 
 
 class RayCamera(NamedTuple):
-    """The camera as numbers: poses (2, 3) of translation and rotation vector at shutter opening and their change until
-    closing; axes (3, 3) right, down, forward; aperture radius, focus distance, and image size on the plane in focus
-    per pixel, millimetres; rows and columns."""
+    """The camera as numbers: position (3,) at shutter opening and its change until closing; axes (3, 3) right, down,
+    forward; aperture radius, focus distance, and image size on the plane in focus per pixel, millimetres; rows and
+    columns."""
 
     position: Doubles
     axes: Doubles
     travel: Doubles
-    turn: Doubles
     aperture_radius_mm: float
     focus_mm: float
     pixel_at_focus_mm: float
@@ -89,19 +88,6 @@ def around(axis: Vector, cosine: float, angle: float) -> Vector:
 
 
 @compiled
-def turned(turn: Vector, share: float, v: Vector) -> Vector:
-    """The vector after a share of the rotation `turn` (axis times angle), by Rodrigues' formula."""
-    angle = share * np.sqrt(dot(turn, turn))
-    if angle == 0.0:
-        return v
-    axis = unit(turn)
-    c, s = np.cos(angle), np.sin(angle)
-    w = cross(axis, v)
-    k = dot(axis, v) * (1.0 - c)
-    return (c * v[0] + s * w[0] + k * axis[0], c * v[1] + s * w[1] + k * axis[1], c * v[2] + s * w[2] + k * axis[2])
-
-
-@compiled
 def leave_camera(lens: RayCamera, row: int, column: int, state: Words) -> tuple[Vector, Vector]:
     """A ray through a random place of the pixel and of the aperture at a random time: origin and unit direction."""
     x = (column + draw(state) - 0.5 * lens.columns) * lens.pixel_at_focus_mm
@@ -110,10 +96,7 @@ def leave_camera(lens: RayCamera, row: int, column: int, state: Words) -> tuple[
     angle = 2.0 * np.pi * draw(state)
     time = draw(state)
     a, b = radius * np.cos(angle), radius * np.sin(angle)
-    turn = vector(lens.turn, 0)
-    right = turned(turn, time, vector(lens.axes[0], 0))
-    down = turned(turn, time, vector(lens.axes[1], 0))
-    forward = turned(turn, time, vector(lens.axes[2], 0))
+    right, down, forward = vector(lens.axes[0], 0), vector(lens.axes[1], 0), vector(lens.axes[2], 0)
     centre = along(vector(lens.position, 0), time, vector(lens.travel, 0))
     origin = along(along(centre, a, right), b, down)
     aim = along(along(along((0.0, 0.0, 0.0), x - a, right), y - b, down), lens.focus_mm, forward)
@@ -171,9 +154,9 @@ def light_density(world: SceneArrays, shape: int, origin: Vector, point: Vector,
 
 @compiled
 def seek_light(
-    world: SceneArrays, m: int, albedo: Vector, point: Vector, normal: Vector, away: Vector, state: Words
+    world: SceneArrays, own: int, albedo: Vector, point: Vector, normal: Vector, away: Vector, state: Words
 ) -> Vector:
-    """Direct light from a random point of a random lamp, scattered towards `away`."""
+    """Direct light from a random point of a random lamp, scattered towards `away` by the shape `own`."""
     black = (0.0, 0.0, 0.0)
     if world.lights.size == 0:
         return black
@@ -184,13 +167,13 @@ def seek_light(
     distance = np.sqrt(dot(gap, gap))
     to = unit(gap)
     density = light_density(world, shape, point, target, to)
-    value, own_density = scattering(world.gloss[m], albedo, normal, away, to)
+    value, own_density = scattering(world.gloss[own], albedo, normal, away, to)
     if density <= 0.0 or own_density <= 0.0:
         return black
     if meet(world, point, to, distance * (1.0 - 1e-9) - NEAR_MM)[1] >= 0:
         return black
     weight = 1.0 / (density + own_density)  # balance heuristic: density / (density + own) over density
-    shine = times(value, vector(world.emission[world.material[shape]], 0))
+    shine = times(value, vector(world.emission[shape], 0))
     return weight * shine[0], weight * shine[1], weight * shine[2]
 
 
@@ -206,18 +189,19 @@ def follow(world: SceneArrays, origin: Vector, direction: Vector, state: Words, 
             return
         point = along(origin, t, direction)
         normal = outward(world, shape, point)
-        m = world.material[shape]
         facing = dot(normal, direction)
-        if facing < 0.0 and world.emission[m].any():
+        if facing < 0.0 and world.emission[shape].any():
             aimed = light_density(world, shape, origin, point, direction) if surface > 0 else 0.0
-            gather(light, carried, vector(world.emission[m], 0), density / (density + aimed) if surface > 0 else 1.0)
+            gather(
+                light, carried, vector(world.emission[shape], 0), density / (density + aimed) if surface > 0 else 1.0
+            )
         if facing > 0.0:
             normal = (-normal[0], -normal[1], -normal[2])
         away = (-direction[0], -direction[1], -direction[2])
         albedo = colour_at(world, shape, point)
-        gather(light, carried, seek_light(world, m, albedo, point, normal, away, state), 1.0)
-        direction = scatter(world.gloss[m], normal, away, state)
-        value, density = scattering(world.gloss[m], albedo, normal, away, direction)
+        gather(light, carried, seek_light(world, shape, albedo, point, normal, away, state), 1.0)
+        direction = scatter(world.gloss[shape], normal, away, state)
+        value, density = scattering(world.gloss[shape], albedo, normal, away, direction)
         if density <= 0.0:
             return
         carried = times(carried, (value[0] / density, value[1] / density, value[2] / density))

@@ -132,16 +132,9 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[RayScene, 
         step, leaves = 0.23 * z, dead_leaves(rng, smallest=24.0, largest=90.0)
         things.append(panel((i - 2) * step, -0.15 * z, z, 0.2 * z, 0.3 * z, leaves[:, :171]))
     camera = ThinLensCamera(
-        rows,
-        columns,
-        focal_mm=50,
-        f_number=1.4,
-        focus_mm=1500,
-        pitch_um=48e3 / columns,
-        target_mm=(0, 0, 1500),
-        exposure_s=0.02,
-        velocity_mm_s=(600.0, 0.0, 0.0),
-    )
+        rows, columns, focal_mm=50, f_number=1.4, focus_mm=1500, pitch_um=48e3 / columns, target_mm=(0, 0, 1500),
+        exposure_s=0.02, velocity_mm_s=(600.0, 0.0, 0.0),
+    )  # fmt: skip
     return RayScene(things, sky=(0.2, 0.2, 0.22)), camera
 
 

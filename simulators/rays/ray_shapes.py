@@ -26,14 +26,13 @@ NEAR_MM = 1e-4
 class SceneArrays(NamedTuple):
     """A scene as arrays for the kernels.
 
-    kind (n,), geometry (n, 16) and material (n,) per shape; albedo (m, 3), gloss (m, 2) as share and exponent, and
-    emission (m, 3) per material; texture (m, 4) as first texel, rows, columns and whether there is one; texels (t, 3);
-    lights (l,) the shapes that shine; sky (3,) the radiance of what is not there.
+    Per shape: kind (n,), geometry (n, 16), albedo (n, 3), gloss (n, 2) as share and exponent, emission (n, 3), texture
+    (n, 4) as first texel, rows, columns and whether there is one; texels (t, 3); lights (l,) the shapes that shine; sky
+    (3,) the radiance of what is not there.
     """
 
     kind: Ints
     geometry: Doubles
-    material: Ints
     albedo: Doubles
     gloss: Doubles
     emission: Doubles
@@ -204,9 +203,8 @@ def outward(world: SceneArrays, shape: int, point: Vector) -> Vector:
 @compiled
 def colour_at(world: SceneArrays, shape: int, point: Vector) -> Vector:
     """Diffuse albedo at the point: the material's, times the texel of a textured rectangle."""
-    m = world.material[shape]
-    albedo = vector(world.albedo[m], 0)
-    first, rows, columns, textured = world.texture[m]
+    albedo = vector(world.albedo[shape], 0)
+    first, rows, columns, textured = world.texture[shape]
     if textured == 0 or world.kind[shape] != RECTANGLE:
         return albedo
     a, b = place_on_rectangle(world.geometry[shape], point)

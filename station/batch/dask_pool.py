@@ -42,15 +42,9 @@ OPEN = "the local cluster speaks without TLS: whoever has an account on this mac
 
 
 def run_on_cluster(
-    function: Callable[[I, J], R],
-    job: J,
-    items: Sequence[I],
-    jobs: int,
-    stop: Stop,
-    address: str,
-    allowance: Allowance = NO_LIMIT,
-    tls: tuple[Path, Path, Path] | None = None,
-) -> Generator[tuple[int, R | Lost], None, None]:
+    function: Callable[[I, J], R], job: J, items: Sequence[I], jobs: int, stop: Stop, address: str,
+    allowance: Allowance = NO_LIMIT, tls: tuple[Path, Path, Path] | None = None,
+) -> Generator[tuple[int, R | Lost], None, None]:  # fmt: skip
     """`run_in_processes` on the cluster at an address, or on one of `jobs` processes started here ("local").
 
     Workers of a cluster need this program, and photographs and results under the same paths. The scheduler is trusted:

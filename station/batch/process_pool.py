@@ -245,12 +245,9 @@ def run_in_processes(
 
 
 def _feed(
-    workers: list[_Worker[I, J, R]],
-    waiting: deque[int],
-    items: Sequence[I],
-    make: Callable[[], _Worker[I, J, R]],
+    workers: list[_Worker[I, J, R]], waiting: deque[int], items: Sequence[I], make: Callable[[], _Worker[I, J, R]],
     jobs: int,
-) -> None:
+) -> None:  # fmt: skip
     """Give waiting items to idle processes, and to new ones up to `jobs`."""
     for worker in workers[:jobs]:
         if waiting and worker.busy is None:

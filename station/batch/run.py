@@ -66,19 +66,10 @@ class Batch:
 
 
 def run_batch(
-    items: Sequence[Item],
-    job: Job,
-    *,
-    jobs: int = 1,
-    cluster: str | None = None,
-    allowance: Allowance | None = None,
-    tls: Tls = None,
-    stop: Stop | None = None,
-    report: Callable[[ItemRow], None] = lambda row: None,
-    function: Work = work,
-    force: bool = False,
-    parquet: bool = False,
-) -> tuple[Batch, str]:
+    items: Sequence[Item], job: Job, *, jobs: int = 1, cluster: str | None = None, allowance: Allowance | None = None,
+    tls: Tls = None, stop: Stop | None = None, report: Callable[[ItemRow], None] = lambda row: None,
+    function: Work = work, force: bool = False, parquet: bool = False,
+) -> tuple[Batch, str]:  # fmt: skip
     """Work on all items, write each result at once, then the summaries; returns the record's text too.
 
     Raises BadParameter if the folder cannot be written, holds somebody else's files, pyarrow is missing, or there is no
@@ -110,15 +101,9 @@ def run_batch(
 
 
 def _answers(
-    items: Sequence[Item],
-    job: Job,
-    jobs: int,
-    cluster: str | None,
-    allowance: Allowance | None,
-    tls: Tls,
-    stop: Stop,
-    function: Work,
-) -> Generator[tuple[int, ItemRow | Lost], None, None]:
+    items: Sequence[Item], job: Job, jobs: int, cluster: str | None, allowance: Allowance | None, tls: Tls,
+    stop: Stop, function: Work,
+) -> Generator[tuple[int, ItemRow | Lost], None, None]:  # fmt: skip
     jobs = min(jobs, len(items))
     allowance = allowance or Allowance.fair(jobs)
     if cluster is None:

@@ -1,13 +1,14 @@
-"""Current motions of a bench: every move and homing passes here, so that observers can display it."""
+"""Motions of a bench: every move and homing passes here, so that observers can display it; and its emergency stop."""
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.errors import Clock
 from drivers.interfaces import Device
+from drivers.wire.connection import Transcript
 
 
 @dataclass(frozen=True)
@@ -64,3 +65,68 @@ class Motions:
             with self._lock:
                 self._now.pop(name, None)
                 self._ended[name] = motion
+
+
+# --- Emergency stop: each device in a thread of its own, so that none waits for another's port; times on the line ---
+
+
+PATIENCE_S = 0.25
+"""How long a stop waits for blocked ports; their threads continue trying."""
+
+
+@dataclass(frozen=True)
+class StopRecord:
+    """A stop requested at this time; `done` is set once every device was stopped or its stop is in progress."""
+
+    at_s: float
+    done: threading.Event = field(default_factory=threading.Event)
+
+
+@dataclass(frozen=True)
+class StopRequest:
+    """One stop of the bench: time of the request, and time of the stop bytes on each line; None: not sent yet."""
+
+    asked_s: float
+    wires: Mapping[str, float | None]
+
+    def record(self) -> dict[str, Any]:
+        """For the session's journal: times by the bench's clock, delays in milliseconds."""
+        delays = {n: None if t is None else round(1000 * (t - self.asked_s), 3) for n, t in self.wires.items()}
+        return {"asked_s": self.asked_s, "on_the_wire_s": dict(self.wires), "after_ms": delays}
+
+
+def stop_all(devices: Iterable[Device]) -> None:
+    """Stop these devices simultaneously, in this order if threads start slowly; thread-safe."""
+    threads = [threading.Thread(target=device.emergency_stop, name="stop", daemon=True) for device in devices]
+    begun = [thread for thread in threads if _begin(thread)]  # each has mostly finished when the next one begins
+    for thread in begun:
+        thread.join(PATIENCE_S / len(begun))
+
+
+def _begin(thread: threading.Thread) -> bool:
+    """Start the thread; if there are no more threads, run its work here and return False."""
+    try:
+        thread.start()
+    except RuntimeError:
+        thread.run()
+        return False
+    return True
+
+
+def stops_on_wires(stops: Sequence[StopRecord], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
+    """These stops, once done, with the time at which each line sent their bytes; lines without stop bytes are omitted.
+
+    A port that refused the bytes has None.
+    """
+    for stop in stops:
+        stop.done.wait(2 * PATIENCE_S)
+    return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in stops]
+
+
+def _sent(since_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:
+    sent: dict[str, float | None] = {}
+    for name, transcript in transcripts.items():
+        tries = [entry for entry in transcript.last() if entry.way in "!x" and entry.time_s >= since_s]
+        if tries:
+            sent[name] = next((entry.time_s for entry in tries if entry.way == "!"), None)
+    return sent

@@ -34,8 +34,7 @@ from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
-from station.bench.motions import Motions
-from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
+from station.bench.motions import Motions, StopRecord, StopRequest, stop_all, stops_on_wires
 from station.common.models import TableSource, read_model
 
 if TYPE_CHECKING:

@@ -82,20 +82,11 @@ def batch(
 
 
 def carry_out(
-    procedure: BatchProcedure,
-    folders: tuple[Path, ...],
-    out: Path,
-    *,
-    jobs: int | None,
-    reports: bool,
-    strict: bool = False,
-    as_json: bool = False,
-    cluster: str | None = None,
-    tls: tuple[Path, Path, Path] | None = None,
-    time_s: float = 3600,
-    memory_bytes: int | None = None,
+    procedure: BatchProcedure, folders: tuple[Path, ...], out: Path, *, jobs: int | None, reports: bool,
+    strict: bool = False, as_json: bool = False, cluster: str | None = None,
+    tls: tuple[Path, Path, Path] | None = None, time_s: float = 3600, memory_bytes: int | None = None,
     parquet: bool = False,
-) -> None:
+) -> None:  # fmt: skip
     """Run a batch, report its progress, and exit with its code."""
     from station.batch.item import Job, finished
     from station.batch.process_pool import Allowance, Stop

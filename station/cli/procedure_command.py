@@ -118,13 +118,9 @@ def _option(one: ModelField) -> Any:
     if one.kind is bool:
         return click.option(*flags, is_flag=True, default=None, help=one.description)
     return click.option(
-        *flags,
-        type=_type(one),
-        multiple=one.several,
-        required=one.required,
-        help=shown,
+        *flags, type=_type(one), multiple=one.several, required=one.required, help=shown,
         metavar=one.extra("metavar") or None,
-    )
+    )  # fmt: skip
 
 
 class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
@@ -172,14 +168,9 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
     settings.check()
     batch = BatchProcedure(procedure, settings, terms)
     carry_out(
-        batch,
-        (*paths,),
-        given["out"],
-        jobs=given["jobs"],
-        reports=given["report"],
-        strict=given["strict"],
+        batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], strict=given["strict"],
         as_json=given["as_json"],
-    )
+    )  # fmt: skip
 
 
 def _results(

@@ -105,14 +105,9 @@ quiet_option = ContextFlag("-q", "--quiet", help="Write only warnings and errors
 
 
 def log(
-    event: str,
-    sentence: str,
-    *,
-    level: str = "info",
-    remedy: str = "",
-    other_causes: Sequence[Cause] = (),
+    event: str, sentence: str, *, level: str = "info", remedy: str = "", other_causes: Sequence[Cause] = (),
     **facts: Fact,
-) -> None:
+) -> None:  # fmt: skip
     """Write one line to stderr: the sentence and its remedy, or the event with its facts.
 
     A quiet program omits level "info".

@@ -154,13 +154,9 @@ def run_demo(
 
 
 def _shoot(
-    root: Path,
-    setup: Staging,
-    chart: Source,
-    parameters: PatternParameters,
-    rng: np.random.Generator,
+    root: Path, setup: Staging, chart: Source, parameters: PatternParameters, rng: np.random.Generator,
     progress: Progress,
-) -> DemoPhotograph:
+) -> DemoPhotograph:  # fmt: skip
     """One photograph, from the scene to the result files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")

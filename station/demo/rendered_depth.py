@@ -207,12 +207,9 @@ def _picture(films: Path, plan: DepthPlan, f_number: float, threads: int, progre
 def _photograph(picture: Array, plan: DepthPlan, f_number: float, path: Path) -> None:
     camera = plan.camera(f_number)
     shot = Shot(
-        exposure_s=EXPOSURE_S * (f_number / APERTURES[0]) ** 2,
-        f_number=f_number,
-        focal_length_mm=camera.focal_mm,
-        subject_distance_mm=camera.focus_mm,
-        comment=NAME,
-    )
+        exposure_s=EXPOSURE_S * (f_number / APERTURES[0]) ** 2, f_number=f_number, focal_length_mm=camera.focal_mm,
+        subject_distance_mm=camera.focus_mm, comment=NAME,
+    )  # fmt: skip
     rng = np.random.default_rng([plan.seed, round(10 * f_number)])
     photograph_render(picture, Optics.typical(f_number=f_number), plan.sensor, rng, path, white_e=WHITE_E, shot=shot)
 
@@ -256,15 +253,9 @@ PASS = 32
 
 
 def render_film(
-    scene: RayScene,
-    camera: ThinLensCamera,
-    samples: int,
-    seed: int,
-    path: Path,
-    *,
-    threads: int = 1,
+    scene: RayScene, camera: ThinLensCamera, samples: int, seed: int, path: Path, *, threads: int = 1,
     progress: Progress = silent,
-) -> Film:
+) -> Film:  # fmt: skip
     """The film of a scene with `samples` samples per pixel, continuing the film in `path`.
 
     That file must have the same scene, camera and seed: name it after them.

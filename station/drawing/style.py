@@ -27,22 +27,11 @@ CONFIDENT = 1.96
 """Standard uncertainties on either side of a 95 % interval."""
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE: dict[Any, Any] = {
-    "font.size": 8.5,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9,
-    "axes.titlecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "legend.frameon": False,
-    "image.composite_image": False,
-    "svg.fonttype": "none",
-}
+    "font.size": 8.5, "axes.edgecolor": FAINT, "axes.labelcolor": INK, "axes.linewidth": 0.7,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 9, "axes.titlecolor": INK,
+    "xtick.color": INK, "ytick.color": INK, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
+    "legend.frameon": False, "image.composite_image": False, "svg.fonttype": "none",
+}  # fmt: skip
 
 
 def svg(figure: Figure, name: str, description: str) -> Markup:

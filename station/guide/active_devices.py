@@ -13,8 +13,8 @@ from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
 from station.results.record_head import ENVIRONMENT
 
 if TYPE_CHECKING:
+    from station.bench.motions import StopRequest
     from station.bench.opening import Bench
-    from station.bench.stopping import StopRequest
 
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)

@@ -18,7 +18,7 @@ from station.guide.dialogue import AGAIN, STOP, Coach, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
 from station.guide.frontend import FrameEvent, GoalEvent, ProgressEvent, ScanEvent
 from station.guide.manual_camera import HandCamera
-from station.sessions.journal_head import same_bits
+from station.sessions.journal import same_bits
 from station.sessions.session import SessionShot
 
 Check = Callable[[RawFrame, Facts], Advice]

@@ -18,7 +18,7 @@ from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.results.reader import Change, changes, read_result
 from station.results.result_files import RECORD, is_sealed
-from station.sessions.journal_head import KERNELS, machine
+from station.sessions.journal import KERNELS, machine
 from station.sessions.reader import read_session, verify
 from station.sessions.state import DerivedResult, SessionState, replay
 

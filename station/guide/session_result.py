@@ -19,8 +19,7 @@ from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, environment_of
 from station.results.result_files import ResultFolder
-from station.sessions.journal import Damaged
-from station.sessions.journal_head import same_bits
+from station.sessions.journal import Damaged, same_bits
 from station.sessions.layout import inside
 from station.sessions.session import Session
 from station.sessions.state import SessionShot, SessionState, terms_of_session

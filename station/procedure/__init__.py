@@ -9,12 +9,6 @@ from station.procedure.base import Inputs, PhotographProcedure, PlaneSettings, P
 from station.procedure.schema import procedure_named, procedure_names
 
 __all__ = [
-    "Inputs",
-    "PhotographProcedure",
-    "PlaneSettings",
-    "Procedure",
-    "Settings",
-    "procedure_named",
-    "procedure_names",
+    "Inputs", "PhotographProcedure", "PlaneSettings", "Procedure", "Settings", "procedure_named", "procedure_names",
     "setting",
-]
+]  # fmt: skip

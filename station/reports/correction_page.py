@@ -53,7 +53,7 @@ def correction_page(report: Report) -> str:
     developed = corrected.frame.development is not None
     captions = (
         "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
-        f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced here, not in files.",
+        f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced to grey only here.",
     )
     whole, compared = pair(_small, captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:

@@ -83,14 +83,10 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 def _noted(exposure: Exposure) -> dict[str, str | float]:
     """Metadata recorded by the camera, by keywords of FITS."""
     keywords = {
-        "DATE-OBS": exposure.captured_at,
-        "INSTRUME": exposure.camera,
-        "TELESCOP": exposure.lens,
-        "APERTURE": exposure.f_number,
-        "FOCALLEN": exposure.focal_length_mm,
-        "EXPTIME": exposure.exposure_s,
+        "DATE-OBS": exposure.captured_at, "INSTRUME": exposure.camera, "TELESCOP": exposure.lens,
+        "APERTURE": exposure.f_number, "FOCALLEN": exposure.focal_length_mm, "EXPTIME": exposure.exposure_s,
         "ISOSPEED": exposure.iso,
-    }
+    }  # fmt: skip
     return {name: value for name, value in keywords.items() if value}
 
 

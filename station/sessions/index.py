@@ -19,7 +19,7 @@ from procedures.outcome import ProcedureError
 from station.common.durable_files import files_in, holds
 from station.common.sanitise import encodable
 from station.results.result_files import RECORD
-from station.sessions.journal_head import HEAD
+from station.sessions.journal import HEAD
 from station.sessions.layout import CONFIG, DERIVED, FOLDERS, JOURNAL
 from station.sessions.reader import damaged_results, read_session, sessions_in
 from station.sessions.state import SessionState

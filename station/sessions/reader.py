@@ -13,8 +13,7 @@ from typing import Any, Protocol
 
 from station.common.durable_files import holds, sha256_of, write_errors
 from station.results.result_files import RECORD
-from station.sessions.journal import Contents, Damaged, read_journal
-from station.sessions.journal_head import HEAD, Gap, gap, machine
+from station.sessions.journal import HEAD, Contents, Damaged, Gap, gap, machine, read_journal
 from station.sessions.layout import (
     CONFIG,
     DERIVED,

@@ -44,8 +44,7 @@ from station.common.durable_files import (
     write_errors,
 )
 from station.common.toml_text import toml_text
-from station.sessions.journal import Contents, Journal, JournalLine
-from station.sessions.journal_head import machine
+from station.sessions.journal import Contents, Journal, JournalLine, machine
 from station.sessions.layout import (
     CONFIG,
     DERIVED,
@@ -102,18 +101,9 @@ class Session:
 
     @classmethod
     def create(
-        cls,
-        root: Path,
-        *,
-        plan: str,
-        camera: str,
-        lens: str,
-        config: Mapping[str, Any],
-        clock: Clock,
-        seed: int = 0,
-        today: Today = utc_now,
-        disk: Disk | None = None,
-    ) -> "Session":
+        cls, root: Path, *, plan: str, camera: str, lens: str, config: Mapping[str, Any], clock: Clock, seed: int = 0,
+        today: Today = utc_now, disk: Disk | None = None,
+    ) -> "Session":  # fmt: skip
         """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
 
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
@@ -141,14 +131,9 @@ class Session:
 
     @classmethod
     def open(
-        cls,
-        folder: Path,
-        clock: Clock,
-        *,
-        today: Today = utc_now,
-        disk: Disk | None = None,
+        cls, folder: Path, clock: Clock, *, today: Today = utc_now, disk: Disk | None = None,
         without: Collection[int] = (),
-    ) -> "Session":
+    ) -> "Session":  # fmt: skip
         """Open the session in a folder, and complete everything that a crash interrupted.
 
         `state.notices` lists what was repaired and which exposures must be repeated.

@@ -250,15 +250,9 @@ def _shot(data: Mapping[str, Any]) -> SessionShot:
     if not ORIGINAL.fullmatch(path):
         raise ValueError(f"photographs must be in originals/, not in {path}")
     return SessionShot(
-        int(data["shot"]),
-        path,
-        str(data["sha256"]),
-        int(data["size_bytes"]),
-        str(data["purpose"]),
-        str(data["step"]),
-        exposure=dict(data["exposure"]),
-        snapshot=dict(data["snapshot"]),
-    )
+        int(data["shot"]), path, str(data["sha256"]), int(data["size_bytes"]), str(data["purpose"]),
+        str(data["step"]), exposure=dict(data["exposure"]), snapshot=dict(data["snapshot"]),
+    )  # fmt: skip
 
 
 # --- The terms of a session's results: unit and specification, from its frozen configuration ---

@@ -3,7 +3,6 @@
 python -m tests.benchmarks.batch [photographs, default 400] [--keep FOLDER]
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -23,7 +22,7 @@ from procedures.pattern import Chart
 from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage
 from simulators.camera.camera import pixels_at
 from simulators.world.scene import Scene
-from tests.benchmarks import ROOT
+from tests.benchmarks import ROOT, options
 
 BOUND_MB, BOUND_RATIO = 600, 1.8
 PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal = { min = 0.4 }\n'
@@ -71,9 +70,10 @@ def spoil(folder: Path, camera, scene: Scene, chart: Chart, rng: np.random.Gener
 def children(pid: int) -> list[int]:
     """All processes below a process (Linux)."""
     found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found += [child, *children(child)]
+    with contextlib.suppress(OSError):  # it has ended
+        for task in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in map(int, task.read_text().split()):
+                found += [child, *children(child)]
     return found
 
 
@@ -163,10 +163,7 @@ def check(out: Path, broken: set[str], count: int) -> str:
 
 def main() -> None:
     """Make the frames, run, print."""
-    words = argparse.ArgumentParser()
-    words.add_argument("count", type=int, nargs="?", default=400)
-    words.add_argument("--keep", type=Path)
-    given = words.parse_args()
+    given = options(__doc__, "count", count=400, keep=None)
     with tempfile.TemporaryDirectory() as temporary:
         root = given.keep or Path(temporary)
         start = time.perf_counter()

@@ -10,7 +10,6 @@ has cores, and as many times. A batch is disturbed one to three times, is then r
 rows.
 """
 
-import argparse
 import importlib
 import json
 import os
@@ -27,7 +26,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from tests.benchmarks import ROOT
+from tests.benchmarks import ROOT, options
+from tests.benchmarks.batch import children, is_worker
 
 PHOTOGRAPHS, JOBS, ENDED_S, LONGEST_S = 6, 2, 10.0, 600.0
 FROM_NOTHING = 0.2
@@ -110,23 +110,6 @@ def rows(out: Path) -> list[Row]:
     return [(Path(row["files"][0]).name, row["verdict"], row["sha256"][0]) for row in found]
 
 
-def children(process: int) -> list[int]:
-    """All processes below one."""
-    try:
-        direct = [int(one) for one in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
-    except OSError:
-        return []
-    return direct + [below for one in direct for below in children(one)]
-
-
-def is_worker(process: int) -> bool:
-    """Whether it computes: multiprocessing has a process beside these that counts what they share."""
-    try:
-        return b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
-    except OSError:
-        return False
-
-
 def disturb(batch: Started, target: str, name: str, rng: random.Random) -> None:
     """Send the signal, to the parent where no worker has begun; INT once more after a moment."""
     number = signal.Signals[f"SIG{name}"]
@@ -194,11 +177,7 @@ def once(folder: Path, mark: str, kind: str, length_s: float, expected: list[Row
 
 def main() -> None:
     """Disturb, resume, compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--batches", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kinds", default="pool,local")
-    given = parser.parse_args()
+    given = options(__doc__, batches=200, seed=1, kinds="pool,local")
     load()
     kinds = given.kinds.split(",")
     with tempfile.TemporaryDirectory(prefix="signals-") as raw:

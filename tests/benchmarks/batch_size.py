@@ -7,7 +7,6 @@ batch` into results.jsonl, then the summary as CSV and Parquet, the page and the
 greatest of the process, less what it had before the first row.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -24,6 +23,7 @@ from station.batch.item import ItemRow, Job, PlaneRow
 from station.batch.procedure_file import read_procedure
 from station.batch.run import Batch, _write
 from station.batch.stored_rows import StoredRows
+from tests.benchmarks import options
 
 NAMES = [name for name in NUMBERS if name.startswith("mtf")][:8]
 FILES = ("results.jsonl", "summary.csv", "summary.parquet", "report.html", "result.json")
@@ -79,10 +79,7 @@ def _run(job: Job, count: int, rng: np.random.Generator) -> float:
 
 def main() -> None:
     """Measure each size in a new process; print a table."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("rows", type=int, nargs="*", default=[1000, 10_000, 100_000])
-    words.add_argument("--here", action="store_true", help="one size in this process, as JSON")
-    given = words.parse_args()
+    given = options(__doc__, "rows", rows=[1000, 10_000, 100_000], here=False)
     if given.here:
         print(json.dumps(measure(given.rows[0])))
         return

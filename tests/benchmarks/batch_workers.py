@@ -7,7 +7,6 @@ else is overhead: processes, messages, hashes, files and the summary. The proces
 time on the clock depends on what else the machine does.
 """
 
-import argparse
 import os
 import platform
 import resource
@@ -19,6 +18,7 @@ from station.batch.item import ItemRow, Job
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import Item, singly
+from tests.benchmarks import options
 
 WORK_S = "STATION_BENCHMARK_WORK_S"
 
@@ -51,11 +51,7 @@ def measure(folder: Path, engine: str, workers: int, count: int) -> tuple[float,
 
 def main() -> None:
     """Print a line for every engine and number of workers."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--photographs", type=int, default=120)
-    words.add_argument("--work-s", type=float, default=0.25)
-    words.add_argument("--workers", default="1,2")
-    given = words.parse_args()
+    given = options(__doc__, photographs=120, work_s=0.25, workers="1,2")
     os.environ[WORK_S] = str(given.work_s)
     print(f"Python {platform.python_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print(f"{'engine':>8} {'workers':>8} {'per minute':>11} {'processor s':>12} {'overhead ms':>12} {'start s':>8}")

@@ -10,7 +10,6 @@ comes to is counted: 0 read, 2, 4, 5 refused as stated, 70 something unforeseen,
 is told, with which a run is repeated, and `--keep` keeps the files that came to neither.
 """
 
-import argparse
 import gc
 import json
 import os
@@ -29,6 +28,7 @@ from pathlib import Path
 
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.multiscale import filter_film
+from tests.benchmarks import options
 from tests.benchmarks.fuzz_files import AFTER, FEW, READERS, restored, samples
 from tests.benchmarks.fuzz_structure import STRUCTURED, restructured
 
@@ -294,12 +294,7 @@ def _tell(name: str, counts: Counts, took_s: float) -> None:
 
 def main() -> None:
     """Mutate, read, count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mutations", type=int, default=6000)
-    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
-    parser.add_argument("--only", default="", help="Parts of names, with commas between.")
-    parser.add_argument("--keep", type=Path, help="Folder for the files that came to no stated end.")
-    given = parser.parse_args()
+    given = options(__doc__, mutations=6000, seed=random.SystemRandom().randrange(1 << 32), only="", keep=None)
     print(f"seed {given.seed}", flush=True)
     counts = fuzz(given.mutations, given.seed, [one for one in given.only.split(",") if one], given.keep)
     total = sum((one.codes for one in counts.values()), Counter[str]())

@@ -1,6 +1,6 @@
 """Stated uncertainties of a camera's geometry against lenses that the program does not know: parameters and projection.
 
-tests/benchmarks/geometry_truth.py [lenses | rig]... [--draws=N] [--views=N] [--noise=PX] [--lens=NAME]
+tests/benchmarks/geometry_truth.py [lenses | rig]... [--draws=N] [--first=N] [--views=N] [--noise=PX] [--lens=NAME]
 
 The lenses are OpenCV's formulas (its projectPoints and fisheye.projectPoints), which the program's projection does not
 use; charts bend by polynomials of their own and every node errs. The camera is chosen by the program.
@@ -71,6 +71,7 @@ LENSES = {
     "prism_and_more": Rational(**PLACE, distortion=(-0.2, 0.1, 3e-4, 3e-4, -0.03, 0, 0, 0, 6e-4, 1e-4, 9e-4, -1e-4)),
     "rational": Rational(**PLACE, distortion=(0.4, 0.1, 2e-4, -1e-4, 0.01, 0.55, 0.2, 0.02, 2e-4, 0, 1e-4, 0)),
     "fisheye": Fisheye((1300.0, 1301.0), CENTRE, SIZE),
+    "170": Fisheye((1215.0, 1215.0), CENTRE, SIZE, k=(-0.012, 0.004, -0.0015, 0.0002)),
 }
 
 
@@ -84,14 +85,14 @@ def calibrated(lens: TrueCamera, draw: int, views: int, noise: float) -> tuple[T
     return taken, outcome.result()
 
 
-def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
+def lenses(names: list[str], draws: range, views: int, noise: float) -> None:
     """z of every lens."""
     for name in names:
         lens, models = LENSES[name], []
         of_parameters: dict[str, list[float]] = {}
         of_pixels: dict[str, list[np.ndarray]] = {}
         sizes: dict[str, list[float]] = {}
-        for draw in range(draws):
+        for draw in draws:
             taken, found = calibrated(lens, draw, views, noise)
             models.append(found.camera.model)
             truth = dict(zip(("fx", "fy", "cx", "cy"), (*lens.focal_px, *lens.centre), strict=True))
@@ -109,7 +110,8 @@ def lenses(names: list[str], draws: int, views: int, noise: float) -> None:
                 stated = projection_uncertainty(found.adjustment, pixels, distance)
                 of_pixels.setdefault(where, []).append(error / stated)
                 sizes.setdefault(where, []).append(rms(error))
-        print(f"{name:15s} {draws} draws, {views} views; {', '.join(f'{m} {models.count(m)}' for m in set(models))}")
+        counts = ", ".join(f"{model} {models.count(model)}" for model in set(models))
+        print(f"{name:15s} {len(draws)} draws from {draws[0]}, {views} views; {counts}")
         print(f"  z rms of {', '.join(f'{p} {rms(z):.2f}' for p, z in of_parameters.items())}")
         for where, z in of_pixels.items():
             by_draw, every = ", ".join(f"{rms(one):.1f}" for one in z), np.concatenate(z)
@@ -162,11 +164,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="*", default=["lenses"])
     parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--views", type=int, default=12)
     parser.add_argument("--noise", type=float, default=0.03)
     parser.add_argument("--lens", action="append")
     given = parser.parse_args()
     if "lenses" in given.what:
-        lenses(given.lens or list(LENSES), given.draws, given.views, given.noise)
+        lenses(given.lens or list(LENSES), range(given.first, given.first + given.draws), given.views, given.noise)
     if "rig" in given.what:
         rig(given.draws, given.views, given.noise)

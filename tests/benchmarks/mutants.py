@@ -62,7 +62,7 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("station/batch",), ("tests/station/batch",)),
     "stop path": (
         (
-            "station/common/stop_signals.py", "station/bench/stopping.py", "station/bench/stage_watch.py",
+            "station/common/stop_signals.py", "station/bench/stage_watch.py",
             "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
             "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),

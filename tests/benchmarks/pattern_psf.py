@@ -3,7 +3,6 @@
 python -m tests.benchmarks.pattern_psf [folder of shared data]
 """
 
-import argparse
 import json
 import os
 import platform
@@ -19,7 +18,7 @@ import numpy.typing as npt
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.raw import Plane, read_frame
-from tests.benchmarks import SHARED
+from tests.benchmarks import SHARED, options
 from tests.procedures.pattern_psf.alignment import aligned_error
 
 PUBLISHED_S = {"ls": 0.40, "nnls": 1.27}
@@ -134,10 +133,7 @@ def write(folder: Path, out: Path) -> None:
 
 def main() -> None:
     """Print the environment and both tables, or write the photographs of the second."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("data", nargs="?", type=Path, default=SHARED, help="shared data")
-    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the photographs with known PSFs")
-    asked = parser.parse_args()
+    asked = options(__doc__, "data", data=SHARED, write=None)
     data, synthetic = asked.data, asked.data / "synthetic" / "pattern"
     if asked.write is not None:
         write(synthetic, asked.write)

@@ -1,20 +1,16 @@
 """Ten thousand random keys in each of twenty seeds over all screens: `python -m tests.benchmarks.random_keys`."""
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
 
+from tests.benchmarks import options
 from tests.station.app.random_keys import press_at_random
 
 
 def main() -> None:
     """Press them, and say what came of it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="the first seed, where they are pressed in parts")
-    parser.add_argument("--keys", type=int, default=10_000)
-    given = parser.parse_args()
+    given = options(__doc__, seeds=20, first=0, keys=10_000)
     for seed in range(given.first, given.first + given.seeds):
         begin_s = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:

@@ -3,10 +3,9 @@
 python -m tests.benchmarks.ray_truth FOLDER [scene ...] [--converged 2048]; FOLDER keeps the renders. Requires the
 packages mitsuba and, for the columns of Open Image Denoise, pyoidn. relMSE is the mean of (x - t)^2 / (t^2 + 0.01)
 less the converged picture's own noise; PSNR is of values clipped to [0, 1]. The bilateral filter is the best by PSNR of
-36 settings, chosen by the truth.
+36 settings, chosen by the truth. With albedo both filter the samples divided by it.
 """
 
-import argparse
 import os
 from collections.abc import Iterator
 from itertools import product
@@ -17,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput
-from procedures.ray_histogram.blend import blend, open_image_denoise
+from procedures.ray_histogram.blend import blend, divisor, open_image_denoise
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.render_files import Halves, halves_of_pictures, halves_of_samples
 from procedures.ray_histogram.uncertainty import standard_uncertainty
+from tests.benchmarks import options
 from tests.benchmarks.ray_histograms import nl_means
-from tests.benchmarks.ray_truth_scenes import SCENES, Render, render
+from tests.benchmarks.ray_truth_scenes import HELD_OUT, SCENES, Render, render
 
 Picture = npt.NDArray[np.floating]
 Result = tuple[str, Picture, npt.NDArray[np.float32] | None]
@@ -51,10 +51,16 @@ def results(scene: Render, n: int) -> Iterator[Result]:
     yield "unfiltered", whole.film.mean, None
     yield "NL-means", nl_means(whole.film), None
     yield "bilateral", bilateral(whole.film.mean, scene.truth), None
+    if whole.light is not None and whole.albedo is not None:
+        reflected = divisor(whole.albedo)
+        yield "NL-means, albedo", nl_means(whole.light) * reflected, None
+        yield "bilateral, albedo", bilateral(whole.light.mean, scene.truth / reflected) * reflected, None
     filtered = filter_film(whole.film, threads=THREADS).picture
     yield "default", filtered, standard_uncertainty(whole.film, filtered, threads=THREADS)
     yield from blends("blend", (halves, whole))
-    yield from blends("EXR pair", pictures(scene, n))
+    if n == SAMPLES[0]:
+        pair = blend(*pictures(scene, n), threads=THREADS)[0]
+        yield "EXR pair", pair.picture, pair.uncertainty
     try:
         yield "Open Image Denoise", open_image_denoise(whole), None
     except BadInput:
@@ -91,23 +97,20 @@ def relative_error(picture: Picture, scene: Render) -> float:
 
 
 def covered(picture: Picture, uncertainty: npt.NDArray[np.float32] | None, scene: Render) -> str:
-    """Share of values within two standard uncertainties, those of the converged picture included."""
+    """Share of values within two standard uncertainties, those of the converged picture and of its sums included."""
     if uncertainty is None:
         return ""
-    combined = np.sqrt(uncertainty**2 + scene.truth_variance)
+    combined = np.sqrt(uncertainty**2 + scene.truth_variance + (2.0**-20 * scene.truth) ** 2)
     return f"{np.mean(np.abs(picture - scene.truth) <= 2 * combined):.1%}"
 
 
 def main() -> None:
     """Print a table of every scene and number of samples."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES))
-    parser.add_argument("--converged", type=int, default=2048)
-    options = parser.parse_args()
-    for name in options.scenes:
-        scene = render(name, options.folder, options.converged)
-        for n in SAMPLES:
+    scenes = [*SCENES, *HELD_OUT]
+    given = options(__doc__, "folder", "scenes", folder=Path, scenes=scenes, converged=2048, samples=list(SAMPLES))
+    for name in given.scenes:
+        scene = render(name, given.folder, given.converged)
+        for n in given.samples:
             print(f"\n{name}, {n} samples      relMSE   PSNR, dB   within 2 u")
             for label, picture, uncertainty in results(scene, n):
                 error, decibels = relative_error(picture, scene), psnr_db(picture, scene.truth)[0]

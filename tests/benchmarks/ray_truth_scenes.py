@@ -49,7 +49,7 @@ def _cast(name: str, converged: int) -> dict[str, Floats]:
     import mitsuba as mi
 
     mi.set_variant(os.environ.get("MITSUBA_VARIANT", "scalar_rgb"))
-    scene = mi.load_dict(SCENES[name]())
+    scene = mi.load_dict((SCENES | HELD_OUT)[name]())
     seed = zlib.crc32(name.encode()) % 10_000_000  # passes of one seed and pixel would repeat their random numbers
     passes = [np.array(mi.render(scene, spp=1, seed=seed + i)) for i in range(MOST_SAMPLES)]
     taken = np.stack(passes, axis=2)
@@ -70,13 +70,13 @@ def _cast(name: str, converged: int) -> dict[str, Floats]:
 def _scene(origin: list[float], target: list[float], fov: float, **things: Any) -> dict[str, Any]:
     import mitsuba as mi
 
-    lens = things.pop("lens", {"type": "perspective"})
+    lens, path = things.pop("lens", {"type": "perspective"}), things.pop("path", "path")
     return {
         "type": "scene",
         "integrator": {
             "type": "aov",
             "aovs": FEATURES,
-            "img": {"type": "path", "max_depth": 10},
+            "img": {"type": path, "max_depth": 10},
         },
         "sensor": {
             **lens,
@@ -182,4 +182,65 @@ def mi_transform(place: list[float], turn: float, size: float) -> Any:
     return mi.ScalarTransform4f().translate(place).rotate([0, 1, 0], turn).scale(size)
 
 
+def _fence() -> dict[str, Any]:
+    """Rods thinner than a pixel before a bright background, with their shadows."""
+    rods = {
+        f"rod{i}": {"type": "cylinder", "p0": [x, -1, 0.5], "p1": [x + 0.06, 0.5, 0.5], "radius": 0.006,
+                    "bsdf": _diffuse(0.05, 0.05, 0.05)}
+        for i, x in enumerate(np.linspace(-0.9, 0.9, 19).tolist())
+    }  # fmt: skip
+    return _scene(
+        [0, 0.1, 3.2], [0, -0.1, 0], 48, **_room((0.5, 0.45, 0.4)), **rods,
+        lamp=_wall([0.5, 1.19, 0.9], [1, 0, 0], 90, 0.15, _diffuse(0, 0, 0)) | {"emitter": _lamp(240, 228, 204)},
+    )  # fmt: skip
+
+
+def _mirror() -> dict[str, Any]:
+    """A mirror and a glossy floor, in which albedo and normals show nothing of what is seen."""
+    checks = {"type": "checkerboard", "to_uv": mi_transform([0, 0, 0], 0, 6)}
+    room = _room((0.6, 0.6, 0.6))
+    room["floor"]["bsdf"] = {
+        "type": "roughplastic",
+        "alpha": 0.08,
+        "diffuse_reflectance": {"type": "rgb", "value": 0.1},
+    }
+    room["left"]["bsdf"] = {"type": "diffuse", "reflectance": checks}
+    return _scene(
+        [0, 0.2, 3.2], [0, -0.2, 0], 48, **room,
+        mirror=_sphere(-0.35, -0.45, -0.3, 0.5, bsdf={"type": "conductor", "material": "none"}),
+        ball=_sphere(0.6, -0.7, 0.4, 0.3, bsdf={"type": "diffuse", "reflectance": checks}),
+        lamp=_sphere(0.7, 0.8, 0.3, 0.15, emitter=_lamp(18, 18, 16)),
+    )  # fmt: skip
+
+
+def _fog() -> dict[str, Any]:
+    """Thin fog around a lamp in view: light without a surface."""
+    return _scene(
+        [0, 0.1, 3.2], [0, 0, 0], 48, **_room((0.4, 0.45, 0.5)), path="volpath",
+        fog={"type": "cube", "to_world": mi_transform([0, 0, -0.2], 0, 1.15), "bsdf": {"type": "null"},
+             "interior": {"type": "homogeneous", "albedo": 0.9, "sigma_t": 0.4}},
+        lamp=_sphere(-0.3, 0.3, 0.1, 0.1, emitter=_lamp(25, 22, 16)),
+        ball=_sphere(0.5, -0.6, 0.3, 0.35, bsdf=_diffuse(0.7, 0.3, 0.2)),
+    )  # fmt: skip
+
+
+def _night() -> dict[str, Any]:
+    """Many coloured lamps, a few pixels wide, on dark things under a dim sky."""
+    rng = np.random.default_rng(5)
+    lamps = {
+        f"lamp{i}": _sphere(*(rng.uniform(-1, 1, 3) * [1.2, 0.8, 0.8]).tolist(), float(rng.uniform(0.015, 0.04)),
+                            emitter=_lamp(*(rng.uniform(2, 40, 3)).tolist()))
+        for i in range(24)
+    }  # fmt: skip
+    return _scene(
+        [0, 0.1, 3.2], [0, 0, 0], 48, **lamps,
+        floor=_wall([0, -1, 0], [1, 0, 0], -90, 3, _diffuse(0.2, 0.18, 0.15)),
+        ball=_sphere(0, -0.5, 0, 0.5, bsdf={"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": 0.15}}),
+        sky={"type": "constant", "radiance": {"type": "rgb", "value": [0.02, 0.025, 0.04]}},
+    )  # fmt: skip
+
+
 SCENES = {"bulbs": _bulbs, "glass": _glass, "texture": _texture, "indirect": _indirect}
+"""Scenes on which constants of the method were chosen."""
+HELD_OUT = {"fence": _fence, "mirror": _mirror, "fog": _fog, "night": _night}
+"""Scenes on which none was."""

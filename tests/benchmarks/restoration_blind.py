@@ -6,7 +6,6 @@
 `--noise` is told below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
 """
 
-import argparse
 import platform
 import time
 
@@ -22,6 +21,7 @@ from procedures.restoration.unknown_motion import motion_splines
 from procedures.restoration.unknown_motion.blind import prototype_shapes
 from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
+from tests.benchmarks import options
 from tests.benchmarks.restoration_scenes import MAX_W, RIM, Scene, scene, wandering, with_errors
 
 Array = NDArray[np.floating]
@@ -82,12 +82,7 @@ def trial(motions: tuple[int, int], recorded: bool, noise: float, shape: tuple[i
 
 def main() -> None:
     """Pairs of vibrations, all of which the search was made with."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--recorded", action="store_true")
-    parser.add_argument("--pairs", type=int, default=len(PAIRS))
-    parser.add_argument("--noise", type=float, default=40.0)
-    parser.add_argument("--large", action="store_true")
-    asked = parser.parse_args()
+    asked = options(__doc__, recorded=False, pairs=len(PAIRS), noise=40.0, large=False)
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for motions in PAIRS[: asked.pairs]:
         trial(motions, asked.recorded, asked.noise, (325, 365) if asked.large else (200, 240))

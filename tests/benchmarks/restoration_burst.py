@@ -7,7 +7,6 @@ Fourier, sharing no code with the restoration. The first frame is the one that i
 frames registered by OpenCV's ECC, turn and shift, to the first; PSNR after registration to the truth.
 """
 
-import argparse
 import json
 import platform
 import tempfile
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import affine_transform, gaussian_filter, gaussian_filter1d
 
 from station.__main__ import main as station
+from tests.benchmarks import options
 from tests.benchmarks.restoration_measured_shake import score
 from tests.benchmarks.restoration_shaken import Shaken
 
@@ -81,11 +81,7 @@ def registered_mean(frames: list[NDArray[np.uint8]]) -> Array:
 
 def main() -> None:
     """Print both PSNRs, the verdict and the time."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--side", type=int, default=200)
-    parser.add_argument("--max-w", type=float, default=10)
-    asked = parser.parse_args()
+    asked = options(__doc__, frames=100, side=200, max_w=10.0)
     rng = np.random.default_rng(3)
     fine = scene(asked.side)
     frames = [sensor(frame(fine, rng, still=n == 0), rng) for n in range(asked.frames)]

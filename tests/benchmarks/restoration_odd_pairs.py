@@ -4,7 +4,6 @@
 takes it, of whose eight pairs one is chosen. PSNR after registration, the verdict, and what was taken up.
 """
 
-import argparse
 import platform
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ import numpy as np
 
 from procedures.outcome import ProcedureError
 from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
+from tests.benchmarks import options
 from tests.benchmarks.restoration_measured_shake import Array, group, groups, score
 from tests.benchmarks.restoration_shaken import Shaken
 
@@ -62,11 +62,7 @@ def tell(name: str, case: Shaken) -> None:
 
 def main() -> None:
     """Print the environment and a line for each case."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("cases", nargs="*", help=", ".join(CASES))
-    parser.add_argument("--group", type=int, default=1, help="of the eight, from 0")
-    asked = parser.parse_args()
+    asked = options(__doc__, "folder", "cases", folder=Path, cases=[], group=1)
     scene, kernels = groups(2)[asked.group]
     case = group(asked.folder, scene, kernels)
     print(f"Python {platform.python_version()}, {platform.machine()}, scene {scene}, kernels {kernels}; PSNR, dB")

@@ -6,7 +6,6 @@ the truth; the station finds its own. `--descent` also runs Algorithm I as publi
 scikit-image.
 """
 
-import argparse
 import json
 import platform
 import time
@@ -23,6 +22,7 @@ from procedures.restoration.joint.estimate import RestorationParameters, noise_o
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import gaussian, mask_stack, pillbox, read_shape
 from procedures.restoration.masks.blur_operator import MaskStack
+from tests.benchmarks import options
 from tests.benchmarks.restoration_baseline import descent
 
 Array = NDArray[np.float64]
@@ -151,11 +151,7 @@ def compare(case: Case, known: float | None, thesis: bool) -> None:
 
 def main() -> None:
     """Print environment and one table for each case."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("cases", nargs="*")
-    parser.add_argument("--descent", action="store_true")
-    asked = parser.parse_args()
+    asked = options(__doc__, "folder", "cases", folder=Path, cases=[], descent=False)
     cases = json.loads((asked.folder / "cases.json").read_text())
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for name in asked.cases or cases:

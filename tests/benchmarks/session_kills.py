@@ -13,7 +13,6 @@ against those of a session that nothing disturbed.
 - `limit`: no file may grow beyond a random size; the system refuses the rest of the write.
 """
 
-import argparse
 import importlib
 import json
 import math
@@ -47,6 +46,7 @@ from station.guide.scripted import ScriptedOperator
 from station.results.result_files import RECORD, SEAL
 from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
+from tests.benchmarks import options
 from tests.station.sessions import short_plan
 from tests.station.sessions.short_plan import ENTRY, SHOTS, photographs, plan
 
@@ -306,11 +306,8 @@ def chosen(rng: random.Random, duration_s: float, operations: int, size: int) ->
 
 def main() -> int:
     """Kill, resume, compare; the exit code is 0 where nothing was lost and nothing differs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    start, rng = time.perf_counter(), random.Random(options.seed)
+    given = options(__doc__, kills=500, seed=1)
+    start, rng = time.perf_counter(), random.Random(given.seed)
     frames = photographs()
     warm = Path(tempfile.mkdtemp(prefix="kills-"))
     (warm / "frame.dng").write_bytes(frames["look"])
@@ -330,7 +327,7 @@ def main() -> int:
     print(f"undisturbed: {duration_s:.2f} s, {operations} operations on the disk", flush=True)
     faults: Counter[str] = Counter()
     sessions, wrong, weathered = 0, 0, 0
-    while sum(faults.values()) < options.kills:
+    while sum(faults.values()) < given.kills:
         root = warm / f"{sessions:04d}"
         sessions += 1
         for _ in range(rng.randint(1, 4)):

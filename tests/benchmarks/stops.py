@@ -16,7 +16,6 @@ A program that was suspended sends nothing: its stop was on the wires before.
 - `gone`: the terminal of the head is closed while the rail moves.
 """
 
-import argparse
 import fcntl
 import json
 import os
@@ -43,6 +42,7 @@ from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.ports import PtyPort
 from station.bench.opening import simulated_tables
 from station.common.toml_text import toml_text
+from tests.benchmarks import options
 from tests.benchmarks.stops_lateness import Control, halves, keep_its_priority, spent, threads_ms
 
 BOUND_MS = 20.0
@@ -344,13 +344,7 @@ def measured(way: str, place: str, number: int, chance: random.Random) -> Count:
 
 def main() -> int:
     """Print environment, figures and bars; 1 where one was missed."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--tries", type=int, default=200)
-    parser.add_argument("--only", default=",".join(WAYS))
-    parser.add_argument("--where", default=",".join(PLACES))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--shared-machine", action="store_true", help="a late stop is printed and does not count")
-    chosen = parser.parse_args()
+    chosen = options(__doc__, tries=200, only=",".join(WAYS), where=",".join(PLACES), seed=1, shared_machine=False)
     machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores"
     print(f"{machine}, load {os.getloadavg()[0]:.1f}")
     chance, missed = random.Random(chosen.seed), 0

@@ -4,7 +4,6 @@
 photograph passes, how often the witnessed one does, and the mean error of MTF50.
 """
 
-import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_psf
 from procedures.raw import Plane
+from tests.benchmarks import options
 from tests.benchmarks.adversarial import Corruption, Lens, Pose, chart_light, curve, shoulder, srgb, unsharp, veil
 
 RATIO, WHITE_E, READ_E, STEPS = 2.0, 2e4, 4.0, 65535
@@ -61,10 +61,7 @@ def outcomes(seed: int, corruption: Corruption) -> tuple[Outcome, Outcome[Witnes
 
 def main() -> None:
     """A line for each corruption."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=21)
-    given = parser.parse_args()
+    given = options(__doc__, count=6, seed=21)
     print(f"{'corruption':28s} error of MTF50   single passes   witnessed passes   why not")
     for name, corruption in CORRUPTIONS.items():
         runs = [outcomes(1000 * given.seed + i, corruption) for i in range(given.count)]

@@ -58,7 +58,7 @@ def comment_of(path):
 
 def numbers_of(path):
     """The numbers of a file, of a mosaic or a grey picture."""
-    from station.service.alpaca.image import sensor_image
+    from station.service.alpaca.protocol import sensor_image
 
     return sensor_image(list(read_frame(path).planes.values())).levels
 

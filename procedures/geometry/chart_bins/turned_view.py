@@ -26,8 +26,8 @@ from procedures.pattern_psf.registration import Registration
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-FOCAL_RATIOS, NEARER = (0.64, 0.52, 0.83, 1.1, 1.5), (0.95, 1.05, 0.9, 1.1)
-"""Focal lengths relative to half the frame's diagonal, the usual one first: 0.64 for 180 degrees over the diagonal.
+FOCAL_RATIOS, NEARER = (1.5, 0.64, 1.1, 0.83, 0.52), (0.95, 1.05, 0.9, 1.1)
+"""Focal lengths relative to half the frame's diagonal, the usual ones first: 0.64 for 180 degrees over the diagonal.
 Then those near the best one: all marks of a chart lie on straight lines up to 5 % from the true one."""
 SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""

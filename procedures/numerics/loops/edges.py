@@ -27,13 +27,9 @@ def apply_edges(
 
 @vectorised
 def apply_edges_transposed(
-    vertical: Array32,
-    first_vertical: Indices,
-    horizontal: Array32,
-    first_horizontal: Indices,
-    samples: Array32,
+    vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, samples: Array32,
     lines: int,
-) -> Array32:
+) -> Array32:  # fmt: skip
     """C' samples, (2 lines,)."""
     out = np.zeros(2 * lines, np.float32)
     for p in range(len(vertical)):

@@ -13,14 +13,9 @@ Matrix = npt.NDArray[np.floating[Any]]
 
 @compiled
 def fill_convolution(
-    A: Array32,
-    raster: Array32,
-    rows: npt.NDArray[np.int64],
-    columns: npt.NDArray[np.int64],
-    weight: Array32,
-    s: int,
+    A: Array32, raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int,
     k: int,
-) -> None:
+) -> None:  # fmt: skip
     """The first k^2 columns of `sample_convolution`."""
     for p in range(len(rows)):
         top, left, w = s * rows[p], s * columns[p], weight[p]

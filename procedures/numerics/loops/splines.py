@@ -37,15 +37,9 @@ def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, n
 
 @vectorised
 def _row(
-    out: Array32,
-    flat: Array32,
-    line: int,
-    first: npt.NDArray[np.int64],
-    t_x: Array32,
-    t_y: Array32,
-    weights: Array32,
-    sums: Array32,
-) -> None:
+    out: Array32, flat: Array32, line: int, first: npt.NDArray[np.int64], t_x: Array32, t_y: Array32,
+    weights: Array32, sums: Array32,
+) -> None:  # fmt: skip
     """A row of values (n,), from their first coefficients and fractional positions; `line` is the length of a row.
 
     `weights` (8, n) and `sums` (4 n,) are scratch arrays: separate loops over the weights, the sums of four columns and
@@ -70,15 +64,9 @@ def _row(
 
 @vectorised
 def read_spline(
-    coefficients: Array32,
-    H: Array,
-    centre: Array,
-    radius: float,
-    displacement: Array,
-    start: Array,
-    step: float,
+    coefficients: Array32, H: Array, centre: Array, radius: float, displacement: Array, start: Array, step: float,
     shape: tuple[int, int],
-) -> Array32:
+) -> Array32:  # fmt: skip
     """See `procedures.numerics.splines.read_spline`."""
     rows, columns = shape
     n_y, n_x = coefficients.shape

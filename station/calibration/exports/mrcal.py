@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from base64 import b85encode
 from io import BytesIO
+from math import isqrt
 
 import cv2
 import numpy as np
@@ -29,8 +30,6 @@ from station.calibration.stored_results import plane_entry, stored_record, table
 GRID = (15, 11)
 HIDDEN = -1.0
 """Weight of a corner that a photograph does not show."""
-FLAT_MM = 1e-6
-"""Largest distance of a board's nodes from a regular grid."""
 METRE = 1000.0
 POSE = 6
 """Of OpenCV's derivatives: rotation and shift, before the camera's parameters."""
@@ -65,71 +64,55 @@ def _intrinsics(camera: OpenCvCamera) -> Array:
 def _packed(inputs: dict[str, object]) -> bytes:
     """NumPy's compressed archive in ASCII; mrcal reads an empty text as nothing."""
     archive = BytesIO()
-    np.savez_compressed(archive, **{name: "" if value is None else value for name, value in inputs.items()})  # type: ignore[arg-type]
+    np.savez_compressed(archive, **inputs)  # type: ignore[arg-type]
     return b85encode(archive.getvalue())
 
 
 def _inputs(stored: StoredCamera, camera: OpenCvCamera) -> dict[str, object] | None:
-    """Arguments of mrcal's optimisation; None without tables, for an irregular board, or charts behind a pinhole."""
+    """Arguments of mrcal's optimisation; None without tables, or for charts behind a pinhole."""
     if stored.record is None:
         return None
     with stored_record(stored.record, "geometry", "calibrate the camera again") as record:
         name, entry = plane_entry(record.data["planes"], stored.plane, record.path)
-        prefix = table_prefix(name, len(record.data["planes"]))
-        if not (record.path.parent / (prefix + CHART)).is_file():
+        shape = table_prefix(name, len(record.data["planes"])) + CHART
+        if not (record.path.parent / shape).is_file():
             return None
         taken = read_rig_camera(stored.record, name).camera
-        deviations = plane_table(record, prefix + CHART, "shape of the chart", 3)
+        nodes = taken.nodes + plane_table(record, shape, "shape of the chart", 3)
         usual = float(np.median([np.linalg.norm(pose.t) for pose in taken.poses]))
         stated = {distance: float(entry[projection_at(distance)]["value"]) for distance in (usual, np.inf)}
-    board = _board(taken.nodes)
-    if board is None or min((pose.apply(taken.nodes)[:, 2].min() for pose in taken.poses), default=0.0) <= 0:
+    if min((pose.apply(nodes)[:, 2].min() for pose in taken.poses), default=0.0) <= 0:
         return None
-    place, spacing, corner = board
-    unit_px = _typical_sigma(taken)
-    enlarged = _enlargement(stored, camera, taken, deviations, stated, unit_px)
-    rows, columns = place.max(axis=0) + 1
-    observed = np.full((len(taken.views), rows, columns, 3), HIDDEN)
-    for i, (view, pose) in enumerate(zip(taken.views, taken.poses, strict=True)):
+    side, corner = isqrt(len(nodes)), taken.nodes[:1]
+    sigma = [np.sqrt(np.einsum("naa->n", view.covariance) / 2) for view in taken.views]
+    unit_px = float(np.mean(np.concatenate(sigma) ** -2.0) ** -0.5)
+    residuals = [
+        view.points - taken.camera.project(pose.apply(nodes[view.index]))
+        for view, pose in zip(taken.views, taken.poses, strict=True)
+    ]
+    now = np.concatenate([residual / one[:, None] for residual, one in zip(residuals, sigma, strict=True)])
+    enlarged = _noise(stored, camera, taken, sigma, stated) / float(np.std(now))
+    observed = np.full((len(sigma), side * side, 3), HIDDEN)
+    for board, view, pose, residual, one in zip(observed, taken.views, taken.poses, residuals, sigma, strict=True):
         flat = _seen(camera, taken.nodes[view.index], pose)[0]
-        residual = view.points - taken.camera.project(pose.apply((taken.nodes + deviations)[view.index]))
-        own = np.column_stack([flat + enlarged * residual, unit_px / _sigma(view.covariance)])
-        observed[i, *place[view.index].T] = own
-    count = len(taken.poses)
+        board[view.index] = np.column_stack([flat + enlarged * residual, unit_px / one])
     return {
         "lensmodel": _lensmodel(camera),
         "intrinsics": _intrinsics(camera)[None],
         "imagersizes": np.array([[stored.camera.columns, stored.camera.rows]], dtype=np.int32),
         "extrinsics_rt_fromref": np.zeros((0, 6)),
-        "frames_rt_toref": np.array([[*_turn(pose), *(pose.apply(corner[None])[0] / METRE)] for pose in taken.poses]),
-        "points": None,
-        "observations_board": observed,
-        "indices_frame_camintrinsics_camextrinsics": np.array([[i, 0, -1] for i in range(count)], dtype=np.int32),
-        "observations_point": None,
-        "indices_point_camintrinsics_camextrinsics": None,
-        "calobject_warp": None,
-        "calibration_object_spacing": spacing / METRE,
-        "do_optimize_intrinsics_core": True,
-        "do_optimize_intrinsics_distortions": True,
-        "do_optimize_extrinsics": True,
-        "do_optimize_frames": True,
+        "frames_rt_toref": np.array([[*_turn(pose), *(pose.apply(corner)[0] / METRE)] for pose in taken.poses]),
+        "observations_board": observed.reshape(-1, side, side, 3),
+        "indices_frame_camintrinsics_camextrinsics": np.array([[i, 0, -1] for i in range(len(sigma))], dtype=np.int32),
+        "calibration_object_spacing": float(taken.nodes[1, 0] - taken.nodes[0, 0]) / METRE,
+        **dict.fromkeys(("points", "observations_point", "indices_point_camintrinsics_camextrinsics"), ""),
+        "calobject_warp": "",
+        **{f"do_optimize_{one}": True for one in ("intrinsics_core", "intrinsics_distortions", "extrinsics", "frames")},
         "do_optimize_calobject_warp": False,
         "do_apply_outlier_rejection": False,
         "do_apply_regularization": False,
         "verbose": False,
     }
-
-
-def _board(nodes: Array) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.int64]], float, Array] | None:
-    """Row and column (N, 2) of every node of a regular flat board, its spacing, its first corner; None for others."""
-    x, y = (np.unique(nodes[:, axis].round(6)) for axis in (0, 1))
-    spacing = float((x[-1] - x[0]) / max(len(x) - 1, 1))
-    corner = np.array([x[0], y[0], 0.0])
-    if not spacing > 0:
-        return None
-    place = np.rint((nodes[:, 1::-1] - corner[1::-1]) / spacing).astype(np.int64)
-    regular = np.column_stack([corner[:2] + spacing * place[:, ::-1], np.zeros(len(nodes))])
-    return (place, spacing, corner) if np.abs(regular - nodes).max() < FLAT_MM else None
 
 
 def _turn(pose: Pose) -> Array:
@@ -142,40 +125,26 @@ def _seen(camera: OpenCvCamera, points: Array, pose: Pose) -> tuple[Array, Array
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     given = np.ascontiguousarray(points)[:, None]
     pixels, derivatives = cv2.projectPoints(given, _turn(pose), pose.t, K, camera.distortion)
-    return np.asarray(pixels[:, 0], float), np.asarray(derivatives, float).reshape(len(points), 2, -1)
+    return np.asarray(pixels[:, 0], dtype=np.float64), derivatives.reshape(len(points), 2, -1).astype(np.float64)
 
 
-def _sigma(covariance: Array) -> Array:
-    """Standard deviation (n,) of a coordinate of points with covariances (n, 2, 2)."""
-    return np.asarray(np.sqrt(np.einsum("naa->n", covariance) / 2))
-
-
-def _typical_sigma(taken: RigCamera) -> float:
-    """The standard deviation of a point of weight 1."""
-    return float(np.mean(np.concatenate([_sigma(view.covariance) for view in taken.views]) ** -2.0) ** -0.5)
-
-
-def _enlargement(
-    stored: StoredCamera, camera: OpenCvCamera, taken: RigCamera, deviations: Array, stated: dict[float, float],
-    unit_px: float,
-) -> float:  # fmt: skip
-    """Factor of the residuals with which mrcal's uncertainty is the stated one, {distance in mm: pixel rms}."""
+def _noise(
+    stored: StoredCamera, camera: OpenCvCamera, taken: RigCamera, sigma: list[Array], stated: dict[float, float]
+) -> float:
+    """Noise, in standard deviations of the points, from which mrcal computes the stated {distance in mm: pixel rms}."""
     p, count = 4 + len(camera.distortion), len(taken.poses)
-    N, squares = np.zeros((p + POSE * count, p + POSE * count)), []
+    N = np.zeros((p + POSE * count, p + POSE * count))
     for i, (view, pose) in enumerate(zip(taken.views, taken.poses, strict=True)):
-        J = _seen(camera, taken.nodes[view.index], pose)[1] / _sigma(view.covariance)[:, None, None]
+        J = _seen(camera, taken.nodes[view.index], pose)[1] / sigma[i][:, None, None]
         columns = np.r_[p + POSE * i : p + POSE * (i + 1), :p]
         N[np.ix_(columns, columns)] += np.einsum("nai,naj->ij", J, J, optimize=True)
-        residual = view.points - taken.camera.project(pose.apply((taken.nodes + deviations)[view.index]))
-        squares.append((residual * unit_px / _sigma(view.covariance)[:, None]) ** 2)
     scale = np.sqrt(np.diag(N))
     covariance = np.linalg.inv(N / np.outer(scale, scale)) / np.outer(scale, scale)
     _, rays = covered_grid(stored.camera, stored.region, GRID)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     ratios = []
     for distance, value in stated.items():
-        D = np.zeros((len(rays), 2, len(N)))
-        far = not np.isfinite(distance)
+        D, far = np.zeros((len(rays), 2, len(N))), distance == np.inf
         points = rays * (1.0 if far else distance)
         for i, pose in enumerate(taken.poses):
             own = Pose(pose.R, np.zeros(3)) if far else pose
@@ -184,4 +153,4 @@ def _enlargement(
             D[..., p + POSE * i : p + POSE * (i + 1)] = moved
             D[..., :p] = J[..., POSE:]
         ratios.append(value / np.sqrt(np.mean(np.einsum("nai,ij,naj->n", D, covariance, D, optimize=True))))
-    return float(unit_px * np.exp(np.mean(np.log(ratios))) / np.sqrt(np.mean(np.concatenate(squares))))
+    return float(np.sqrt(np.prod(ratios)))

@@ -24,13 +24,9 @@ SESSION_COMMANDS = {
 Command = Callable[..., Any]
 
 sessions_option = inherited(
-    "--sessions",
-    "root",
-    type=click.Path(path_type=Path),
-    default=Path("sessions"),
-    show_default=True,
+    "--sessions", "root", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
     help="Folder of the sessions.",
-)
+)  # fmt: skip
 
 
 @click.group(cls=LazyGroup, table=SESSION_COMMANDS)

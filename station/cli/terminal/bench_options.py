@@ -50,16 +50,9 @@ def check_shaker(*, simulate: bool, shaker: bool) -> None:
 
 
 def make_lab(
-    *,
-    simulate: bool,
-    shaker: bool,
-    config: Path | None,
-    sessions: Path,
-    seed: int,
-    specification: Path | None,
-    unit: str | None,
-    speed: float = 1.0,
-) -> StationLab:
+    *, simulate: bool, shaker: bool, config: Path | None, sessions: Path, seed: int, specification: Path | None,
+    unit: str | None, speed: float = 1.0,
+) -> StationLab:  # fmt: skip
     """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
     from station.guide.catalogue import entries
     from station.guide.workspace import StationLab

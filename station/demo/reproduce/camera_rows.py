@@ -246,20 +246,20 @@ def stability(setting: Setting) -> RowValues:
         shaken = replace(camera, optics=camera.sharp_optics().also(GaussianBlur(rng.uniform(0, SHAKE_PX))))
         shot = cameras.photograph_chart(shaken, _chart(), seed, light=light, **placed)
         psfs.append(cameras.estimated(cameras.plane_of(shot), _chart()).psf.h)
-    found = stability_of([(h, cameras.S) for h in psfs])
-    mean, spread = found.mean[HALF:, HALF], found.std[HALF:, HALF]
+    estimate = stability_of([(h, cameras.S) for h in psfs])
+    mean, spread = estimate.mean[HALF:, HALF], estimate.std[HALF:, HALF]
     figures = (
         curves(
             "stability-mtf",
-            [Curve("mean of 13", found.frequencies[HALF:], mean, band=spread)],
+            [Curve("mean of 13", estimate.frequencies[HALF:], mean, band=spread)],
             x=CYCLES,
             y="MTF, vertical",
         ),
         curves(
             "stability",
-            [Curve("13 photographs", THRESHOLDS, found.sensitivity)],
+            [Curve("13 photographs", THRESHOLDS, estimate.sensitivity)],
             x="least MTF of the region",
             y="sensitivity",
         ),
     )
-    return RowValues((float(np.nanmax(found.sensitivity)), found.numbers[SENSITIVITY_AT_5].value), figures)
+    return RowValues((float(np.nanmax(estimate.sensitivity)), estimate.numbers[SENSITIVITY_AT_5].value), figures)

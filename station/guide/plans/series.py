@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from procedures.drawings import steps as drawings
+from procedures.numbers import EDGE_MTF50
 from procedures.outcome import BadParameter, Outcome
 from procedures.pattern_psf.checks import check_shot
 from procedures.pattern_psf.facts import PatternFacts
@@ -55,21 +56,20 @@ RING = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 SETTING, NOW, MARK = "series_at_", "series_now", 16
 """Facts: setting of the photograph with this beginning of its hash, and the setting now."""
 BEST = "series_best"
-"""Fact: the sharpest setting in green or grey."""
+"""Fact: the sharpest setting of green or grey."""
 EXPOSURE = ("exposure_s", "iso", "f_number")
 EQUAL_STOPS = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class SeriesPsf:
-    """The PSF of one plane at the sharpest setting, with the points of all planes and the best settings in words;
-    `frame` is that photograph's number."""
+    """The PSF of one plane at the sharpest setting, that of photograph `frame`, with the points of all planes and the
+    best settings."""
 
     psf: Any
     points: Sequence[Point]
-    lines: Sequence[str]
+    best: Sequence[Best | BestFocus]
     frame: int
-    best: str
 
 
 def aperture_plan() -> Plan:
@@ -176,38 +176,35 @@ def _at(wanted: float, frame: RawFrame, facts: Facts) -> Advice:
 
 def estimate(setting: str, frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Each plane's PSF at the setting with the greatest MTF50, with the whole series."""
-    shots, rows = [], []
+    shots, rows, sharpness = [], [], []
     for frame in frames:
         at = float(facts[f"{SETTING}{frame.sha256[:MARK]}"])
         own = {**facts, setting: at} if setting == "f_number" else facts
         shots.append(estimate_shot(frame, own, [], known))
-        planes = {name: SimpleNamespace(verdict=str(one.verdict), numbers=_numbers(one)) for name, one in
-                  shots[-1].items()}  # fmt: skip
+        planes = {name: SimpleNamespace(verdict=str(one.verdict), numbers=_numbers(one))
+                  for name, one in shots[-1].items()}  # fmt: skip
         noted = {"iso": frame.exposure.iso, "f_number": frame.exposure.f_number, setting: at}
         rows.append(SimpleNamespace(noted=noted, planes=planes))
-    points = points_of(rows)
-    found: Sequence[Best | BestFocus] = best_apertures(points) if setting == "f_number" else best_focuses(points)
-    lines, words = [one.words for one in found], next((one.short for one in found if one.plane in ("G1", "Y")), "")
-    best = max(range(len(shots)), key=lambda i: sum(map(_sharpness, shots[i].values())), default=0)
+        sharpness.append(sum(one.value for one in points_of(rows[-1:]) if one.number == EDGE_MTF50))
+    if not shots:
+        return {}
+    points, sharpest = points_of(rows), sharpness.index(max(sharpness))
+    best: Sequence[Best | BestFocus] = best_apertures(points) if setting == "f_number" else best_focuses(points)
     return {
-        name: one.of_value(None if one.value is None else SeriesPsf(one.value, points, lines, best, words))
-        for name, one in (shots[best] if shots else {}).items()
+        name: one.of_value(None if one.value is None else SeriesPsf(one.value, points, best, sharpest))
+        for name, one in shots[sharpest].items()
     }
-
-
-def best_of(estimates: Mapping[str, Any]) -> Facts:
-    """The sharpest setting as a fact."""
-    best = next((one.best for one in estimates.values() if one is not None), "")
-    return {BEST: best} if best else {}
 
 
 def _numbers(one: Outcome[Any]) -> Mapping[str, Any]:
     return {} if one.value is None else {name: asdict(number) for name, number in one.value.quality.numbers.items()}
 
 
-def _sharpness(one: Outcome[Any]) -> float:
-    numbers = _numbers(one)
-    return float(sum(numbers[name]["value"] for name in ("mtf50_horizontal", "mtf50_vertical") if name in numbers))
+def best_of(estimates: Mapping[str, Any]) -> Facts:
+    """The sharpest setting of green or grey as a fact."""
+    best = next((one.best for one in estimates.values() if one is not None), ())
+    settings = [one.short for one in best if one.plane in ("G1", "Y")]
+    return {BEST: settings[0]} if settings else {}
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
@@ -228,5 +225,5 @@ def write(
     series: SeriesPsf | None = next((one.estimate for one in planes if one.estimate is not None), None)
     if series is not None:
         folder.write(TABLE, series_table(series.points))
-        folder.write("report.html", series_page(series.points, series.lines).encode())
+        folder.write("report.html", series_page(series.points, [one.words for one in series.best]).encode())
     return write_psf_result(folder, planes, head)

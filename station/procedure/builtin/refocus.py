@@ -156,7 +156,16 @@ def _through(path: Path, picture: Array) -> Array:
             f"the field must have one plane or {len(picture)}; {printable(path)} has {', '.join(field)}",
             "measure the field of these planes",
         )
-    return np.stack([SpaceVariantBlur(planes[n % len(planes)]).blur(one) for n, one in enumerate(picture)])
+    if any(one.shape != picture.shape[1:] for one in planes):
+        rows, columns = picture.shape[1:]
+        raise BadParameter(
+            f"the field must be of frames of {columns} x {rows} pixels; {printable(path)} is of "
+            f"{planes[0].shape[1]} x {planes[0].shape[0]}",
+            "measure the field with the camera of the restored photographs",
+        )
+    blurs = [SpaceVariantBlur(planes[n % len(planes)]) for n in range(len(picture))]
+    inside = np.ones(picture.shape[1:])  # beyond the frame there is no light: the share that is inside counts
+    return np.stack([blur.blur(one) / blur.blur(inside) for blur, one in zip(blurs, picture, strict=True)])
 
 
 def _restored(folder: Path) -> tuple[Array, Array, CameraSetting]:

@@ -56,9 +56,9 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         names = [name for name in by_plane[0] if all(name in one for one in by_plane)]
         if not names:
             raise BadInput("the results must have a plane in common", AGAIN)
-        found = {name: stability_of([one[name] for one in by_plane], settings.limit) for name in names}
-        planes = tuple(plane_result(name, Outcome(one)) for name, one in found.items())
-        files = {f"stability_{name}.csv": _table(one) for name, one in found.items()}
+        estimates = {name: stability_of([one[name] for one in by_plane], settings.limit) for name in names}
+        planes = tuple(plane_result(name, Outcome(one)) for name, one in estimates.items())
+        files = {f"stability_{name}.csv": _table(one) for name, one in estimates.items()}
         inputs = tuple(InputFile(str(path), sha256_of(path / RECORD if path.is_dir() else path)) for path in paths)
         head = RecordHead(self.name, inputs, to_record(settings))
         return Measurement(self.schema, head, planes, files=files).compared(terms)
@@ -73,10 +73,10 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
 
         sensitivity, mean = plot_axes(3.6, 2.6), plot_axes(3.6, 2.6)
         for plane in measurement.planes:
-            found: Stability = plane.estimate
+            estimate: Stability = plane.estimate
             looks: dict[str, Any] = {"colour": PLANE_COLOURS.get(plane.name, INK), "label": plane.name}
-            curve(sensitivity, THRESHOLDS, found.sensitivity, **looks)
-            curve(mean, found.frequencies[HALF:], found.mean[HALF, HALF:], found.std[HALF, HALF:], **looks)
+            curve(sensitivity, THRESHOLDS, estimate.sensitivity, **looks)
+            curve(mean, estimate.frequencies[HALF:], estimate.mean[HALF, HALF:], estimate.std[HALF, HALF:], **looks)
         legend(mean, "best")
         figures = [
             finished(sensitivity, "sensitivity", "Relative sensitivity of the region above each value of the MTF.",

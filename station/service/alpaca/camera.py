@@ -9,9 +9,17 @@ from drivers.interfaces import Camera, CameraSettings, ExposedFile, FrameFormat
 from procedures.raw import RawFrame, default_plane, read_frame
 from station.bench.opening import frame_format
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
-from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
-from station.service.alpaca.image import Mosaic, SensorImage, first_red, sensor_image
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import (
+    INVALID_VALUE,
+    NOT_IMPLEMENTED,
+    VALUE_NOT_SET,
+    AlpacaError,
+    Mosaic,
+    Parameters,
+    SensorImage,
+    first_red,
+    sensor_image,
+)
 from station.service.bench_state import ServedBench
 
 LONGEST_S = 3600.0

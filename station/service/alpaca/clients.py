@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from station.service.alpaca.errors import as_alpaca
+from station.service.alpaca.protocol import as_alpaca
 
 
 class ConnectedClients:

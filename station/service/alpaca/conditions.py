@@ -7,8 +7,7 @@ from typing import Any, cast
 from drivers.errors import DeviceError
 from drivers.interfaces import Probe
 from station.service.alpaca.device import AlpacaDevice, Member, absent, constant, not_implemented
-from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 MEASURED = ("temperature", "humidity", "pressure")

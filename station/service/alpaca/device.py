@@ -10,16 +10,16 @@ from typing import Any
 
 from drivers.interfaces import Device
 from station.service.alpaca.clients import ConnectedClients
-from station.service.alpaca.errors import (
+from station.service.alpaca.protocol import (
     ACTION_NOT_IMPLEMENTED,
     INVALID_OPERATION,
     NOT_CONNECTED,
     NOT_IMPLEMENTED,
     AlpacaError,
     BadRequest,
+    Parameters,
     as_alpaca,
 )
-from station.service.alpaca.parameters import Parameters
 from station.service.bench_state import ServedBench
 
 Member = Callable[[Parameters], Any]

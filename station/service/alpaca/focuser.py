@@ -6,8 +6,7 @@ from typing import Any, cast
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Stage, Travel
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
-from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 STEP_UM = 1.0

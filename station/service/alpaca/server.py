@@ -18,10 +18,8 @@ from station.service.alpaca.camera import BenchCamera
 from station.service.alpaca.clients import ClientList
 from station.service.alpaca.conditions import ProbeConditions
 from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
-from station.service.alpaca.errors import BadRequest, as_alpaca
 from station.service.alpaca.focuser import AxisFocuser
-from station.service.alpaca.image import BYTES, INT32, Mosaic, image_bytes, nested
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Mosaic, Parameters, as_alpaca, image_bytes, nested
 from station.service.alpaca.switch import BenchSwitch, lines_of
 from station.service.answers import body_of
 from station.service.bench_state import ServedBench

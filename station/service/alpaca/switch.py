@@ -7,8 +7,7 @@ from typing import Any, cast
 from drivers.interfaces import Device, Light, Rangefinder, Shutter
 from station.bench.opening import Bench
 from station.service.alpaca.device import AlpacaDevice, Member, constant, not_implemented
-from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, AlpacaError
-from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.protocol import INVALID_VALUE, NOT_IMPLEMENTED, AlpacaError, Parameters
 from station.service.bench_state import ServedBench
 
 PULSE_S = 0.1

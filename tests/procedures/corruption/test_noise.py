@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.corruption.family import threshold
+from procedures.corruption.family import Strength, threshold
 from procedures.corruption.noise import (
-    MaskScore,
     Variogram,
     mask_scores,
     texture_correlation,
@@ -38,7 +37,7 @@ def test_finest_noise_is_that_of_white(rng: np.random.Generator) -> None:
     assert Variogram.of(masked(noise, 0.1, 1.0), everywhere).finest == pytest.approx(9 * 1.21, rel=0.04)
 
 
-def scores(pictures: list[np.ndarray], *nuisances: np.ndarray) -> list[MaskScore]:
+def scores(pictures: list[np.ndarray], *nuisances: np.ndarray) -> list[Strength]:
     return mask_scores([Variogram.of(one, np.ones(one.shape, dtype=bool)) for one in pictures], (0.6, 1.0), nuisances)
 
 
@@ -53,7 +52,7 @@ def test_amount_of_a_weak_mask_is_estimated_and_smoothing_is_negative(rng: np.ra
     noise = [rng.standard_normal((400, 400)) for _ in range(2)]
     (_, found) = scores([masked(one, 0.05, 1.0) for one in noise])
     # linear in the amount: a twentieth is too large by some per cent
-    assert found.amount == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
+    assert found.value == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
     assert found.score > 5
     alone = scores([masked(noise[0], 0.05, 1.0)])[1]
     assert found.uncertainty == pytest.approx(alone.uncertainty / 2**0.5, rel=0.01)
@@ -65,7 +64,7 @@ def test_a_mask_is_estimated_by_its_own_radius(radius: float, rng: np.random.Gen
     picture = masked(rng.standard_normal((600, 600)), 0.05, radius)
     (found,) = mask_scores([Variogram.of(picture, np.ones(picture.shape, dtype=bool))], [radius])
     # its Gaussian is sampled, its correlations are linear in the amount: to a tenth
-    assert found.amount == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
+    assert found.value == pytest.approx(0.05, abs=3 * found.uncertainty + 0.005)
     assert found.score > 4
 
 
@@ -81,13 +80,13 @@ def test_what_is_fitted_as_well_is_no_mask(rng: np.random.Generator) -> None:
 
 def test_without_pairs_there_is_no_score(rng: np.random.Generator) -> None:
     (one, _) = scores([rng.standard_normal((15, 15))])
-    assert (one.amount, one.uncertainty, one.unseen) == (0.0, np.inf, 0.0)
+    assert (one.value, one.uncertainty, one.unseen) == (0.0, np.inf, 0.0)
     assert scores([]) == scores([np.zeros((80, 80))])
 
 
 def test_what_a_test_lets_pass_is_at_most_its_threshold() -> None:
-    assert MaskScore(1.0, 0.5, 0.1).unseen == pytest.approx(threshold() * 0.1)
-    assert MaskScore(1.0, 0.1, 0.1).unseen == 0.1
+    assert Strength(0.5, 0.1).unseen == pytest.approx(threshold() * 0.1)
+    assert Strength(0.1, 0.1).unseen == 0.1
 
 
 def _lags() -> tuple[list[int], list[int]]:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from procedures.geometry import plan as geometry_plan
-from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
+from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, place_of, pose_facts
 from procedures.geometry.next_view import NextView
 from procedures.geometry.plan import STEP_DEG, turn_chart
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.pattern_psf.pose import ChartPose
 from procedures.plan import Advice, Reading, facts_as
 
@@ -127,6 +127,21 @@ def test_a_pose_is_a_rotation_and_the_place_of_the_chart():
 def test_the_camera_of_the_data_sheet_has_its_centre_in_the_middle():
     camera = geometry_plan.nominal_camera((20, 30), 50.0)
     np.testing.assert_allclose(camera.project(np.array([[0.0, 0, 1], [0.1, 0.2, 1]])), [[14.5, 9.5], [19.5, 19.5]])
+
+
+def test_views_are_planned_for_the_place_that_matters_most():
+    poses = tuple(
+        ChartPose((0.0, 0.0, 1000.0), yaw, pitch, 0.0) for yaw, pitch in ((0.0, 0.0), (25.0, 0.0), (0.0, -25.0))
+    )
+    lens = (poses, (600, 900), 1000.0, 1000.0, 300 / 320, (0.2, 0.25))
+    corner = geometry_plan._planned(*lens, (0.9, 0.1))
+    frame = geometry_plan._planned(*lens)
+    assert corner.after < corner.before
+    assert corner.before > frame.before  # a corner is known less than the mean of the frame
+    assert facts_as(GeometryFacts, {"aim": "90,10"}).aimed_at == (0.9, 0.1)
+    assert facts_as(GeometryFacts, {}).aimed_at is None
+    with pytest.raises(BadParameter, match="two shares in per cent"):
+        place_of("900,600")
 
 
 def test_refused_views_are_named_with_their_reasons(monkeypatch):

@@ -1,7 +1,5 @@
 """Stability of repeated PSFs: the sensitivity of Gaussians is that of their analytic transfer functions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -18,24 +16,24 @@ def gaussian(sigma, s, k):
 
 
 def test_sensitivity_and_stable_domain_are_those_of_the_transfer_functions():
-    found = stability_of([gaussian(one, 4, 33) for one in SIGMAS], limit=0.04)
-    r2 = found.frequencies[:, None] ** 2 + found.frequencies**2
+    stability = stability_of([gaussian(one, 4, 33) for one in SIGMAS], limit=0.04)
+    r2 = stability.frequencies[:, None] ** 2 + stability.frequencies**2
     mtfs = np.exp(-2 * np.pi**2 * np.square(SIGMAS)[:, None, None] * r2)
     mean, std = mtfs.mean(axis=0), mtfs.std(axis=0, ddof=1)
     expected = [std[mean >= t].mean() / mean[mean >= t].mean() for t in THRESHOLDS]
-    np.testing.assert_allclose(found.sensitivity, expected, atol=2e-4)  # the support ends at 6.6 sigma
-    numbers = {name: one.value for name, one in found.numbers.items()}
+    np.testing.assert_allclose(stability.sensitivity, expected, atol=2e-4)  # the support ends at 6.6 sigma
+    numbers = {name: one.value for name, one in stability.numbers.items()}
     assert numbers["sensitivity"] == pytest.approx(expected[0], abs=2e-4)
     least = THRESHOLDS[np.flatnonzero(np.array(expected) <= 0.04)[0]]
     assert numbers["stable_mtf"] == pytest.approx(least)
-    line = found.mean[HALF, HALF:]
-    end = float(np.interp(-least, -line, found.frequencies[HALF:]))
+    line = stability.mean[HALF, HALF:]
+    end = float(np.interp(-least, -line, stability.frequencies[HALF:]))
     assert numbers["stable_frequency_horizontal"] == pytest.approx(end, abs=1e-6)
 
 
 def test_psfs_of_different_sampling_are_compared_in_their_common_band():
-    found = stability_of([gaussian(0.6, s, 8 * s + 1) for s in (3, 4, 5)])
-    assert found.frequencies[-1] == 1.5
-    assert found.numbers["sensitivity"].value < 0.01
+    stability = stability_of([gaussian(0.6, s, 8 * s + 1) for s in (3, 4, 5)])
+    assert stability.frequencies[-1] == 1.5
+    assert stability.numbers["sensitivity"].value < 0.01
     with pytest.raises(BadParameter, match="3 results or more"):
         stability_of([gaussian(0.6, 4, 33)] * 2)

@@ -148,7 +148,7 @@ def test_noise_tells_a_mask_whose_psf_a_softer_lens_could_have(amount: float, ra
     assert after.verdict is Verdict.DOUBTFUL
     assert after.value is not None
     assert "noise of neighbouring pixels is anticorrelated" in after.reason
-    assert amount / 1.6 < after.value.diagnostics["sharpened_by"] < 1.6 * amount
+    assert amount / 2 < after.value.diagnostics["sharpened_by"] < 1.6 * amount  # to first order
 
 
 @pytest.mark.slow

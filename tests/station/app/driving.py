@@ -53,8 +53,19 @@ class Driver:
 
     async def begin(self) -> None:
         """Begin a run from the first screen by Enter."""
+        await self.answer("press Enter to begin")
+
+    async def answer(self, *questions: str) -> None:
+        """Answer each as proposed, once it is asked."""
+        for question in questions:
+            await self.until(question)
+            await self.press("enter")
+
+    async def go(self, what: str | Callable[[], object], *keys: str) -> None:
+        """Press keys on the first screen, and wait for what they lead to."""
         await self.until("press Enter to begin")
-        await self.press("enter")
+        await self.press(*keys)
+        await self.until(what)
 
     async def looks_like(self, name: str) -> None:
         """Compare with the stored screen, until both agree."""

@@ -43,9 +43,7 @@ def test_the_stop_waits_for_no_one(tmp_path):
     lab.stage.move_to = lambda **target: held.wait(20)  # type: ignore[method-assign]
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3", "right", "right", "f12")
-        await driver.until(lambda: lab.stage.stops)
+        await driver.go(lambda: lab.stage.stops, "f3", "right", "right", "f12")
         await driver.until("EMERGENCY STOP")
         held.set()
 

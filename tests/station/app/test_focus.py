@@ -61,9 +61,7 @@ def test_every_photograph_of_a_folder_shows_which_way_to_turn(tmp_path, measured
     incoming.mkdir()
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
+        await driver.go("Where do the photographs of the chart come from?", "f7")
         await driver.press("enter", *"in", "enter")
         await driver.until("Take a photograph.")
         for name, words in zip(SCORES, ("a little, either way", "go on the same way", "Turn back 1 step"), strict=True):
@@ -188,9 +186,7 @@ def test_a_folder_that_is_not_there_is_named_and_asked_again(tmp_path):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run))
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
+        await driver.go("Where do the photographs of the chart come from?", "f7")
         await driver.press("enter", *"nowhere", "enter")
         await driver.until("there is no folder nowhere")
         await driver.until("Where do the photographs of the chart come from?")
@@ -204,9 +200,7 @@ def test_a_photograph_without_a_measurement_shows_the_reason(tmp_path, measured,
     lab = FakeLab(tmp_path, lambda run: chosen_step(run))
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
+        await driver.go("Where do the photographs of the chart come from?", "f7")
         await driver.press("enter", ".", "enter")
         await driver.until("Take a photograph.")
         cv2.imwrite("1.png", np.zeros((4, 4), np.uint8))
@@ -219,9 +213,7 @@ def test_leaving_ends_it(tmp_path, measured):
     lab, threads = FakeLab(tmp_path, lambda run: chosen_step(run)), threading.active_count()
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
+        await driver.go("Where do the photographs of the chart come from?", "f7")
         await driver.press("enter", ".", "enter")
         await driver.until("Take a photograph.")
         await driver.press("ctrl+q")

@@ -43,9 +43,7 @@ def test_enter_alone_leads_from_the_first_screen_to_the_report(tmp_path, size):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        for question in (WIDTH.question, MOVED.question, VERDICT.question):
-            await driver.until(question)
-            await driver.press("enter")
+        await driver.answer(WIDTH.question, MOVED.question, VERDICT.question)
         await driver.until("sessions/one/report.html")
         await driver.press("enter")
         await driver.until("There is no result yet")
@@ -59,8 +57,7 @@ def test_enter_alone_leads_from_the_first_screen_to_the_report(tmp_path, size):
 def test_the_screen_shows_steps_numbers_picture_devices_and_what_to_do(tmp_path, size, glyphs):
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
         await driver.until(MOVED.question)
         await driver.looks_like(f"guide-{size[0]}-{'ascii' if glyphs.ascii else 'unicode'}")
 
@@ -96,11 +93,9 @@ def test_a_curve_is_never_shown_with_half_a_drawing(tmp_path, size):
 def test_the_rail_shows_what_each_step_gave(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
         await driver.until("Print 300 mm")
-        await driver.until(MOVED.question)
-        await driver.press("enter")
+        await driver.answer(MOVED.question)
         await driver.until("Distance s/t 1.28")
 
     drive(StationApp(FakeLab(tmp_path, whole)), use)
@@ -112,9 +107,7 @@ def test_the_guide_works_without_colours(tmp_path, monkeypatch):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        for question in (WIDTH.question, MOVED.question, VERDICT.question):
-            await driver.until(question)
-            await driver.press("enter")
+        await driver.answer(WIDTH.question, MOVED.question, VERDICT.question)
         await driver.until("report.html")
         await driver.press("enter")
         await driver.until("There is no result yet")
@@ -127,10 +120,8 @@ def test_the_guide_works_without_colours(tmp_path, monkeypatch):
 def test_an_ascii_screen_has_nothing_but_ascii(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
-        await driver.until(MOVED.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
+        await driver.answer(MOVED.question)
         await driver.until(VERDICT.question)
         assert driver.text.replace("\N{NO-BREAK SPACE}", " ").isascii(), driver.text
 
@@ -268,36 +259,27 @@ def test_taking_the_shots_again_shows_what_is_to_do_again(tmp_path):
     drive(StationApp(FakeLab(tmp_path, again)), use)
 
 
-def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
+@pytest.mark.parametrize(
+    ("reason", "remedy"),
+    [
+        ("there is no station.toml", "write one, or use --simulate"),
+        ("no port is free on this computer", "end another simulated bench"),
+    ],
+)
+def test_a_bench_that_cannot_be_opened_is_a_sentence_and_no_other_advice(tmp_path, reason, remedy):
     lab = FakeLab(tmp_path, whole)
 
     def missing() -> OpenedBench:
-        raise BadConfiguration("there is no station.toml", "write one, or use --simulate")
+        raise BadConfiguration(reason, remedy)
 
     lab.open = missing  # type: ignore[method-assign]
 
     async def use(driver: Driver) -> None:
-        await driver.until("there is no station.toml")
+        await driver.until(reason)
         await driver.until("the bench could not be opened")
         await driver.press("f3")
-        await driver.until("write one, or use --simulate")
-
-    drive(StationApp(lab), use, (120, 40))
-
-
-def test_a_simulated_bench_that_cannot_be_opened_is_not_advised_to_simulate(tmp_path):
-    lab = FakeLab(tmp_path, whole)
-
-    def broken() -> OpenedBench:
-        raise BadConfiguration("no port is free on this computer", "end another simulated bench")
-
-    lab.open = broken  # type: ignore[method-assign]
-
-    async def use(driver: Driver) -> None:
-        await driver.until("the bench could not be opened")
-        await driver.press("f3")
-        await driver.until("no port is free on this computer. end another simulated bench.")
-        assert "--simulate" not in driver.text
+        await driver.until(f"{reason}. {remedy}.")
+        assert ("--simulate" in driver.text) == ("--simulate" in remedy)
 
     drive(StationApp(lab), use, (120, 40))
 
@@ -307,8 +289,7 @@ def test_stepping_back_opens_the_step_before_again(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
         await driver.until(MOVED.question)
         await driver.press("f6")
         await driver.until(lambda: len(lab.runs) == 2)

@@ -48,9 +48,7 @@ def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_el
     lab = FakeLab(tmp_path, whole)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("ctrl+p", *"help")
-        await driver.until("This help")
+        await driver.go("This help", "ctrl+p", *"help")
         for key in ["enter"] * 4:
             driver.app.post_message(Key(key, None))
         await driver.until("the arrows scroll it")
@@ -145,8 +143,7 @@ def test_a_number_begun_before_its_question_is_there_is_not_cut_short(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until(WIDTH.question)
-        await driver.press("enter")
+        await driver.answer(WIDTH.question)
         await driver.until("One moment.")
         await driver.press(*"0.", "enter")  # Enter answers nothing that is not asked yet
         may_ask.set()
@@ -194,9 +191,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
     lab.plans = slow  # type: ignore[method-assign]
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3")
-        await driver.until(lambda: driver.app._wanted_mode)
+        await driver.go(lambda: driver.app._wanted_mode, "f3")
         may_load.set()
         await driver.until("Manual moves")
 

@@ -65,9 +65,7 @@ def test_devices_are_shown_with_what_to_do(tmp_path):
     lab.wire.record(1.5, ">", b"$H\n\x1b[31m")
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3")
-        await driver.until("not homed. home it")
+        await driver.go("not homed. home it", "f3")
         await driver.until(r"> b'$H\n\x1b[31m'")
         await driver.looks_like("bench-80")
 
@@ -92,9 +90,7 @@ def test_a_stage_is_homed_and_moved_by_hand(tmp_path, key):
     lab, app = bench_app(tmp_path)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3")
-        await driver.until("not homed. home it")
+        await driver.go("not homed. home it", "f3")
         await driver.press(key)
         await driver.until("way clear?")
         assert not lab.stage.homed
@@ -113,9 +109,7 @@ def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp
     lab, app = bench_app(tmp_path)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3")
-        await driver.until("not homed. home it")
+        await driver.go("not homed. home it", "f3")
         await driver.press("h")
         await driver.until("way clear?")
         await driver.press("f12", "enter")
@@ -147,9 +141,7 @@ def test_ctrl_c_stops_an_axis_that_moves(tmp_path):
     lab.stage = lab.bench.devices["stage"] = MovesUntilStopped()
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3", "right")
-        await driver.until(lambda: lab.bench.motions.under_way)
+        await driver.go(lambda: lab.bench.motions.under_way, "f3", "right")
         await driver.press("ctrl+c")
         await driver.until("EMERGENCY STOP")
         await driver.until(lambda: not lab.bench.motions.under_way)
@@ -163,9 +155,7 @@ def test_a_device_that_refuses_is_a_sentence(tmp_path):
     lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3", "right")
-        await driver.until("z_mm 501 lies beyond 0 to 500. stay inside.")
+        await driver.go("z_mm 501 lies beyond 0 to 500. stay inside.", "f3", "right")
 
     drive(app, use)
 
@@ -174,9 +164,7 @@ def test_a_lamp_that_is_not_there_is_a_sentence(tmp_path):
     _, app = bench_app(tmp_path)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f3", "b")
-        await driver.until("no device has the name light")
+        await driver.go("no device has the name light", "f3", "b")
 
     drive(app, use)
 
@@ -207,9 +195,7 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
     write_result(tmp_path, "2026-03-14-d90", 0.5)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f4")
-        await driver.until("Plane G1: ✓ trusted")
+        await driver.go("Plane G1: ✓ trusted", "f4")
         await driver.until("MTF50, rows")
         await driver.until("cycles/pixel")
         await driver.looks_like(f"results-{size[0]}")
@@ -234,9 +220,7 @@ def test_a_restoration_is_shown(tmp_path, refused):
         write_record(result, {**record, "reason": "the light differs", "remedy": "expose alike"})
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f4")
-        await driver.until("Restoration: ✗ refused" if refused else "Restoration: ? doubtful")
+        await driver.go("Restoration: ✗ refused" if refused else "Restoration: ? doubtful", "f4")
         await driver.until("the light differs")
         for words in ("w of the depth map: 1.5 to 7.25 pixel", "restored image"):
             if refused:
@@ -252,9 +236,7 @@ def test_two_results_are_compared(tmp_path):
     write_result(tmp_path, "b", 0.6)
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f4")
-        await driver.until("Plane G1")
+        await driver.go("Plane G1", "f4")
         await driver.press("c", "down")
         await driver.until("differ by")
         await driver.press("c")
@@ -277,9 +259,7 @@ def test_a_damaged_result_is_a_sentence(tmp_path, damage):
     damage(write_result(tmp_path, "a", 0.5))
 
     async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press("f4")
-        await driver.until("recompute the session")
+        await driver.go("recompute the session", "f4")
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use)
 

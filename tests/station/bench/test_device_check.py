@@ -4,12 +4,11 @@ import re
 import tomllib
 
 import pytest
-from click.testing import CliRunner
 
 from drivers.errors import BadConfiguration
-from station.__main__ import main
 from station.bench.opening import make_bench, read_config
 from station.common.toml_text import line_of
+from tests.program import run
 
 GOOD = {
     "stage": {
@@ -313,8 +312,7 @@ def test_two_axes_are_not_one(tmp_path, key, value, reported):
 def test_the_command_reports_it_without_a_traceback(tmp_path):
     path = tmp_path / "station.toml"
     path.write_text(spoilt("stage", ("axes", "feed_per_min"), "0"))
-    done = CliRunner().invoke(main, ["devices", "--config", str(path)])
-    assert done.exit_code == 2
+    done = run("devices", "--config", path, code=2)
     assert "devices.stage.axes[1].feed_per_min must be a number above 0; it is 0" in done.stderr
     assert "write feed_per_min = 1500" in done.stderr
     assert "Traceback" not in done.stderr

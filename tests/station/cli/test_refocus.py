@@ -12,9 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures.field.field_file import write_field
 from procedures.restoration.masks.blur_models import pillbox, polygon
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.refocus import _mean_of_views
+from tests.procedures.correction.small_lens import SmallLens
 from tests.program import run
 
 LENS = {"metres": "behind", "focal_length_mm": 12.0, "f_number": [2.8, 2.0], "focus_m": [0.45, 0.45],
@@ -55,6 +57,18 @@ def test_focus_moves_from_one_half_to_the_other(restored, tmp_path):
         plane = record["planes"]["picture"]
         assert plane["depth_of_field_near"]["value"] < metres[n] < plane["depth_of_field_far"]["value"]
         assert "Pictures" in (out / "report.html").read_text()
+
+
+def test_a_field_leaves_an_even_picture_even_and_must_have_its_size(restored, tmp_path):
+    even = np.full((48, 64), 0.5, np.float32)
+    cv2.imwrite(str(restored / "sharp.tiff"), even)
+    for name, shape in (("field", even.shape), ("other", (60, 60))):
+        write_field(tmp_path / f"{name}.h5", {"Y": SmallLens(shape, 0.8).field("Y")}, {}, [], {})
+    words = ("refocus", restored, "--f-number", 4, "--focus-m", 0.6, "--out")
+    run(*words, tmp_path / "o", "--field", tmp_path / "field.h5")
+    picture = cv2.imread(str(tmp_path / "o" / "refocused.tiff"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(picture, even, atol=1e-6)  # no light is lost at the rim
+    run(*words, tmp_path / "p", "--field", tmp_path / "other.h5", code=2, says="frames of 64 x 48 pixels")
 
 
 @pytest.fixture(scope="module")

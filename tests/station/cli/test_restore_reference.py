@@ -72,8 +72,7 @@ def test_a_batch_uses_the_ground_truth_next_to_each_first_photograph(photographs
         'shape = ["vibration_shape1.txt", "vibration_shape2.txt"]\nmax_w = 5.2\nscheme = "4x(6+6)+1x8"\n'
         'reference = "{name}_truth.png"\n'
     )
-    done = run("batch", folder, "--procedure", procedure, "--out", tmp_path / "b", code=None)
+    run("batch", folder, "--procedure", procedure, "--out", tmp_path / "b")
     records = [json.loads(path.read_text()) for path in (tmp_path / "b" / "results").glob("*/result.json")]
-    assert done.exit_code == 0, done.output
     assert len((tmp_path / "b" / "results.jsonl").read_text().splitlines()) == 1
     assert records[0]["ground_truth"]["psnr_db"] > 25

@@ -27,7 +27,7 @@ def root(tmp_path):
 @pytest.fixture
 def session(root):
     """Run `station session ...` on these sessions."""
-    return lambda *words, code=None: run("session", *words, "--sessions", root, code=code)
+    return lambda *words, code=None, **how: run("session", *words, "--sessions", root, code=code, **how)
 
 
 def test_list_shows_the_newest_first_and_filters(session):
@@ -78,9 +78,7 @@ NAME = "2026-03-10-box-50-mm-pattern"
     ],
 )
 def test_commands_report_what_is_missing(session, words, code, message):
-    done = session(*words)
-    assert done.exit_code == code
-    assert message in done.stderr
+    session(*words, code=code, says=message)
 
 
 def test_a_damaged_index_is_rebuilt(session, root):
@@ -130,9 +128,7 @@ def test_show_detects_a_missing_photograph(session, root):
     with Session.open(folder, FixedClock()) as opened:
         shot = opened.adopt(Camera(root.parent / "incoming").expose("x"), step="s", purpose="p", snapshot={})
         opened.original(shot).unlink()
-    done = session("show", folder.name)
-    assert done.exit_code == 4
-    assert "missing or changed" in done.stderr
+    session("show", folder.name, code=4, says="missing or changed")
     session("show", folder.name, "--no-check", code=0)
 
 
@@ -164,8 +160,7 @@ def test_a_session_is_deleted_when_that_is_confirmed(session, root):
     name = "2026-03-14-box-50-mm-pattern"
     session("delete", name, code=130)  # nobody answers
     assert (root / name).is_dir()
-    done = session("delete", name, "--yes")
-    assert done.exit_code == 0, done.stderr
+    session("delete", name, "--yes", code=0)
     assert not (root / name).exists()
     assert len(list(root.glob(".deleting-*"))) == 0
     assert "2026-03-14" not in session("list").stdout
@@ -186,9 +181,7 @@ def test_resume_without_a_name_needs_an_unfinished_session(session, root, tmp_pa
         if (folder / "journal.jsonl").is_file():
             with Session.open(folder, FixedClock()) as one:
                 one.end("finished")
-    done = session("resume")
-    assert done.exit_code == 2
-    assert "is unfinished" in done.stderr
+    session("resume", code=2, says="is unfinished")
 
 
 def test_the_newest_unfinished_session_is_resumed(root):

@@ -1,11 +1,11 @@
 """`station psf stability`: numbers, table and page from the folders of results, and results without a PSF."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
+
+from tests.program import run
 
 
 @pytest.fixture
@@ -24,9 +24,8 @@ def write_results(place):
     return folders
 
 
-def test_results_of_one_camera_give_sensitivity_and_stable_domain(run, results, tmp_path):
-    done = run("psf", "stability", *results, "--limit", 0.02, "--out", tmp_path / "o")
-    assert done.exit_code == 0, done.output
+def test_results_of_one_camera_give_sensitivity_and_stable_domain(results, tmp_path):
+    run("psf", "stability", *results, "--limit", 0.02, "--out", tmp_path / "o")
     plane = json.loads((tmp_path / "o" / "result.json").read_text())["planes"]["Y"]
     assert plane["sensitivity"]["value"] > plane["sensitivity_above_5_percent"]["value"] > 0
     table = np.loadtxt(tmp_path / "o" / "stability_Y.csv", delimiter=",", skiprows=1)
@@ -34,7 +33,6 @@ def test_results_of_one_camera_give_sensitivity_and_stable_domain(run, results, 
     assert "Relative sensitivity" in (tmp_path / "o" / "report.html").read_text()
 
 
-def test_a_result_without_a_psf_is_named(run, results, tmp_path):
+def test_a_result_without_a_psf_is_named(results, tmp_path):
     (results[1] / "psf_Y.npy").unlink()
-    done = run("psf", "stability", *results, "--out", tmp_path / "o")
-    assert (done.exit_code, "r1 has no PSF" in done.output) == (4, True)
+    run("psf", "stability", *results, "--out", tmp_path / "o", code=4, says="r1 has no PSF")

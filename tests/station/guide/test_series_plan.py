@@ -1,7 +1,5 @@
 """The guided series over aperture and focus: the advice at each setting, and which setting is the best."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -11,7 +11,7 @@ from alpaca import exceptions
 
 from procedures.raw import read_frame
 from station.guide.workspace import StationLab
-from station.service.alpaca.image import nested, sensor_image
+from station.service.alpaca.protocol import nested, sensor_image
 
 from ..guide import benches
 from .alpaca_clients import once

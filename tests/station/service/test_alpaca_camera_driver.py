@@ -14,7 +14,7 @@ from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.interfaces import CameraSettings, FrameFormat
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
-from station.service.alpaca.image import image_bytes, sensor_image
+from station.service.alpaca.protocol import image_bytes, sensor_image
 
 from .alpaca_clients import beside
 

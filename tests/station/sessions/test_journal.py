@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from station.common.durable_files import Disk, WriteFailed
-from station.sessions.journal import Contents, Damaged, Journal, parse, read_journal
-from station.sessions.journal_head import Gap, gap
+from station.sessions.journal import Contents, Damaged, Gap, Journal, gap, parse, read_journal
 
 FIRST = "0" * 64
 

@@ -42,8 +42,8 @@ def test_k_of_gaussian_psfs_is_their_sigma_over_the_radius(rng):
     kernels = [np.exp(-(x[:, None] ** 2 + x**2) / (2 * (0.7 * r) ** 2)) for r in (1.5, 2.5, 4.0)]
     noisy = [one / one.sum() + 1e-4 * rng.standard_normal(one.shape) for one in kernels]
     psfs = [Psf(one / one.sum(), 2, np.eye(one.size) * 1e-8) for one in noisy]
-    found = gaussian_constant(psfs, [1.5, -2.5, 4.0])
-    assert found.k.value == pytest.approx(0.7, abs=3 * max(found.k.uncertainty, 1e-3))
+    lens = gaussian_constant(psfs, [1.5, -2.5, 4.0])
+    assert lens.k.value == pytest.approx(0.7, abs=3 * max(lens.k.uncertainty, 1e-3))
     with pytest.raises(BadParameter, match="1 pixel or more"):
         gaussian_constant(psfs, [0.5, 2.5, 4.0])
 

@@ -1,0 +1,144 @@
+"""Rims of lamps: the part of a pixel that a lamp covers, from the shape of its rim and the pixel's own samples.
+
+A lamp covers a part a of a pixel at its rim, and each of the n samples sees it or not. No other pixel is similar, and
+own samples leave a standard deviation of sqrt(a (1 - a) / n): where all miss a bright lamp, the pixel is dark. But the
+samples of the pixels around determine the rim, a line or a circle. What they say of the pixel is the prior, a beta
+distribution; its own samples make that the posterior, again a beta distribution. Far from the rim the prior is 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, special
+
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.film_noise import mean_variance
+
+Doubles = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+REACH = 2
+"""Half size of the neighbourhood that determines a rim, pixels."""
+SIDE = 2 * REACH + 1
+CENTRE = SIDE * SIDE // 2
+CONTRAST = 10.0
+"""How many times as bright as the darkest pixel nearby a lamp is."""
+QUIET = 0.01
+"""Largest variance of a lamp's own samples, as a fraction of its squared step in brightness."""
+SHAPE_ERROR = 0.08
+"""Largest standard deviation of covered parts from those of lines and circles: at a half covered pixel."""
+MISFIT = 60.0
+"""Deviance of 24 pixels above which neither a line nor a circle is a rim's shape."""
+LEAST_HITS = 0.25
+"""Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
+LEAST = 0.02
+"""Smallest part, and smallest rest, of a shape that is compared with the parts seen."""
+LEAST_PART = 0.005
+"""Parts expected by the shape below which a pixel is not at the rim."""
+SHOWN = 0.5
+"""Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
+RADII = 1.3, 1.7, 2.2, 3.0, 4.5, 8.0
+"""Radii of round rims, pixels."""
+TURNS, STEP, SUBPIXELS = 24, 0.2, 6
+"""Directions of a rim, distances between rims in pixels, and points along a pixel's side."""
+QUANTILES = (np.arange(24) + 0.5) / 24
+"""Quantiles of the posterior over which values are averaged."""
+PIXELS = 256
+"""Pixels whose rims are determined at once."""
+
+
+def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+    """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
+
+    None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
+    pixel of its own.
+
+    picture : (rows, columns, 3)
+        The filtered one: what is beside the lamps.
+    """
+    values, uncertainty = np.full((2, *film.mean.shape), np.nan)
+    if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
+        noise = mean_variance(film).sum(-1) * film.count
+        for near in _near_lamps(film.mean.sum(-1)):
+            values[near], uncertainty[near] = _rims(film, noise, picture, *near)
+    return values, uncertainty
+
+
+def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
+    """Rows and columns of the pixels near something much brighter, some at a time."""
+    most, least = ndimage.maximum_filter(brightness, SIDE), ndimage.minimum_filter(brightness, SIDE)
+    near = (most > CONTRAST * np.maximum(least, 0)) & (brightness < most)
+    rows, columns = np.nonzero(near[REACH:-REACH, REACH:-REACH])
+    for i in range(0, len(rows), PIXELS):
+        yield rows[i : i + PIXELS] + REACH, columns[i : i + PIXELS] + REACH
+
+
+def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Doubles:
+    """Values and uncertainties (2, n, 3), NaN where not at a rim; noise (rows, columns): variance of samples."""
+    offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
+    around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
+    means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
+    each, brightest, darkest = np.arange(len(rows)), means.sum(-1).argmax(1), filtered.sum(-1).argmin(1)
+    lamp, dark = means[each, brightest], filtered[each, darkest]
+    size = np.maximum(((lamp - dark) ** 2).sum(-1), 1e-30)
+    part = ((means - dark[:, None]) * (lamp - dark)[:, None]).sum(-1) / size[:, None]
+    part = np.where(part * n < LEAST_HITS, 0, np.where((1 - part) * n < LEAST_HITS, 1, part))
+    shape, variance, misfit = _shapes(part, n)
+    own = n[:, CENTRE]
+    a, b = _beta(shape, variance + 4 * SHAPE_ERROR**2 * shape * (1 - shape))
+    hits = part[:, CENTRE] * own
+    covered = special.betaincinv((a + hits)[:, None], (b + own - hits)[:, None], QUANTILES)[..., None]
+    possible = dark[:, None] + covered * (lamp - dark)[:, None]
+    shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
+    values = SHOWN * shown / (1 - shown)
+    spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
+    quiet = noise[around][each, brightest] < QUIET * size
+    rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
+    return np.where(rim[:, None], np.stack([values, spread]), np.nan)
+
+
+def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Part of the central pixels expected from those around, its variance, and the deviance of the best shape.
+
+    part, n : (pixels, SIDE^2) the parts covered by the samples of each pixel, and their number.
+    """
+    shapes = _parts_of_shapes()
+    lit, unlit = np.log(np.clip(shapes, LEAST, 1 - LEAST)), np.log(1 - np.clip(shapes, LEAST, 1 - LEAST))
+    n = n / (1 + 4 * n * SHAPE_ERROR**2) * (np.arange(SIDE**2) != CENTRE)
+    likelihood = (part * n) @ lit.T + ((1 - part) * n) @ unlit.T
+    share = np.clip(part, LEAST, 1 - LEAST)
+    most = (n * (part * np.log(share) + (1 - part) * np.log(1 - share))).sum(1)
+    best = likelihood.max(1)
+    weights = np.exp(likelihood - best[:, None])
+    weights /= weights.sum(1, keepdims=True)
+    mean = weights @ shapes[:, CENTRE]
+    return mean, np.maximum(weights @ shapes[:, CENTRE] ** 2 - mean**2, 0), 2 * (most - best)
+
+
+@cache
+def _parts_of_shapes() -> Doubles:
+    """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2)."""
+    grid = (np.arange(SIDE * SUBPIXELS) + 0.5) / SUBPIXELS - SIDE / 2
+    turns = np.arange(TURNS) * 2 * np.pi / TURNS
+    along = np.cos(turns)[:, None, None] * grid + np.sin(turns)[:, None, None] * grid[:, None]
+    across = np.cos(turns)[:, None, None] * grid[:, None] - np.sin(turns)[:, None, None] * grid
+    shapes = []
+    for distance in np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP):
+        shapes.append(along < distance)
+        for radius in RADII:
+            shapes.append((along - distance + radius) ** 2 + across**2 < radius**2)
+            shapes.append((along - distance - radius) ** 2 + across**2 > radius**2)
+    parts = np.concatenate(shapes).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
+    return np.unique(parts.reshape(len(parts), -1).round(3), axis=0)
+
+
+def _beta(mean: Doubles, variance: Doubles) -> tuple[Doubles, Doubles]:
+    """Parameters of the beta distributions with these means and variances."""
+    mean = np.clip(mean, 1e-6, 1 - 1e-6)
+    most = mean * (1 - mean)
+    total = most / np.clip(variance, 1e-9, 0.9 * most) - 1
+    return mean * total, (1 - mean) * total
