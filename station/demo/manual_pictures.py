@@ -365,6 +365,7 @@ def _screens(folder: Path) -> Pictures:
 COMMANDS = (
     ("witnessed", "psf witnessed --help"),
     ("series", "psf series --help"),
+    ("stability", "psf stability --help"),
     ("rig", "rig --help"),
     ("profile-add", "profile add field --library library --camera Simulated --lens Wide --f-number 4"),
     ("profile-find", "profile find --library library --camera Simulated --lens Wide --f-number 4"),
