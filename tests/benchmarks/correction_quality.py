@@ -1,7 +1,7 @@
 """A mosaic of public photographs through a simulated lens: corrected through the measured field, and by other programs.
 
-    python tests/benchmarks/correction_quality.py PICTURE PICTURE PICTURE PICTURE [--peers]
-    python tests/benchmarks/correction_quality.py --chart [--peers]
+    python -m tests.benchmarks.correction_quality PICTURE PICTURE PICTURE PICTURE [--peers]
+    python -m tests.benchmarks.correction_quality --chart [--peers]
 
 Four pictures of 750 x 500 pixels or more, such as Kodak's, are one scene of 1500 x 1000 pixels. Each colour has its own
 PSF over the frame and its lateral colour. Peers: RawTherapee (AMaZE, capture sharpening, lateral colour corrected), and
@@ -10,18 +10,13 @@ balanced, in nine tiles. `--chart` takes a black-and-white chart of rings and ba
 undershoot, with LibRaw's AHD.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import cv2
 import numpy as np
