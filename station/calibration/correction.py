@@ -84,7 +84,7 @@ def correct_photographs(
 
 @dataclass(frozen=True)
 class TypedAperture:
-    """A lens without contacts as the operator states it: its f-number, and the sensor's pitch if no file has it."""
+    """Aperture of a lens without contacts as the operator states it, and the sensor's pitch if no file has it."""
 
     f_number: float
     pixel_pitch_um: float | None = None
