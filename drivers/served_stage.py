@@ -47,7 +47,7 @@ class ServedStage(ABC, Generic[P]):
 
     @abstractmethod
     def _parts(self, names: Collection[str] | None = None) -> Sequence[P]:
-        """What these axes belong to, or all."""
+        """The parts to which these axes belong, or all of them."""
 
     @abstractmethod
     def _moves(self, part: P) -> bool:

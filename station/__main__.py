@@ -75,7 +75,8 @@ LARGE_HEAP = 50_000
 @click.option(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
-    "  [also for: psf, focus, mtf, session resume, devices, conform, serve]",
+    "  [also for: psf pattern, psf witnessed, psf two-photo, psf series, psf field, focus, mtf, session resume,"
+    " devices, conform, serve]",
 )  # fmt: skip
 @click.option(
     "--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
@@ -94,7 +95,8 @@ LARGE_HEAP = 50_000
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,
-    help="Of frequencies.  [default: from --config, else cycles/pixel]  [also for: psf, mtf, serve]",
+    help="Of frequencies.  [default: from --config, else cycles/pixel]"
+    "  [also for: psf pattern, psf witnessed, psf two-photo, psf series, psf field, mtf, serve]",
 )  # fmt: skip
 @click.pass_context
 def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> None:

@@ -35,7 +35,7 @@ def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda 
 
 
 class Closable(Protocol):
-    """What can be closed."""
+    """A device or a line that can be closed."""
 
     def close(self) -> None:
         """Release the line."""

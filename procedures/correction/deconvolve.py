@@ -100,15 +100,15 @@ def deconvolve(
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
     copies = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
-    for k in range(settings.iterations):
-        if k > 0:
-            predicted = tile.blurred(U)
-            agree(predicted, copies, tile.z, tile.weight, data_dual, rho)
-            copies = predicted
+    for left in reversed(range(settings.iterations)):
         gradients = differences(mixed(M, u), prior.second)
         shrink(gradients, prior_dual, np.float32(tau / penalty))
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
         U = solver(scipy.fft.rfft2(copies), scipy.fft.rfft2(target))
+        if left:
+            predicted = tile.blurred(U)
+            agree(predicted, copies, tile.z, tile.weight, data_dual, rho)
+            copies = predicted
         u = _transformed_back(U, tile.n)
     return u
 

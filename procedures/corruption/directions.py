@@ -42,6 +42,11 @@ def mask(picture: Array, radius_px: float) -> Array:
     return np.asarray(picture - blurred(picture, radius_px))
 
 
+def mask_gain(f: Array, radius_px: float) -> Array:
+    """Gain of an unsharp mask of amount 1 at frequencies f in cycles/pixel, less 1."""
+    return np.asarray(1 - np.exp(-2 * (np.pi * f * radius_px) ** 2))
+
+
 def filters(picture: Array) -> dict[str, Array]:
     """Directions of filters that are not linear: median, smoothing along edges, sharpening above a threshold."""
     gy, gx = np.gradient(picture)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procedures.corruption.directions import FLOW, GHOST, GHOST_PX, MEDIAN, THRESHOLD, WIDE_NAMES, WIDE_PX
-from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, Strength, nuisance
+from procedures.corruption.directions import (
+    FLOW,
+    GHOST,
+    GHOST_PX,
+    MEDIAN,
+    THRESHOLD,
+    VEIL,
+    WIDE_NAMES,
+    WIDE_PX,
+    mask_gain,
+)
+from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, Strength, nuisance
 from procedures.corruption.noise import MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -17,22 +28,24 @@ MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
 """Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 PRESENT = 0.5
 """Prior probability that there is a wide mask, or a ghost, at all."""
-WIDE_UNSEEN = 0.06
-"""Amount of a mask of 3 pixels in pictures whose scene has no frame to show it."""
+WIDE_MODEL = 0.01
+"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 
 
 @dataclass(frozen=True)
-class Evidence:
+class TextureEvidence:
     """Scores of a fit.
 
     masks : unsharp masks of `MASK_RADII` in the noise
     textured : masks of `SMOOTHING_RADII` where the scene may have a texture, which the lens images
     strengths : by the directions of `procedures.corruption.directions`
+    framed : whether edges of full contrast, in a frame, show wide masks; texture alone is less sure
     """
 
     masks: list[Strength]
     textured: list[Strength]
     strengths: Mapping[str, Strength]
+    framed: bool = True
 
     @property
     def fine(self) -> Strength:
@@ -46,31 +59,29 @@ class Evidence:
             *noise_checks(self.masks, self.textured, raw=raw),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
             SELECTIVE.check(scores[THRESHOLD], raw=raw),
+            *([] if raw else [WIDE.check(self._wide(), raw=raw, places=len(WIDE_PX))]),
             GHOSTED.check(scores[GHOST], raw=raw),
+            VEILED.check(scores[VEIL], raw=raw),
         ]
+
+    def _wide(self) -> float:
+        amounts = [self.strengths[name] for name in WIDE_NAMES]
+        return max(one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in amounts)
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
         not excluded."""
-        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * _mask(f, GHOST_PX)}
+        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
-        share = PRESENT / len(WIDE_PX)
+        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, WIDE_MODEL)
+        amounts = [self.strengths[name] for name in WIDE_NAMES]
+        amounts = [replace(one, uncertainty=math.hypot(one.uncertainty, model)) for one in amounts]
         wide = [
-            _unseen(self.strengths[name], WIDE_PRIOR, share) * _mask(f, radius)
-            for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
-            if name in self.strengths
+            _unseen(one, WIDE_PRIOR, share) * mask_gain(f, radius) for one, radius in zip(amounts, WIDE_PX, strict=True)
         ]
-        return modes | {
-            "processing": _unseen(self.fine, MASK_PRIOR) * _mask(f, 1.0),
-            "wide mask": np.hypot(*wide) if wide else WIDE_UNSEEN * _mask(f, WIDE_PX[0]),
-        }
+        return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
 
 
 def _unseen(one: Strength, prior: float, present: float = 1.0) -> float:
     return nuisance(one.unseen, one.uncertainty, prior, present)
-
-
-def _mask(f: Array, radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1 at frequencies f, less 1."""
-    return np.asarray(1 - np.exp(-2 * (np.pi * f * radius_px) ** 2))

@@ -7,17 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.corruption.directions import RIM, VEIL, WIDE_NAMES, ZOOM
-from procedures.corruption.evidence import Evidence
-from procedures.corruption.family import VEILED, WIDE
+from procedures.corruption.directions import RIM, ZOOM
+from procedures.corruption.evidence import TextureEvidence
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
-WIDE_MODEL = 0.01
-"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
 VARIED = 3.5
 """Standard uncertainties above which a variation of the PSF over the chart counts."""
 PRINT_UNKNOWN = 0.36
@@ -30,15 +27,9 @@ DOTS_VISIBLE = 0.008
 """Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
-def corruption_checks(evidence: Evidence, *, raw: bool, structured: bool) -> list[Check]:
+def corruption_checks(evidence: TextureEvidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
-    amounts = [evidence.strengths[name] for name in WIDE_NAMES]
-    wide = [one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in amounts]
-    checks = [
-        *evidence.checks(raw=raw),
-        *([] if raw else [WIDE.check(max(wide), raw=raw, places=len(wide))]),
-        VEILED.check(evidence.strengths[VEIL].score, raw=raw),
-    ]
+    checks = evidence.checks(raw=raw)
     return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
 
 
@@ -56,7 +47,7 @@ def print_blur_mode(f: Array, variance_px: float) -> Array:
 
 
 def modes_of(
-    evidence: Evidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
+    evidence: TextureEvidence, f: Array, registration: Registration, print_blur: float, *, raw: bool
 ) -> dict[str, Array]:
     """Relative changes of the transfer function at frequencies (n,) by one standard deviation of each corruption not
     excluded; `print_blur` in cells."""

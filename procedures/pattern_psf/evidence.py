@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
-from procedures.corruption.evidence import Evidence
+from procedures.corruption.evidence import TextureEvidence
 from procedures.corruption.family import SampleGroup, Strength, strengths
 from procedures.corruption.noise import (
     DRIFT,
@@ -47,11 +47,11 @@ def examine(
     k: int,
     noise: tuple[Variogram, Variogram],
     curve: tuple[Array, Array],
-) -> Evidence:
+) -> TextureEvidence:
     """Scores of a fit; `noise` are the variograms of its paper and residual, `curve` frequencies and MTF."""
     paper, residual = noise
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return Evidence(
+    return TextureEvidence(
         combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), _in_residual(residual, k**2 / fit.residual.size)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),

@@ -367,7 +367,9 @@ def goal_of(weights: Sequence[float], wanted: float) -> Goal:
     """Progress of the mean towards the target, if further shots have the mean weight of the present ones."""
     total, usual = sum(weights), max(sum(weights) / len(weights), 1e-30)
     left = max(ceil((wanted**-2 - total) / usual * (1 - 1e-9)), FEWEST - len(weights), 0)
-    return Goal(left, "MTF50", "cycles/pixel", total**-0.5 if total else inf, (total + usual) ** -0.5)
+    return Goal(
+        left, "MTF50 between photographs", "cycles/pixel", total**-0.5 if total else inf, (total + usual) ** -0.5
+    )
 
 
 SHOTS = (

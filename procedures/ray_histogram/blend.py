@@ -109,13 +109,14 @@ def blend(
     films = halves[0].film, halves[1].film
     weights = cross_validated(films, first.pictures, second.pictures)
     picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
-    sigma = _uncertainty(films, (a, b))
+    sigma: npt.NDArray[np.floating] = _uncertainty(films, (a, b))
     if parameters.rims:
-        rims = lamp_rims(whole.film, picture)
-        picture, sigma = rims.put(rims.values, picture), rims.put(rims.uncertainty, sigma)
+        values, spread = lamp_rims(whole.film, picture)
+        picture, sigma = np.where(np.isnan(values), picture, values), np.where(np.isnan(spread), sigma, spread)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
     filtered = answer.filtered
-    return FilteredFilm(picture.astype(np.float32), filtered.similar, filtered.median_similar, sigma), shares
+    pictures = picture.astype(np.float32), sigma.astype(np.float32)
+    return FilteredFilm(pictures[0], filtered.similar, filtered.median_similar, pictures[1]), shares
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,8 @@ def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) ->
     wide = _around(noise * scale, ERROR_PX) / total
     chance = _around(((error - noise) * scale) ** 2, ERROR_PX / np.sqrt(2)) / (4 * np.pi * ERROR_PX**2) / total**2
     bias2 = np.maximum(_around(error * scale, ERROR_PX) / total - wide - CHANCE * np.sqrt(chance), 0)
-    return np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    sigma = np.sqrt(bias2 + np.maximum(_around(noise, NOISE_PX), wide) / 2).astype(np.float32)
+    return np.maximum(sigma, np.spacing(np.abs(a + b).astype(np.float32)))  # a light without noise is still rounded
 
 
 def _around(values: Doubles, sigma_px: float) -> Doubles:

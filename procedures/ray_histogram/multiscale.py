@@ -101,8 +101,8 @@ def filter_film(
     if parameters.bound > 0:
         picture = within_noise(picture, film, parameters.bound)
     if parameters.rims:
-        rims = lamp_rims(film, picture)
-        picture = rims.put(rims.values, picture)
+        rims, _ = lamp_rims(film, picture)
+        picture = np.where(np.isnan(rims), picture, rims).astype(np.float32)
     return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
 
 

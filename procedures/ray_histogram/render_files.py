@@ -1,7 +1,7 @@
 """Renders as two halves of their samples: one npz of samples, or two files of the same picture with other seeds.
 
 A layered OpenEXR has the layers of Blender, Mitsuba or Arnold: the picture, and as far as present albedo, normal and
-depth. It has no histograms: the variance of the picture follows from the difference of the two files.
+depth. It has no histograms: the variance of the picture is a layer, or follows from the difference of the two files.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ LAYERS = {
     "albedo": ("albedo", "denoising albedo", "diffuse_albedo"),
     "normal": ("normal", "denoising normal", "n", "nn", "sh_normal"),
     "depth": ("depth", "denoising depth", "z", "dd"),
+    "variance": ("variance", "denoising image variance"),
 }
 """Names of the layers, without the render layer's name before them, in lower case; the first that is present counts."""
-COMPONENTS = {"image": "rgb", "albedo": "rgb", "normal": "xyz", "depth": "zvtryx"}
+COMPONENTS = {"image": "rgb", "albedo": "rgb", "normal": "xyz", "depth": "zvtryx", "variance": "rgb"}
 """Components; of the depth the first that is present."""
 NORMAL_STEP, DEPTH_STEP = 0.1, 0.02
 """Differences of normals, and of depths over the median depth, that matter."""
@@ -108,6 +109,9 @@ def halves_of_pictures(first: Layers, second: Layers) -> Halves:
     common = [name for name in first if name in second]
     whole = {name: (first[name] + second[name]) / 2 for name in common}
     squares = {name: _variance(first[name] - second[name]) for name in common}
+    if "variance" in common:  # of samples or of their mean: the difference says which
+        stated = np.maximum(whole["variance"], 0)
+        squares["image"] = stated * (np.sum((first["image"] - second["image"]) ** 2) / max(stated.sum(), 1e-30))
     a, b, both = (
         _of_means(means, {name: share * square for name, square in squares.items()})
         for means, share in ((first, 0.5), (second, 0.5), (whole, 0.25))
@@ -157,7 +161,7 @@ def _variance(difference: Doubles) -> Doubles:
 
 
 def read_layers(path: Path) -> dict[str, Doubles]:
-    """Picture, and as far as present albedo, normal and depth, of a layered OpenEXR.
+    """Picture, and as far as present albedo, normal, depth and variance, of a layered OpenEXR.
 
     Raises BadInput if the file cannot be read, has no picture, or a value that is not finite.
     """

@@ -9,7 +9,6 @@ distribution; its own samples make that the posterior, again a beta distribution
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -19,7 +18,6 @@ from scipy import ndimage, special
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 
-Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -39,9 +37,9 @@ LEAST_HITS = 0.25
 """Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
 LEAST = 0.02
 """Smallest part, and smallest rest, of a shape that is compared with the parts seen."""
-LEAST_PART = 0.02
+LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
-SHOWN = 1.0
+SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
 RADII = 1.3, 1.7, 2.2, 3.0, 4.5, 8.0
 """Radii of round rims, pixels."""
@@ -53,33 +51,21 @@ PIXELS = 256
 """Pixels whose rims are determined at once."""
 
 
-@dataclass(frozen=True)
-class Rims:
-    """Pixels at rims: rows and columns (n,), values and their standard uncertainties (n, 3), linear."""
-
-    rows: Ints
-    columns: Ints
-    values: Doubles
-    uncertainty: Doubles
-
-    def put(self, values: Doubles, into: npt.NDArray[np.floating]) -> Floats:
-        """The picture (rows, columns, 3) with values (n, 3) at these pixels."""
-        picture = into.astype(np.float32)
-        picture[self.rows, self.columns] = values
-        return picture
-
-
-def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> Rims:
-    """The rims of lamps in a film; `picture` (rows, columns, 3) is the filtered one: what is beside the lamps.
+def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+    """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
 
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
+
+    picture : (rows, columns, 3)
+        The filtered one: what is beside the lamps.
     """
-    found = [Rims(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))]
+    values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
         noise = mean_variance(film).sum(-1) * film.count
-        found += [_rims(film, noise, picture, *some) for some in _near_lamps(film.mean.sum(-1))]
-    return Rims(*(np.concatenate([getattr(rims, name) for rims in found]) for name in Rims.__annotations__))
+        for near in _near_lamps(film.mean.sum(-1)):
+            values[near], uncertainty[near] = _rims(film, noise, picture, *near)
+    return values, uncertainty
 
 
 def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
@@ -91,8 +77,8 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
         yield rows[i : i + PIXELS] + REACH, columns[i : i + PIXELS] + REACH
 
 
-def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Rims:
-    """Those of the pixels (n,) that are at a rim; `noise` is the variance of single samples, (rows, columns)."""
+def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Doubles:
+    """Values and uncertainties (2, n, 3), NaN where not at a rim; noise (rows, columns): variance of samples."""
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
     around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
     means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
@@ -112,11 +98,11 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
     spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
-    return Rims(rows[rim], columns[rim], values[rim], spread[rim])
+    return np.where(rim[:, None], np.stack([values, spread]), np.nan)
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    """Of the central pixels the part expected from those around, its variance, and the deviance of the best shape.
+    """Part of the central pixels expected from those around, its variance, and the deviance of the best shape.
 
     part, n : (pixels, SIDE^2) the parts covered by the samples of each pixel, and their number.
     """
@@ -124,8 +110,8 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     lit, unlit = np.log(np.clip(shapes, LEAST, 1 - LEAST)), np.log(1 - np.clip(shapes, LEAST, 1 - LEAST))
     n = n / (1 + 4 * n * SHAPE_ERROR**2) * (np.arange(SIDE**2) != CENTRE)
     likelihood = (part * n) @ lit.T + ((1 - part) * n) @ unlit.T
-    seen = np.clip(part, LEAST, 1 - LEAST)
-    most = (n * (part * np.log(seen) + (1 - part) * np.log(1 - seen))).sum(1)
+    share = np.clip(part, LEAST, 1 - LEAST)
+    most = (n * (part * np.log(share) + (1 - part) * np.log(1 - share))).sum(1)
     best = likelihood.max(1)
     weights = np.exp(likelihood - best[:, None])
     weights /= weights.sum(1, keepdims=True)
@@ -140,13 +126,13 @@ def _parts_of_shapes() -> Doubles:
     turns = np.arange(TURNS) * 2 * np.pi / TURNS
     along = np.cos(turns)[:, None, None] * grid + np.sin(turns)[:, None, None] * grid[:, None]
     across = np.cos(turns)[:, None, None] * grid[:, None] - np.sin(turns)[:, None, None] * grid
-    found = []
+    shapes = []
     for distance in np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP):
-        found.append(along < distance)
+        shapes.append(along < distance)
         for radius in RADII:
-            found.append((along - distance + radius) ** 2 + across**2 < radius**2)
-            found.append((along - distance - radius) ** 2 + across**2 > radius**2)
-    parts = np.concatenate(found).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
+            shapes.append((along - distance + radius) ** 2 + across**2 < radius**2)
+            shapes.append((along - distance - radius) ** 2 + across**2 > radius**2)
+    parts = np.concatenate(shapes).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
     return np.unique(parts.reshape(len(parts), -1).round(3), axis=0)
 
 

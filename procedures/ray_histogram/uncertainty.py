@@ -80,8 +80,8 @@ def standard_uncertainty(
     shared = np.mean(noise * before, axis=2)
     sigma = np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
     if parameters.rims:
-        rims = lamp_rims(film, smooth)
-        sigma = rims.put(rims.uncertainty, sigma)
+        _, rims = lamp_rims(film, smooth)
+        sigma = np.where(np.isnan(rims), sigma, rims).astype(np.float32)
     return sigma
 
 
@@ -103,7 +103,7 @@ def weighting_variance(film: Film) -> Doubles:
     A pixel whose few samples happen to agree would otherwise count most.
     """
     variance = allowed_variance(film) + RELATIVE_VARIANCE * (film.mean**2 + DARK)
-    return np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0)))
+    return np.asarray(np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0))))
 
 
 def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:

@@ -47,9 +47,9 @@ def check_first(frame: RawFrame, facts: Facts, read: ReadShape = named_shape) ->
     if advice.good and not contrast.good:
         say = f"The scene's detail is only {contrast.value:.1f} times the noise: add texture, or more light."
         return Advice(False, say, readings, by_hand={"texture": 1.0})
-    seen: dict[str, Fact] = {"first_noise": noise_of(plane), "first_contrast": float(plane.samples.std())}
-    seen["first_view"] = view_of(plane)
-    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame), **seen})
+    view: dict[str, Fact] = {"first_noise": noise_of(plane), "first_contrast": float(plane.samples.std())}
+    view["first_view"] = view_of(plane)
+    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame), **view})
 
 
 def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:

@@ -8,8 +8,10 @@ What no view shows, because the sharp picture does not contain it, has no part i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures.numbers import DEPTH_OF_FIELD_FAR, DEPTH_OF_FIELD_NEAR
 from procedures.numerics.arrays import Array
@@ -38,7 +40,9 @@ class RefocusedPicture:
     numbers: dict[str, Quantity]
 
 
-def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -> RefocusedPicture:
+def refocus(
+    sharp: NDArray[np.floating[Any]], metres: NDArray[np.floating[Any]], setting: CameraSetting, shape: Array
+) -> RefocusedPicture:
     """The picture that a camera with this setting would have taken.
 
     Raises BadParameter if the sizes differ, or a blur circle would be wider than 128 pixels.
@@ -53,7 +57,7 @@ def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -
             f"picture (C, H, W) and distances (H, W) must have one size; got {sharp.shape} and {metres.shape}",
             "give those of one restoration",
         )
-    radius = setting.blur_radius_px(1000 * metres)
+    radius = setting.blur_radius_px(1000 * np.asarray(metres, np.float64))
     widest = float(np.abs(radius).max())
     if widest > MOST_RADIUS_PX:
         raise BadParameter(
@@ -63,10 +67,10 @@ def refocus(sharp: Array, metres: Array, setting: CameraSetting, shape: Array) -
     return RefocusedPicture(_mean_of_views(sharp, radius, shape), radius, setting, _depth_of_field(setting))
 
 
-def _mean_of_views(sharp: Array, radius: Array, shape: Array) -> Array:
+def _mean_of_views(sharp: NDArray[np.floating[Any]], radius: Array, shape: Array) -> Array:
     """The mean of the views from points of the aperture, weighted by its shape."""
     points, weights = _aperture(shape, float(np.abs(radius).max()))
-    light = np.ascontiguousarray(sharp.reshape(len(sharp), -1).T)
+    light = np.ascontiguousarray(sharp.reshape(len(sharp), -1).T, np.float64)
     mean = _add_views(light, np.ascontiguousarray(radius), points, weights)
     return np.asarray(mean.T.reshape(sharp.shape))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procedures.clipping import SensorModel
-from procedures.corruption.noise import MASK_RADII, SMOOTHING_RADII, mask_scores, noise_checks
+from procedures.corruption.noise import LAG_X, LAG_Y, MASK_RADII, SMOOTHING_RADII, mask_scores, noise_checks
 from procedures.display import summary
 from procedures.numbers import (
     DEFECT_PIXELS,
@@ -290,8 +290,9 @@ def _processing(recording: SensorRecording, fitted: Mask) -> list[Check]:
         for one, used in zip(recording.lights, fitted, strict=True)
         if used and one.variance > LEAST_DARK_VARIANCE
     ]
+    lines = [(lag == 0).astype(np.float64) for lag in (LAG_X, LAG_Y)]  # subtracted means correlate rows and columns
     scores = (
-        [replace(one, uncertainty=math.hypot(one.uncertainty, COUPLED)) for one in mask_scores(noise, radii)]
+        [replace(one, uncertainty=math.hypot(one.uncertainty, COUPLED)) for one in mask_scores(noise, radii, lines)]
         for radii in (MASK_RADII, SMOOTHING_RADII)
     )
     return noise_checks(*scores, raw=True)

@@ -131,8 +131,8 @@ def check_panel(frame: RawFrame, facts: Facts) -> Advice:
     )
     seconds = frame.exposure.exposure_s
     outline = panel_outline(brightest.samples)
-    seen = float(np.percentile(brightest.samples, 95)) > VISIBLE
-    if seen and outline.off_px > FILLED * max(brightest.samples.shape):
+    visible = float(np.percentile(brightest.samples, 95)) > VISIBLE
+    if visible and outline.off_px > FILLED * max(brightest.samples.shape):
         say = "The panel does not fill the frame: bring it nearer, its middle in front of the camera."
         return Advice(False, say, readings, by_hand={"even_light": 1.0}, outline=outline)
     if not readings[0].good:
@@ -144,8 +144,8 @@ def check_panel(frame: RawFrame, facts: Facts) -> Advice:
     settings = {name: value for name in ("camera", "lens", "exposure_s", "iso", "f_number")
              if (value := getattr(frame.exposure, name)) is not None}  # fmt: skip
     ladder_s = seconds if seconds is None or known.light_level is not None else seconds / TRIAL_LEVEL
-    found = {"brightest": light / share, "samples": float(brightest.samples.size)}
-    new_facts = {**settings, **found, **({} if ladder_s is None else {"ladder_s": ladder_s})}
+    levels = {"brightest": light / share, "samples": float(brightest.samples.size)}
+    new_facts = {**settings, **levels, **({} if ladder_s is None else {"ladder_s": ladder_s})}
     say = f"The light is good, at {100 * light:.0f} % of the scale."
     return Advice(True, say, readings, facts=new_facts, outline=outline)
 

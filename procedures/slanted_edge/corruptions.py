@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from procedures.corruption.directions import mask_gain
 from procedures.corruption.family import (
     GHOSTED,
     OVERSHOOT,
@@ -74,7 +75,7 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     }
     unseen, noise = evidence.halo.unseen, evidence.halo.uncertainty
     ghost = min(abs(evidence.ghost), 1.0) * nuisance(unseen, math.hypot(noise, GHOST_MODEL), HALO_PRIOR)
-    modes[GHOSTED.name] = mtf * ghost * _mask(HALO_PX)
+    modes[GHOSTED.name] = mtf * ghost * mask_gain(f, HALO_PX)
     if raw:
         return modes
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
@@ -83,8 +84,8 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     known = evidence.scattered
     contrast = nuisance(known.unseen, math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
     return modes | {
-        SHARPENED.name: mtf * amount * _mask(1.0),
-        OVERSHOOT.name: mtf * wide * _mask(HALO_PX),
+        SHARPENED.name: mtf * amount * mask_gain(f, 1.0),
+        OVERSHOOT.name: mtf * wide * mask_gain(f, HALO_PX),
         TONE_CURVE.name: exponent * _by_tone(profile),
         "contrast": contrast * _by_contrast(profile),
     }
@@ -97,11 +98,6 @@ def _mask_amount(plains: Strength, edge: Strength) -> float:
     both = sum(one.unseen / one.uncertainty**2 for one in unseen) / information if unseen else 0.0
     alone = nuisance(edge.unseen, edge.uncertainty, MASK_PRIOR)
     return math.hypot(alone, nuisance(both, information**-0.5 if unseen else math.inf, MASK_PRIOR)) / 2**0.5
-
-
-def _mask(radius_px: float) -> Array:
-    """Gain of an unsharp mask of amount 1, less 1, (f,)."""
-    return np.asarray(1 - np.exp(-2 * (np.pi * FREQUENCIES * radius_px) ** 2))
 
 
 def _tone(evidence: Evidence) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from procedures.raw import RawFrame
 from procedures.slanted_edge.find import EdgeSighting, find_edges, longest_segment
 
 SLANT_DEG, SHARE = 5.0, 0.5
-"""Slant from the nearest axis at which an edge is wanted; its length over the frame's height where none is found."""
+"""Slant from the nearest axis at which an edge is wanted; its length over the frame's height without one."""
 
 
 def check_edge(frame: RawFrame) -> Advice:
@@ -36,17 +36,17 @@ def ends_of(edge: EdgeSighting) -> Points:
     return point(0.0), point(2 * half)
 
 
-def edge_outline(samples: Array32, found: Array | None) -> Outline:
+def edge_outline(samples: Array32, segment: Array | None) -> Outline:
     """The longest straight segment (2, 2) and the same turned to a good slant; upright in the middle without one."""
     rows, columns = samples.shape
     middle, length, along = np.array([columns - 1, rows - 1]) / 2, SHARE * rows, np.array([0.0, 1.0])
-    if found is not None:
-        middle, length = found.mean(axis=0), float(np.hypot(*(found[1] - found[0])))
-        along = (found[1] - found[0]) / length
+    if segment is not None:
+        middle, length = segment.mean(axis=0), float(np.hypot(*(segment[1] - segment[0])))
+        along = (segment[1] - segment[0]) / length
     axis = np.sign(along) * (np.arange(2) == np.abs(along).argmax())
     turn = np.radians(SLANT_DEG) * (1 if axis[0] * along[1] - axis[1] * along[0] >= 0 else -1)
     wanted = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ axis * length / 2
-    return Outline(() if found is None else _points(found), _points(np.array([middle - wanted, middle + wanted])))
+    return Outline(() if segment is None else _points(segment), _points(np.array([middle - wanted, middle + wanted])))
 
 
 def _points(ends: Array) -> Points:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, GHOST
-from procedures.corruption.evidence import Evidence
+from procedures.corruption.evidence import TextureEvidence
 from procedures.corruption.family import SampleGroup, Strength, strengths
 from procedures.corruption.noise import (
     DRIFT,
@@ -27,15 +27,16 @@ CONTRAST = 4.0
 """Standard deviations of a wall's light that count as the contrast of black and white."""
 
 
-def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> Evidence:
+def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEvidence:
     """Scores of a fit; `curve` are frequencies and MTF."""
     image = fit.as_image(fit.residual, np.nan)
     residual = Variogram.of(np.nan_to_num(image), np.isfinite(image))
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return Evidence(
+    return TextureEvidence(
         mask_scores([residual], MASK_RADII),
         mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, far),
+        framed=False,
     )
 
 
@@ -45,7 +46,8 @@ def _strengths(fit: PairFit, far: Array32) -> dict[str, Strength]:
     picture = np.array(far[y : y + rows, x : x + columns], dtype=np.float64)
     at = fit.samples.rows, fit.samples.columns
     picture[at] = fit.prediction
-    pictures = directions.filters(np.pad((picture - middle) / scale, BORDER, mode="edge"))
+    padded = np.pad((picture - middle) / scale, BORDER, mode="edge")
+    pictures = directions.filters(padded) | directions.wide_masks(padded)
     values = [one[BORDER:-BORDER, BORDER:-BORDER][at] for one in pictures.values()]
     ghost = directions.mirrored(far, (x, y), (rows, columns))
     values.append((ghost[at] - middle) / scale)

@@ -7,7 +7,8 @@ docstring's first line is the text of help and palette.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
 from typing import Any, ClassVar, Protocol, cast
 
 from textual.binding import Binding, BindingType
@@ -310,18 +311,8 @@ class CommandsByName(Provider):
             if score > 0:
                 yield Hit(score, matcher.highlight(command.title()), self._give(command), help=_help(command))
 
-    def _give(self, command: type[Command]) -> _Given:
-        return _Given(self._source, command.__name__)
-
-
-class _Given:
-    """Callback of a chosen palette entry."""
-
-    def __init__(self, app: CommandSource, name: str) -> None:
-        self.app, self.name = app, name
-
-    async def __call__(self) -> None:
-        await self.app.action_command(self.name)
+    def _give(self, command: type[Command]) -> Callable[[], Awaitable[None]]:
+        return partial(self._source.action_command, command.__name__)
 
 
 def _help(command: type[Command]) -> str:

@@ -36,7 +36,7 @@ class Graphics:
 
     kind: Kind = Kind.BLOCKS
     cell: tuple[int, int] = (6, 12)
-    """As small as cells are, where it is not known: a picture must not cover its neighbours."""
+    """Small where it is not known: a picture must not cover its neighbours."""
 
 
 def graphics_in(reply: str, environ: Mapping[str, str], measured: tuple[int, int] = (0, 0)) -> Graphics:

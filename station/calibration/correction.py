@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,10 @@ from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
 from procedures.numbers import CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
 from procedures.outcome import Outcome, Refused, with_doubt
+from procedures.pattern_psf.estimate import PUPIL_SPREAD
+from procedures.pattern_psf.focus.aperture import CONTRADICTION_SIGMAS, mean_f_number
+from procedures.psf_field import PsfField
+from procedures.quality import OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, RawFrame, read_photograph
 from station.calibration.camera_metadata import CameraMetadata, read_metadata
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
@@ -48,6 +52,7 @@ def correct_photographs(
     progress: Callable[[int, int], None] = lambda done, of: None,
     *,
     insisted: bool = False,
+    typed: TypedAperture | None = None,
 ) -> Corrected:
     """Check that photographs match the field, and correct them.
 
@@ -55,10 +60,13 @@ def correct_photographs(
 
     photographs : the first defines the frame of the picture; the others are registered to it
     insisted : the field is used for any camera, and the result flagged as doubtful
+    typed : the aperture of a lens that the camera does not know, which stands for its settings
     """
     frame, *others = (_with_green(one) for one in photographs)
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
+    if typed and not insisted and frame.exposure.f_number is None:
+        unknown = unknown_with_typed(unknown, typed, fields, frame, camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
     known = {} if frame.development else read_lights(field)
     lights = {name: known[name].at for name in frame.planes if name in known}
@@ -72,6 +80,40 @@ def correct_photographs(
     outcome = _judged(outcome, frame)
     metadata = read_metadata(read_photograph(frame.path), frame.exposure)
     return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), tuple(others))
+
+
+@dataclass(frozen=True)
+class TypedAperture:
+    """A lens without contacts as the operator states it: its f-number, and the sensor's pitch if no file has it."""
+
+    f_number: float
+    pixel_pitch_um: float | None = None
+
+
+def unknown_with_typed(
+    unknown: list[str], typed: TypedAperture, fields: Mapping[str, PsfField], frame: RawFrame, camera: Exposure | None
+) -> list[str]:
+    """The unknown settings less those that a typed f-number stands for, if the field's far tail agrees with it.
+
+    Raises Refused if the field has another aperture, by its file or by its far tail.
+    """
+    if camera is not None:
+        check_exposure(replace(frame.exposure, f_number=typed.f_number), camera)
+    pitch = typed.pixel_pitch_um or frame.exposure.pixel_pitch_um
+    tails = [
+        (node.psf, Diffraction(typed.f_number, (1 if name == "Y" else 2) * pitch, WAVELENGTHS_NM[name[0]], OPERATOR))
+        for name, one in fields.items() if one.q and pitch for node in one.nodes
+    ]  # fmt: skip
+    if not tails:
+        return [*unknown, "the far tail (--pixel-pitch-um is needed)"]
+    value, uncertainty = mean_f_number(tails)
+    if abs(value - typed.f_number) > CONTRADICTION_SIGMAS * np.hypot(uncertainty, PUPIL_SPREAD * typed.f_number):
+        raise Refused(f"the field's far tail is that of f/{value:.1f}; f/{typed.f_number:g} was given", _CORRECT_IT)
+    return [one for one in unknown if one not in SETTINGS]
+
+
+SETTINGS = ("lens", "aperture", "focal length", "focus distance")
+_CORRECT_IT = "correct --f-number, or measure the field at the photograph's aperture"
 
 
 def _with_green(frame: RawFrame) -> RawFrame:

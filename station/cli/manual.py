@@ -63,7 +63,7 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
 
 def _printed(program: click.Command, words: Sequence[str]) -> str:
-    """What a command writes to stdout."""
+    """The text that a command writes to stdout."""
     out = io.StringIO()
     with redirect_stdout(out), suppress(SystemExit):
         program.main(list(words), prog_name="station")

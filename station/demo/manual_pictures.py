@@ -365,6 +365,7 @@ def _screens(folder: Path) -> Pictures:
 COMMANDS = (
     ("witnessed", "psf witnessed --help"),
     ("series", "psf series --help"),
+    ("stability", "psf stability --help"),
     ("rig", "rig --help"),
     ("profile-add", "profile add field --library library --camera Simulated --lens Wide --f-number 4"),
     ("profile-find", "profile find --library library --camera Simulated --lens Wide --f-number 4"),
@@ -391,7 +392,7 @@ ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
 
 
 def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
-    """What every command of `COMMANDS` writes, as a terminal shows it."""
+    """The text that every command of `COMMANDS` writes, as a terminal shows it."""
     printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
     session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
     pictures: Pictures = {}

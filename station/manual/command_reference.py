@@ -41,7 +41,7 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     yield ""
     yield f"`{context.command_path} {usage}`"
     yield ""
-    yield inspect.cleandoc(command.help or "").replace("$", "\\$")
+    yield inspect.cleandoc(command.help or "").replace("$", "\\$").replace("\b\n", "")
     if command.epilog:
         yield from ("", f"Example: `{command.epilog.removeprefix('Example: ')}`")
     options = [one for one in command.get_params(context) if isinstance(one, click.Option)]

@@ -48,7 +48,7 @@ from station.results.plane_result import PlaneResult
 
 Array = npt.NDArray[np.float64]
 
-NEGLIGIBLE = 1e-3
+NEGLIGIBLE = 0.05
 """Share of the uncertainty below which a term of the budget is not shown."""
 DIAGNOSTICS = (
     ("agreement", "Variance of the noise region that the chart explains", percent),

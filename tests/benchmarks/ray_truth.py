@@ -97,10 +97,10 @@ def relative_error(picture: Picture, scene: Render) -> float:
 
 
 def covered(picture: Picture, uncertainty: npt.NDArray[np.float32] | None, scene: Render) -> str:
-    """Share of values within two standard uncertainties, those of the converged picture included."""
+    """Share of values within two standard uncertainties, those of the converged picture and of its sums included."""
     if uncertainty is None:
         return ""
-    combined = np.sqrt(uncertainty**2 + scene.truth_variance)
+    combined = np.sqrt(uncertainty**2 + scene.truth_variance + (2.0**-20 * scene.truth) ** 2)
     return f"{np.mean(np.abs(picture - scene.truth) <= 2 * combined):.1%}"
 
 

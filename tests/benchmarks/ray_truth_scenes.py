@@ -197,7 +197,7 @@ def _fence() -> dict[str, Any]:
 
 def _mirror() -> dict[str, Any]:
     """A mirror and a glossy floor, in which albedo and normals show nothing of what is seen."""
-    checks = {"type": "checkerboard", "to_uv": mi_scale(6)}
+    checks = {"type": "checkerboard", "to_uv": mi_transform([0, 0, 0], 0, 6)}
     room = _room((0.6, 0.6, 0.6))
     room["floor"]["bsdf"] = {
         "type": "roughplastic",
@@ -238,13 +238,6 @@ def _night() -> dict[str, Any]:
         ball=_sphere(0, -0.5, 0, 0.5, bsdf={"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": 0.15}}),
         sky={"type": "constant", "radiance": {"type": "rgb", "value": [0.02, 0.025, 0.04]}},
     )  # fmt: skip
-
-
-def mi_scale(times: float) -> Any:
-    """A texture's repetitions."""
-    import mitsuba as mi
-
-    return mi.ScalarTransform4f().scale([times, times, 1])
 
 
 SCENES = {"bulbs": _bulbs, "glass": _glass, "texture": _texture, "indirect": _indirect}

@@ -112,18 +112,18 @@ class TurnedView:
 
 
 def find_turned(
-    samples: Array32, most_px: float, seen: ChartSighting | None = None
+    samples: Array32, most_px: float, sighting: ChartSighting | None = None
 ) -> tuple[ChartSighting, TurnedView] | None:
     """The chart with the most marks in the pictures of turned cameras, by the camera turned towards it.
 
     samples : (rows, columns) float32
     most_px : float
         Greatest width of the chart in the picture.
-    seen : ChartSighting, optional
+    sighting : ChartSighting, optional
         What the plane itself shows of it; None: it is searched for.
     """
     size = np.array(samples.shape[::-1], dtype=np.float64)
-    if seen is None:
+    if sighting is None:
         places = [np.array(one) * size for one in product(PLACES, PLACES)]
         searched = _best(samples, (_view(size, *one) for one in product(SEARCH_RATIOS, places)))
         if searched is None:
@@ -131,10 +131,10 @@ def find_turned(
         sighting, view = searched
         place, width = view.to_plane(sighting.centre()[None])[0], float(sighting.widths().max()) / view.scale
     else:
-        place, width = seen.centre(), float(seen.widths().max())
+        place, width = sighting.centre(), float(sighting.widths().max())
     view, half = _view(size, FOCAL_RATIOS[0], place).towards(place, width, most_px), np.linalg.norm(size) / 2
     best = _best(samples, (view.with_focal(float(ratio * half)) for ratio in FOCAL_RATIOS))
-    if best is None or best[0].visible.all() or (seen is not None and _marks(best) <= seen.visible.sum()):
+    if best is None or best[0].visible.all() or (sighting is not None and _marks(best) <= sighting.visible.sum()):
         return best
     nearer = _best(samples, (best[1].with_focal(share * best[1].focal_px) for share in NEARER))
     return best if nearer is None else max(best, nearer, key=_marks)
@@ -152,8 +152,8 @@ def _best(samples: Array32, views: Iterable[TurnedView]) -> tuple[ChartSighting,
     return best
 
 
-def _marks(found: tuple[ChartSighting, TurnedView]) -> int:
-    return int(found[0].visible.sum())
+def _marks(candidate: tuple[ChartSighting, TurnedView]) -> int:
+    return int(candidate[0].visible.sum())
 
 
 def _view(size: Array, ratio: float, place: Array) -> TurnedView:

@@ -18,6 +18,7 @@ from procedures.pattern_psf.estimate import PUPIL_SPREAD, PatternPsf, estimate_p
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.refine import TailPrior
 from procedures.plan import Advice, Facts, Reading, facts_as
+from procedures.psf import Psf
 from procedures.quality import Diffraction, beyond_diffraction
 from procedures.raw import RawFrame
 
@@ -66,19 +67,28 @@ def f_number_of_tails(psfs: Sequence[tuple[PatternPsf, Diffraction]]) -> Quantit
     """
     if not psfs:
         return None
-    value, u = np.array([_f_number_of_tail(psf, limit) for psf, limit in psfs]).T
-    weight = 1 / u**2
-    mean = float(weight @ value / weight.sum())
-    scatter = float(weight @ (value - mean) ** 2) / max(len(value) - 1, 1)
-    uncertainty = float(np.sqrt(max(scatter, 1.0) / weight.sum()))
+    noise = [max(one.residual_std, 1.0) for one, _ in psfs]
+    mean, uncertainty = mean_f_number([(one.psf, limit) for one, limit in psfs], noise)
     return Quantity(mean, "1", uncertainty, "far tail of the PSF over that of f/1", sum(psf.n for psf, _ in psfs))
 
 
-def _f_number_of_tail(estimate: PatternPsf, limit: Diffraction) -> tuple[float, float]:
+def mean_f_number(psfs: Sequence[tuple[Psf, Diffraction]], noise: Sequence[float] | None = None) -> tuple[float, float]:
+    """The f-number of the far tails of PSFs and its standard uncertainty, as `f_number_of_tails`.
+
+    noise : factor of each PSF's stated uncertainty; 1 by default
+    """
+    factors = noise or [1.0] * len(psfs)
+    value, u = np.array([_f_number_of_tail(*one, k) for one, k in zip(psfs, factors, strict=True)]).T
+    weight = 1 / u**2
+    mean = float(weight @ value / weight.sum())
+    scatter = float(weight @ (value - mean) ** 2) / max(len(value) - 1, 1)
+    return mean, float(np.sqrt(max(scatter, 1.0) / weight.sum()))
+
+
+def _f_number_of_tail(psf: Psf, limit: Diffraction, noise: float) -> tuple[float, float]:
     """Estimate the f-number, the tail's energy over that of f/1, with its standard uncertainty by noise."""
-    psf = estimate.psf
     energy_of_f1 = TailPrior(replace(limit, f_number=1.0).tail_density_px, PUPIL_SPREAD).energy(psf.s, psf.k)
-    u = float(np.sqrt(psf.tail.covariance[0, 0])) * max(estimate.residual_std, 1.0)
+    u = float(np.sqrt(psf.tail.covariance[0, 0])) * noise
     return float(psf.tail.amplitudes[0]) / energy_of_f1, u / energy_of_f1
 
 

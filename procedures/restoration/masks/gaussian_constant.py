@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.numerics.arrays import Array
@@ -26,7 +27,7 @@ class GaussianConstant:
     departure: float
 
 
-def gaussian_constant(psfs: Sequence[Psf], radii_px: Sequence[float]) -> GaussianConstant:
+def gaussian_constant(psfs: Sequence[Psf], radii_px: npt.ArrayLike) -> GaussianConstant:
     """k of a lens by PSFs measured at known radii of the blur circle, as `CameraSetting.blur_radius_px` gives them.
 
     Raises BadParameter unless each PSF has a radius, and two or more differ and are a pixel or more.

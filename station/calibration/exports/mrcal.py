@@ -32,7 +32,7 @@ HIDDEN = -1.0
 """Weight of a corner that a photograph does not show."""
 METRE = 1000.0
 POSE = 6
-"""Of OpenCV's derivatives: rotation and shift, before the camera's parameters."""
+"""Columns of OpenCV's derivatives: rotation and shift, before the camera's parameters."""
 
 
 def cameramodel(stored: StoredCamera, camera: OpenCvCamera) -> str:

@@ -47,7 +47,7 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
 
 
 def unknown_of(developments: Sequence[Development]) -> tuple[str, str] | None:
-    """What is not known of the pictures' development, with the remedy; None where all of it is stated."""
+    """Unknown properties of the pictures' development, with the remedy; None where all of it is stated."""
     if any(one.format == RAW for one in developments):
         return "the photographs have no 2 x 2 mosaic: they were demosaicked, which is part of their blur", _BAYER
     lossy = any(one.format in LOSSY for one in developments)

@@ -49,6 +49,8 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     ] = 1  # fmt: skip
     tile_px: Annotated[Literal[128, 192, 256, 384, 512] | None, setting("[default: as the field varies]")] = None
     encoding: Encoding = None
+    f_number: Annotated[float, setting("Of a lens that the camera does not know.", least=0.1)] | None = None
+    pixel_pitch_um: Annotated[float, setting("Of the sensor, if the file lacks it.", least=0.1)] | None = None
     insist: Annotated[bool, setting("Take a field whatever camera, lens, aperture and focus it is of.")] = False
 
     def read(self, path: Path) -> RawFrame:
@@ -97,6 +99,7 @@ class Correct(Procedure[CorrectSettings]):
     ) -> Measurement:
         from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
+            TypedAperture,
             correct_photographs,
             correction_entries,
             correction_files,
@@ -106,8 +109,9 @@ class Correct(Procedure[CorrectSettings]):
         field = _field(paths, settings)
         frames = [settings.read(path) for path in paths]
         results = correct_photographs(
-            frames, field, settings.parameters, _by_hundredths(progress), insisted=settings.insist
-        )
+            frames, field, settings.parameters, _by_hundredths(progress), insisted=settings.insist,
+            typed=TypedAperture(settings.f_number, settings.pixel_pitch_um) if settings.f_number else None,
+        )  # fmt: skip
         used = settings.parameters.splitting or Splitting.usual(len(paths))
         given = {
             **to_record(settings),
@@ -138,7 +142,7 @@ class Correct(Procedure[CorrectSettings]):
         ]
 
 
-_USUAL = (("scale", 1), ("insist", False), ("encoding", None))
+_USUAL = (("scale", 1), ("insist", False), ("encoding", None), ("f_number", None), ("pixel_pitch_um", None))
 """Settings that are not recorded."""
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import film_of_samples
+from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.render_files import halves_of_samples, read_halves, read_layers
 from procedures.reading.exr import read_exr, write_exr
 
@@ -61,6 +62,16 @@ def test_two_openexr_pictures_are_halves(rng, openexr, tmp_path):
     write_exr(tmp_path / "small.exr", {"": np.ones((7, 9, 3))})
     with pytest.raises(BadInput, match="two halves need one size"):
         read_halves([tmp_path / "0.exr", tmp_path / "small.exr"])
+
+
+def test_a_stated_variance_of_samples_becomes_that_of_the_means(rng, openexr, tmp_path):
+    true = rng.uniform(0.001, 0.1, (40, 50, 1)).repeat(3, 2)  # of each picture's 16 samples' mean
+    for i in range(2):
+        picture = 1 + np.sqrt(true) * rng.standard_normal(true.shape)
+        write_exr(tmp_path / f"{i}.exr", {"": picture, "Denoising Image Variance": 16 * true})
+    (first, _), whole = read_halves([tmp_path / "0.exr", tmp_path / "1.exr"])
+    np.testing.assert_allclose(mean_variance(first.film), true, rtol=0.1)
+    np.testing.assert_allclose(mean_variance(whole.film), true / 2, rtol=0.1)
 
 
 def test_halves_are_even_and_odd_samples_with_their_features(rng):

@@ -218,16 +218,17 @@ def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_i
     none = Strength(0.0, 0.1)
     clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
-        one = replace(none, amount=amount)
+        one = replace(none, value=amount)
         checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
         assert [check.name for check in checks if check.fails] == [name]
-        opposite = replace(none, amount=-amount)
+        opposite = replace(none, value=-amount)
         checks = corruption_checks(replace(clean, **{scores: [none, opposite, none]}), raw=False)
         assert not any(check.fails for check in checks)
 
 
 def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(corruptions, "_by_tone", lambda profile: np.zeros_like(FREQUENCIES))
+    for name in ("_by_tone", "_by_contrast"):
+        monkeypatch.setattr(corruptions, name, lambda profile: np.zeros_like(FREQUENCIES))
     none = Strength(0.0, 0.1)
     evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     mtf = 1 - FREQUENCIES / 2

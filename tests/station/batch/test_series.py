@@ -66,7 +66,7 @@ def test_table_and_page_tell_every_point():
     table = list(csv.DictReader(io.StringIO(series_table(points).decode())))
     assert [one["f_number"] for one in table] == ["", "2.8", "4", "5.6"]
     np.testing.assert_allclose([float(one["value"]) for one in table], [0.2, 0.25, 0.31, 0.33])
-    page = series_page(points, best_apertures(points))
+    page = series_page(points, [one.words for one in best_apertures(points)])
     tree = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(page)
     text = " ".join(" ".join(tree.itertext()).split())
     assert "Best at f/5.6" in text or "best at f/5.6" in text

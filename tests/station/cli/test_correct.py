@@ -12,12 +12,16 @@ import rawpy
 from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
+from procedures.field.interpolate import interpolate
 from procedures.outcome import Refused
 from procedures.reading.development import named_curve
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface
+from station.calibration.correction import TypedAperture, unknown_with_typed
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
 from tests.procedures.correction.small_lens import NOTED, RIM, SmallLens, bayer, burst, grey, scene
+from tests.procedures.field.lens import SHAPE as FIELD_SHAPE
+from tests.procedures.field.lens import FieldCamera, K, grid, nodes
 from tests.program import run
 
 SLOW_FIXTURES = {"files"}
@@ -63,7 +67,6 @@ def stored(out, shape):
     return np.frombuffer(data[-2 * int(np.prod(shape)) :], dtype="<u2").reshape(shape) / 65535
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["picture.jpg", "picture.png"])
 def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_path, name):
     folder, seen, _ = files
@@ -72,8 +75,7 @@ def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_
     depth = 65535 if name.endswith("png") else 255
     levels = np.rint(depth * through).astype(np.uint16 if depth > 255 else np.uint8)
     cv2.imwrite(str(tmp_path / name), levels, [cv2.IMWRITE_JPEG_QUALITY, 97])
-    result = run(tmp_path / name, "--field", folder / "field.h5", "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
+    run("correct", tmp_path / name, "--field", folder / "field.h5", "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "result.json").read_text())["result"]
     assert record["verdict"] == "doubtful"
     assert "developed" in record["reason"] + str(record["other_causes"])
@@ -174,6 +176,24 @@ def test_unknown_exposure_data_are_named():
     assert check_exposure(CAMERA, CAMERA) == []
     assert check_exposure(replace(CAMERA, lens=None), CAMERA) == ["lens"]
     assert check_exposure(CAMERA, None) == ["the field does not name its camera"]
+
+
+def test_a_typed_aperture_stands_for_a_lens_without_contacts_unless_the_far_tail_contradicts_it(files):
+    camera, covariance = FieldCamera(), 1e-8 * np.eye(K * K + 6)
+    measured = nodes(camera, grid(3, 3, 0.2), covariance, np.random.default_rng(1))
+    fields = {"G1": interpolate("G1", FIELD_SHAPE, measured).field}
+    photo = replace(files[1].frame, exposure=Exposure(camera="Bench One"))
+    of_field = Exposure(camera="Bench One", f_number=None)
+    unknown = ["lens", "aperture", "focal length", "focus distance"]
+
+    def left(f_number, field=of_field):
+        return unknown_with_typed(unknown, TypedAperture(f_number, camera.pitch_um / 2), fields, photo, field)
+
+    assert left(camera.lens.f_number) == []
+    with pytest.raises(Refused, match="far tail is that of f/3"):
+        left(8.0)
+    with pytest.raises(Refused, match="aperture is f/5"):
+        left(2.8, replace(of_field, f_number=5.6))
 
 
 def test_a_field_names_its_camera(files):

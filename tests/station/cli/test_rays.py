@@ -186,7 +186,7 @@ def test_dropped_samples_are_said(tmp_path, rng):
     ("options", "code", "says"),
     [
         (["--kappa", "0"], 2, "kappa must be positive; got 0.0"),
-        (["--scales", "0"], 2, "1 scale or more; got 0"),
+        (["--scales", "0"], 2, "scales must be 1 or more; got 0"),
         (["--scales", "4"], 4, "24 x 26 pixels give 3 x 4"),
         (["--threads", "0"], 2, "--threads"),
     ],

@@ -132,8 +132,8 @@ def test_the_progress_of_a_mean_follows_its_weights():
     goal = goal_of([1 / 0.004**2] * 2, 0.002)  # 1/u^2 adds up: four photographs of 0.004 give 0.002
     assert (goal.left, goal.now, goal.after) == (2, pytest.approx(0.004 / 2**0.5), pytest.approx(0.004 / 3**0.5))
     assert goal_of([1.0], 10.0).left == FEWEST - 1, "fewer cannot be tested for agreement"
-    words = "MTF50 ± 0.0028 now, ± 0.0023 cycles/pixel after the next photograph; 2 photographs to the goal."
-    assert goal.say == words
+    words = "MTF50 between photographs ± 0.0028 now, ± 0.0023 cycles/pixel after the next photograph"
+    assert goal.say == f"{words}; 2 photographs to the goal."
     assert Goal(1).say == "1 photograph to the goal."
 
 

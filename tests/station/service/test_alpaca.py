@@ -308,7 +308,7 @@ def test_every_member_of_the_switch(box, served):
     box.SetSwitch(2, False)
     box.SetSwitch(3, True)
     assert box.GetSwitchValue(3) == 1.0
-    assert box.GetSwitchValue(4) == pytest.approx(served.bench.rangefinder.measure().distance_mm, abs=10)  # its noise
+    assert box.GetSwitchValue(4) == pytest.approx(served.bench.devices["rangefinder"].measure().distance_mm, abs=10)  # its noise
     box.SetSwitch(1, True)
     box.SetSwitch(1, False)
     with pytest.raises(NOT_IMPLEMENTED, match="distance is read only"):
