@@ -111,7 +111,7 @@ class Scenario:
         assert begin_s == pytest.approx(exposure.shutter.closed_s + 0.055, abs=1.1)
 
     def measure(self):
-        self.bench.rangefinder.measure()
+        self.bench.devices["rangefinder"].measure()
 
     def feel(self):
         self.bench.imu.start(50.0)

@@ -44,7 +44,7 @@ def test_a_whole_measurement_through_interfaces_alone(bench):
     exposure = bench.camera.expose()
     assert inspect_raw(exposure.path).exposure_s == pytest.approx(0.02)
     # the laser's housing is 120 mm behind the principal plane; 0.6 mm of noise, the rail warm by less than a degree
-    assert bench.rangefinder.measure().distance_mm == pytest.approx(800 + 750 + 120, abs=4.0)
+    assert bench.devices["rangefinder"].measure().distance_mm == pytest.approx(800 + 750 + 120, abs=4.0)
 
 
 def test_what_passes_on_each_wire_goes_into_a_file_until_it_is_reported_otherwise(bench, tmp_path):
