@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from procedures import DumpLayout, Roi, estimate_edge
-from procedures.geometry.cameras import simple_camera
-from procedures.geometry.estimate import GeometryParameters
+from procedures.geometry.cameras import CameraModel, simple_camera
+from procedures.geometry.estimate import Geometry, GeometryParameters
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.numbers import EDGE_CROSSINGS, MTF50_HORIZONTAL
 from procedures.outcome import Outcome, Verdict
@@ -42,12 +42,15 @@ from procedures.raw import read_frame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import Screws, fit_plane, turns_for
 from procedures.transfer_function import radial_profile
-from simulators.bench.demonstration import WIDTH_MM, Staging, photograph
+from simulators.bench.demonstration import EXPOSURE_S, ISO, OPTICS, WIDTH_MM, Staging, photograph, stage
 from simulators.camera.camera import SimulatedCamera
+from simulators.camera.optics import GaussianBlur, Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 from station.app.app import StationApp
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
+from station.calibration.geometry_files import geometry_measurement
+from station.calibration.series import Point, SeriesSetting
 from station.calibration.tilt import tilt_measurement
 from station.common.models import TableSource, read_model
 from station.common.progress import Progress, silent
@@ -60,11 +63,12 @@ from station.guide.workspace import StationLab
 from station.procedure.schema import procedure_named
 from station.reports import geometry_figures, otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
+from station.reports.batches.series_page import series_page
 from station.reports.certificate_figure import curves_figure
 from station.reports.trend import trends
 from station.reports.trend_figure import trend_picture
 from station.results.measurement import write_measurement
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
 from station.service.pictures import jpeg_of
 from station.sessions.index import IndexedNumber
@@ -162,6 +166,42 @@ def _pattern(folder: Path) -> Pictures:
     }
 
 
+def _witnessed(folder: Path) -> Pictures:
+    """The four photographs with witnesses, and the agreement of the PSF with those of two more photographs."""
+    chart, quick = Source.from_seed().chart, {"plane": SHOWN_PLANE, "s": 3, "k": 13}
+    shots = (0.5, 1.0, 0.0), (1, 1.0, 0.0), (1, 1.5, 0.0), (1, 1.0, 0.6), (1, 1.0, 0.0), (1, 1.0, 0.0)
+    paths = [folder / f"shot{n}.dng" for n in range(len(shots))]
+    for n, (light, s_over_t, blur_px) in enumerate(shots):
+        camera, scene = stage(replace(SETUP, s_over_t=s_over_t, rows=round(340 * s_over_t), columns=round(340 * s_over_t)), chart)
+        if blur_px:
+            camera = replace(camera, optics=Optics((*OPTICS.blurs, GaussianBlur(blur_px)), OPTICS.pitch_um))
+        camera.photograph(scene, np.random.default_rng(n), paths[n], exposure_s=light * EXPOSURE_S, iso=ISO, bits=14)
+    results = [folder / name for name in ("witnessed", "again", "once-more")]
+    pictures = _of_page(_measured("witnessed", paths[:4], results[0], **quick), {"witnessed": "MTF of the"})
+    for path, out in zip(paths[4:], results[1:], strict=True):
+        _measured("pattern", [path], out, **quick)
+    return pictures | _of_page(_measured("stability", results, folder / "stability"), {"stability": "Mean MTF"})
+
+
+def _series(folder: Path) -> Pictures:
+    """MTF50 over the aperture: aberrations at first, diffraction at last."""
+    settings = [SeriesSetting(one, 2000.0, 100.0) for one in (2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
+    points = [
+        Point(
+            plane,
+            MTF50_HORIZONTAL,
+            one,
+            best - 0.12 * np.log2((one.f_number or 1) / 5) ** 2 / 2,
+            0.006,
+            "cycles/pixel",
+            3,
+        )
+        for plane, best in (("G1", 0.42), ("R", 0.38))
+        for one in settings
+    ]
+    return _of_page(series_page(points, []), {"series": ""})
+
+
 def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
     """A part from the page of a guided session on the simulated bench."""
 
@@ -219,10 +259,12 @@ def _restoration(folder: Path) -> Pictures:
     for number, sigma in ((1, 1.0), (2, 1.5)):
         blurred = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
         paths.append(_grey(folder / f"blurred_{number}.pgm", blurred))
-    settings = {"blur": "defocus", "shape": ("gaussian",), "ratio": 1.5, "max_w": 6}
+    lens = {"metres": "front", "f_number": (4.2, 2.8), "focus_m": (2.0,), "focal_length_mm": 50, "pixel_pitch_um": 8.0}
+    settings = {"blur": "defocus", "shape": ("gaussian",), "max_w": 6, **lens}
     page = _measured("restore", paths, folder / "restored", **settings)
     begins = {"restoration-before": "photograph 1", "restoration-after": "restored", "restoration-depth": "The wider"}
-    return _of_page(page, begins)
+    refocused = _measured("refocus", [folder / "restored"], folder / "refocused", f_number=4.0, focus_m=1.6)
+    return _of_page(page, begins) | _of_page(refocused, {"refocused": "refocused"})
 
 
 def _rays(folder: Path) -> Pictures:
@@ -269,7 +311,7 @@ def _library(folder: Path) -> Pictures:
 
 def _reproduced(folder: Path) -> Pictures:
     """The figure of one quick row."""
-    (row,) = (one for one in ROWS if one.name == "bound-realised")
+    (row,) = (one for one in ROWS if one.name == "bound-expected")
     return {"reproduced.svg": _file_of(str(compute(row, Setting()).computed.figures[0]))}
 
 
@@ -285,26 +327,34 @@ def _trend(folder: Path) -> Pictures:
 
 
 def _geometry(folder: Path) -> Pictures:
-    """Six views of a lens with known distortion."""
+    """Six views of a lens with known distortion, and of a second camera 60 mm to its right."""
     lens = simple_camera("OPENCV", (5200.0, 5204.0), (3012.0, 1989.0), (6000, 4000))
     lens = replace(lens, params=np.array([*lens.params[:4], -0.12, 0.06, 4e-4, -3e-4]))
+    left, _ = (_six_views(lens, 60.0 * n, folder / name) for n, name in enumerate(("left", "right")))
+    figures = {
+        "geometry-coverage": geometry_figures.coverage_figure(left, "coverage"),
+        "geometry-distortion": geometry_figures.distortion_figure(left, "distortion"),
+    }
+    return {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+
+
+def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> Geometry:
+    """The geometry of six views by a camera displaced to the right, whose result is written too."""
     rng, nodes, records = np.random.default_rng(12), chart_nodes(CELL_MM), []
     for n, place in enumerate([(0.5, 0.5), (0.25, 0.3), (0.75, 0.3), (0.25, 0.7), (0.75, 0.7), (0.5, 0.35)]):
         tilt = Rotation.from_rotvec(0.5 * np.array([np.cos(2.4 * n), np.sin(2.4 * n), 0]))
         at = (np.array(place) * (6000, 4000) - (3012, 1989)) / 5200
-        points = lens.project(tilt.apply(nodes) + 500 * np.append(at, 1))
+        points = lens.project(tilt.apply(nodes) + 500 * np.append(at, 1) - (to_right_mm, 0, 0))
         points += 0.01 * rng.standard_normal(points.shape)
         inside = np.flatnonzero(((points >= 0) & (points <= (5999, 3999))).all(axis=1))
         view = ChartView(f"view{n}", inside, points[inside], np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))
         records.append(ViewRecord(Path(f"view{n}.dng"), "0" * 64, view, Verdict.PASS))
     shoot = GeometryPhotographs("G1", (6000, 4000), tuple(records))
-    (plane,) = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
-    geometry = plane.outcome.result()
-    figures = {
-        "geometry-coverage": geometry_figures.coverage_figure(geometry, "coverage"),
-        "geometry-distortion": geometry_figures.distortion_figure(geometry, "distortion"),
-    }
-    return {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+    planes = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
+    with ResultFolder(out) as result:
+        write_measurement(result, geometry_measurement(planes, RecordHead("geometry", files_read(records), {})))
+    geometry: Geometry = planes[0].outcome.result()
+    return geometry
 
 
 def _phone(folder: Path) -> Pictures:
@@ -363,15 +413,11 @@ def _screens(folder: Path) -> Pictures:
 
 
 COMMANDS = (
-    ("witnessed", "psf witnessed --help"),
-    ("series", "psf series --help"),
-    ("stability", "psf stability --help"),
-    ("rig", "rig --help"),
+    ("rig", "rig left right --out rig --json"),
     ("profile-add", "profile add field --library library --camera Simulated --lens Wide --f-number 4"),
     ("profile-find", "profile find --library library --camera Simulated --lens Wide --f-number 4"),
     ("profile-export", "profile export field --to gmic filters"),
     ("sharpen", "sharpen charts.pgm --field field/field.h5 --out sharp"),
-    ("refocus", "refocus --help"),
     ("explain", "explain certified"),
     ("verify", "verify certified/certificate.html"),
     ("session-list", "session list --sessions edge"),
@@ -419,6 +465,8 @@ PARTS: tuple[Callable[[Path], Pictures], ...] = (
     _vignetting,
     _tilt,
     _restoration,
+    _witnessed,
+    _series,
     _rays,
     _batch,
     _library,
