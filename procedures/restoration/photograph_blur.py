@@ -18,13 +18,7 @@ from procedures.restoration.colour.estimate import in_colour
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
 from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
 from procedures.restoration.joint.joint_descent import JointRound
-from procedures.restoration.joint.kernel_sizes import (
-    BEYOND,
-    DEFAULT_MAX_W,
-    default_max_w,
-    fitting_ratios,
-    stacks_of,
-)
+from procedures.restoration.joint.kernel_sizes import BEYOND, DEFAULT_MAX_W, default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.joint.result import Restoration, with_unit
 from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
@@ -35,7 +29,7 @@ from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.shape_fields import ShapeField
 from procedures.restoration.time_shift import LEAST_S, TimeShift, fit_time_shift
-from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
+from procedures.restoration.unknown_motion.blind import Prototypes, SearchRound, prototype_shapes
 from procedures.restoration.unknown_motion.flat_scene import (
     MIN_PICTURE_WEIGHT,
     FreeKernels,
@@ -44,13 +38,7 @@ from procedures.restoration.unknown_motion.flat_scene import (
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_change
 from procedures.restoration.unknown_motion.motion_splines import fit_recorded
-from procedures.restoration.unknown_motion.path_refinement import (
-    REMEDY,
-    MotionShapes,
-    PathEffort,
-    SearchRound,
-    motion_of_scene,
-)
+from procedures.restoration.unknown_motion.path_refinement import REMEDY, MotionShapes, PathEffort, motion_of_scene
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
 
@@ -186,7 +174,7 @@ class SceneBlur:
 
 
 def blur_of(
-    spec: BlurSpec, photographs: Sequence[PlaneLike], report: Callable[[Finding], None] | None = None
+    spec: BlurSpec, photographs: Sequence[PlaneLike], report: Callable[[Finding], object] | None = None
 ) -> SceneBlur:
     """The blur of photographs of one scene: arrays (H, W) or (C, H, W), or planes.
 
@@ -304,7 +292,7 @@ def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
 
 
 def _estimated(
-    source: UnknownMotion, max_w: float, photographs: Sequence[Array], shape: Size, report: Callable[[Finding], None]
+    source: UnknownMotion, max_w: float, photographs: Sequence[Array], shape: Size, report: Callable[[Finding], object]
 ) -> SceneBlur:
     check_extent(reach(max_w + BEYOND), shape)
     motion = _motion_in(source, max_w, photographs, report)
@@ -317,7 +305,7 @@ def _of_flat_scene(
     max_w: float | None,
     photographs: Sequence[Array],
     shape: Size,
-    report: Callable[[Finding], None],
+    report: Callable[[Finding], object],
 ) -> SceneBlur:
     if source.kernels:
         motion = given_kernels(source.kernels, len(photographs), source.doubt)
@@ -339,7 +327,7 @@ def judge_with_alternative(restoration: Restoration, kernels: Array, others: Arr
 
 
 def _motion_in(
-    source: UnknownMotion, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], None]
+    source: UnknownMotion, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], object]
 ) -> MotionShapes:
     if isinstance(source.region, tuple):
         check_region(source.region, (photographs[0].shape[1], photographs[0].shape[2]))
@@ -357,7 +345,7 @@ def _motion_in(
 
 
 def _motion_of_part(
-    source: UnknownMotion, box: Box, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], None]
+    source: UnknownMotion, box: Box, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], object]
 ) -> MotionShapes:
     x, y, width, height = box
     cut = np.stack([one[:, y : y + height, x : x + width].mean(axis=0) for one in photographs])

@@ -64,7 +64,7 @@ from procedures.restoration.masks.blur_models import named
 from procedures.restoration.photograph_blur import blur_of
 from procedures.restoration.plan_checks import Check, checks
 from procedures.restoration.progress import progress
-from procedures.restoration.unknown_motion.path_refinement import SearchRound
+from procedures.restoration.unknown_motion.blind import SearchRound
 
 PICTURE = "picture"
 """Name of the outcome."""
@@ -190,10 +190,8 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
     try:
         parameters = parameters_of(answers)
         report, rounds = getattr(frames, "progress", lambda done, total: None), parameters.scheme.rounds + 1
-        blur = blur_of(
-            blur_spec(blurred, answers, read), pictures,
-            lambda one: report(one.n, one.most) if isinstance(one, SearchRound) else None,
-        )  # fmt: skip
+        spec = blur_spec(blurred, answers, read)
+        blur = blur_of(spec, pictures, lambda one: isinstance(one, SearchRound) and report(one.n, one.most))
         outcome = blur.restored(pictures, parameters, lambda done: report(min(done.n, rounds), rounds))
         if is_mosaic(planes[0]):
             outcome = blur.coloured(outcome, planes)

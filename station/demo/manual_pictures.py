@@ -27,7 +27,7 @@ from scipy.special import ndtr
 
 from procedures import DumpLayout, Roi, estimate_edge
 from procedures.geometry.cameras import CameraModel, simple_camera
-from procedures.geometry.estimate import Geometry, GeometryParameters
+from procedures.geometry.estimate import GeometryParameters
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.numbers import EDGE_CROSSINGS, MTF50_HORIZONTAL
 from procedures.outcome import Outcome, Verdict
@@ -61,13 +61,13 @@ from station.demo.reproduce.row import Setting
 from station.demo.reproduce.runner import compute
 from station.guide.workspace import StationLab
 from station.procedure.schema import procedure_named
-from station.reports import geometry_figures, otf_figures, psf_figures
+from station.reports import otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
 from station.reports.batches.series_page import series_page
 from station.reports.certificate_figure import curves_figure
 from station.reports.trend import trends
 from station.reports.trend_figure import trend_picture
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement, write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
 from station.service.pictures import jpeg_of
@@ -119,10 +119,14 @@ def _file_of(drawing: str) -> bytes:
 def _measured(name: str, paths: Sequence[Path], out: Path, **settings: object) -> str:
     """The page of a procedure's measurement, whose files are written too."""
     procedure = procedure_named(name)
-    measurement = next(iter(procedure.measurements(paths, read_model(procedure.Settings, settings, TableSource()))))
+    given = read_model(procedure.Settings, settings, TableSource())
+    return _written(name, next(iter(procedure.measurements(paths, given))), out)
+
+
+def _written(name: str, measurement: Measurement, out: Path) -> str:
     with ResultFolder(out) as folder:
         write_measurement(folder, measurement)
-    return procedure.page(measurement).decode()
+    return procedure_named(name).page(measurement).decode()
 
 
 def _grey(path: Path, light: npt.NDArray[np.floating[Any]]) -> Path:
@@ -169,36 +173,25 @@ def _pattern(folder: Path) -> Pictures:
 def _witnessed(folder: Path) -> Pictures:
     """The four photographs with witnesses, and the agreement of the PSF with those of two more photographs."""
     chart, quick = Source.from_seed().chart, {"plane": SHOWN_PLANE, "s": 3, "k": 13}
-    shots = (0.5, 1.0, 0.0), (1, 1.0, 0.0), (1, 1.5, 0.0), (1, 1.0, 0.6), (1, 1.0, 0.0), (1, 1.0, 0.0)
+    far, near = SETUP, replace(SETUP, s_over_t=1.5, rows=510, columns=510)
+    shots = (far, 0.5, 0), (far, 1, 0), (near, 1, 0), (far, 1, 0.6), (far, 1, 0), (far, 1, 0)
     paths = [folder / f"shot{n}.dng" for n in range(len(shots))]
-    for n, (light, s_over_t, blur_px) in enumerate(shots):
-        camera, scene = stage(replace(SETUP, s_over_t=s_over_t, rows=round(340 * s_over_t), columns=round(340 * s_over_t)), chart)
-        if blur_px:
-            camera = replace(camera, optics=Optics((*OPTICS.blurs, GaussianBlur(blur_px)), OPTICS.pitch_um))
+    for n, (setup, light, blur_px) in enumerate(shots):
+        camera, scene = stage(setup, chart)
+        camera = replace(camera, optics=Optics((*OPTICS.blurs, GaussianBlur(blur_px)), OPTICS.pitch_um))
         camera.photograph(scene, np.random.default_rng(n), paths[n], exposure_s=light * EXPOSURE_S, iso=ISO, bits=14)
     results = [folder / name for name in ("witnessed", "again", "once-more")]
     pictures = _of_page(_measured("witnessed", paths[:4], results[0], **quick), {"witnessed": "MTF of the"})
-    for path, out in zip(paths[4:], results[1:], strict=True):
-        _measured("pattern", [path], out, **quick)
+    _measured("pattern", paths[4:5], results[1], **quick)
+    _measured("pattern", paths[5:], results[2], **quick)
     return pictures | _of_page(_measured("stability", results, folder / "stability"), {"stability": "Mean MTF"})
 
 
 def _series(folder: Path) -> Pictures:
     """MTF50 over the aperture: aberrations at first, diffraction at last."""
-    settings = [SeriesSetting(one, 2000.0, 100.0) for one in (2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
-    points = [
-        Point(
-            plane,
-            MTF50_HORIZONTAL,
-            one,
-            best - 0.12 * np.log2((one.f_number or 1) / 5) ** 2 / 2,
-            0.006,
-            "cycles/pixel",
-            3,
-        )
-        for plane, best in (("G1", 0.42), ("R", 0.38))
-        for one in settings
-    ]
+    lens = [(n, 0.42 - 0.06 * np.log2(n / 5) ** 2) for n in (2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
+    of = "G1", MTF50_HORIZONTAL
+    points = [Point(*of, SeriesSetting(n, 2000.0, 100.0), value, 0.006, "cycles/pixel", 3) for n, value in lens]
     return _of_page(series_page(points, []), {"series": ""})
 
 
@@ -330,16 +323,12 @@ def _geometry(folder: Path) -> Pictures:
     """Six views of a lens with known distortion, and of a second camera 60 mm to its right."""
     lens = simple_camera("OPENCV", (5200.0, 5204.0), (3012.0, 1989.0), (6000, 4000))
     lens = replace(lens, params=np.array([*lens.params[:4], -0.12, 0.06, 4e-4, -3e-4]))
-    left, _ = (_six_views(lens, 60.0 * n, folder / name) for n, name in enumerate(("left", "right")))
-    figures = {
-        "geometry-coverage": geometry_figures.coverage_figure(left, "coverage"),
-        "geometry-distortion": geometry_figures.distortion_figure(left, "distortion"),
-    }
-    return {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+    page, _ = (_six_views(lens, 60.0 * n, folder / name) for n, name in enumerate(("left", "right")))
+    return _of_page(page, {"geometry-coverage": "What the camera was", "geometry-distortion": "Distortion: from"})
 
 
-def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> Geometry:
-    """The geometry of six views by a camera displaced to the right, whose result is written too."""
+def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
+    """The page of the geometry of a camera displaced to the right, whose files are written too."""
     rng, nodes, records = np.random.default_rng(12), chart_nodes(CELL_MM), []
     for n, place in enumerate([(0.5, 0.5), (0.25, 0.3), (0.75, 0.3), (0.25, 0.7), (0.75, 0.7), (0.5, 0.35)]):
         tilt = Rotation.from_rotvec(0.5 * np.array([np.cos(2.4 * n), np.sin(2.4 * n), 0]))
@@ -351,10 +340,7 @@ def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> Geometry:
         records.append(ViewRecord(Path(f"view{n}.dng"), "0" * 64, view, Verdict.PASS))
     shoot = GeometryPhotographs("G1", (6000, 4000), tuple(records))
     planes = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
-    with ResultFolder(out) as result:
-        write_measurement(result, geometry_measurement(planes, RecordHead("geometry", files_read(records), {})))
-    geometry: Geometry = planes[0].outcome.result()
-    return geometry
+    return _written("geometry", geometry_measurement(planes, RecordHead("geometry", files_read(records), {})), out)
 
 
 def _phone(folder: Path) -> Pictures:

@@ -34,10 +34,7 @@ class Consent:
     start: str
 
 
-CONSENTS = {
-    MOVE: Consent("Is the way clear?", "move"),
-    LAMP: Consent("Do not look into it.", "light it"),
-}
+CONSENTS = {MOVE: Consent("Is the way clear?", "move"), LAMP: Consent("Do not look into it.", "light it")}
 """Questions that a person must answer before something happens at the bench, by key."""
 
 

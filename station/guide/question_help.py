@@ -37,10 +37,7 @@ WHY: Mapping[str, str] = {
     "sensor_kind": "A colour mosaic has a plane for every colour, with twice the pixel pitch of the sensor.",
     "tape_mm": "It checks the distance that follows from the size of the chart; a centimetre is accurate enough.",
     "typed_f_number": "It gives the diffraction limit, with which the result is compared.",
-    **dict.fromkeys(
-        ("refocused", "refocused_near"),
-        "The sharpest focus depends on the distance, which has changed.",
-    ),
+    **dict.fromkeys(("refocused", "refocused_near"), "The sharpest focus depends on the distance, which has changed."),
     "focus_by": "A bracket of five photographs finds the sharpest focus better than the eye.",
     "apertures": "One photograph is taken at each. The lens is sharpest between its aberrations and diffraction.",
     "wanted_mtf50": "Shots are taken until their mean is as certain as this: half of it needs four times as many.",

@@ -27,15 +27,7 @@ from station.procedure.schema import procedure_named, procedure_names
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
-from station.reports.report import (
-    METHODS,
-    DriftLine,
-    Report,
-    ReportLine,
-    ReportShot,
-    environment_lines,
-    measurement_report,
-)
+from station.reports.report import METHODS, DriftLine, Report, ReportLine, ReportShot, environment_lines
 from station.reports.report_page import measurement_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
@@ -129,10 +121,10 @@ def _of_measurement(record: SessionRecord) -> Report:
     name = COMMANDS.get(state.plan, state.plan)
     if name not in procedure_names():
         raise Refused(f"the procedure {state.plan} has no certificate", "see report.html in the result's folder")
-    folder, procedure = record.folder / last.folder, procedure_named(name)
+    folder = record.folder / last.folder
     beside = read_record(folder).get("field", {}).get("parts", {})  # refused ones have no folder
     parts = {one: read_result(folder / one) for one in beside if (folder / one).is_dir()}
-    report = measurement_report(read_result(folder), name, title=procedure.title, method=procedure.method)
+    report = procedure_named(name).report(read_result(folder))
     planes = [replace(plane, name=f"{plane.name}, {one}") for one, part in parts.items() for plane in part.planes]
     refused = {one: part for one, part in beside.items() if one not in parts}
     planes += [PlaneResult(one, Verdict.REFUSED, part["reason"], part["remedy"]) for one, part in refused.items()]

@@ -159,5 +159,5 @@ class PsfProcedure(Procedure[P]):
         """Contents of the page, with photographs and detected marks."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        whole: PsfPhotographs = measurement.result
-        return measurement_report(measurement, self.name, title=self.title, frames=whole.frames)
+        whole: PsfPhotographs | None = measurement.result  # None where it was read from files
+        return measurement_report(measurement, self.name, title=self.title, frames=whole.frames if whole else ())

@@ -39,9 +39,8 @@ from procedures.restoration.photograph_blur import (
     UnknownMotion,
     blur_of,
 )
-from procedures.restoration.unknown_motion.blind import Prototypes
+from procedures.restoration.unknown_motion.blind import Prototypes, SearchRound
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
-from procedures.restoration.unknown_motion.path_refinement import SearchRound
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from station.calibration.restoration import developed
 from station.calibration.restoration.inputs import doubt_of, poses_of_records, read_blur_shape, read_kernels, read_poses

@@ -13,17 +13,7 @@ from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
 from station.drawing.pictures import display_png
 from station.drawing.plots import Figure
-from station.reports.page import (
-    Block,
-    Figures,
-    Heading,
-    Items,
-    KeyNumbers,
-    Note,
-    Section,
-    image,
-    percent,
-)
+from station.reports.page import Block, Figures, Heading, Items, KeyNumbers, Note, Section, image, percent
 from station.reports.psf_figures import map_figure
 from station.reports.report import Report
 from station.reports.report_page import report_page

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
@@ -43,12 +44,24 @@ class Prototypes:
     residual: float
 
 
-def prototype_shapes(
-    parts: Array,
-    largest: int,
-    rounds: int = 24,
-    first: Array | None = None,
-) -> Prototypes:
+@dataclass(frozen=True)
+class SearchRound:
+    """A finished round of the search of unknown motion, of at most so many: it ends early where nothing improves."""
+
+    n: int
+    most: int
+
+
+Report = Callable[[SearchRound], object]
+
+
+def counted(report: Report | None, most: int) -> Callable[[], object]:
+    """A function that reports the next round of a search at each call."""
+    rounds = count(1)
+    return lambda: report and report(SearchRound(next(rounds), most))
+
+
+def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array | None = None) -> Prototypes:
     """Masks of a flat part (2, H, W) of both photographs, with supports up to half-size `largest`.
 
     first : initial masks (2, K, K), as from `recorded_paths.recorded_masks`, whose support is kept.

@@ -18,6 +18,7 @@ from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.restoration.joint.kernel_sizes import MEASURED
 from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.unknown_motion.blind import Report, counted
 from procedures.restoration.unknown_motion.free_kernels import (
     Kernels,
     about_middle,
@@ -28,7 +29,7 @@ from procedures.restoration.unknown_motion.free_kernels import (
     scaled,
     thin,
 )
-from procedures.restoration.unknown_motion.path_refinement import MotionShapes, Report, counted
+from procedures.restoration.unknown_motion.path_refinement import MotionShapes
 from procedures.restoration.unknown_motion.sparse_gradients import SparseFit, SparseGradients
 
 Spectra = NDArray[np.complex64]

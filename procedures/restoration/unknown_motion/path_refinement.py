@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule, Scheme
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, BlurOperator, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
-from procedures.restoration.unknown_motion.blind import Prototypes
+from procedures.restoration.unknown_motion.blind import Prototypes, Report, counted
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import (
     DOUBT,
@@ -91,23 +90,6 @@ class PathEffort:
     restored: int = 3
     more: int = 12
     scheme: Scheme = SCHEME
-
-
-@dataclass(frozen=True)
-class SearchRound:
-    """A finished round of the search of unknown motion, of at most so many: it ends early where nothing improves."""
-
-    n: int
-    most: int
-
-
-Report = Callable[[SearchRound], object]
-
-
-def counted(report: Report | None, most: int) -> Callable[[], object]:
-    """A function that reports the next round of a search at each call."""
-    rounds = count(1)
-    return lambda: report and report(SearchRound(next(rounds), most))
 
 
 @dataclass(frozen=True)

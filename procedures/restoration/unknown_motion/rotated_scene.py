@@ -15,8 +15,8 @@ from procedures.outcome import Refused
 from procedures.restoration.first_depth.registration import similarities
 from procedures.restoration.first_depth.similarity import rotate_back
 from procedures.restoration.masks.blur_operator import Array, MaskStack
+from procedures.restoration.unknown_motion.blind import Report
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels, KernelEffort, kernels_of_flat_scene
-from procedures.restoration.unknown_motion.path_refinement import Report
 
 MIDDLE = 128
 """Side of the frame's middle, pixels: rotation and zoom have little effect there, so that kernels exist."""
