@@ -230,11 +230,11 @@ class Geometry:
         """Terms of the uncertainty of each number."""
         numbers, parts, formula = self.numbers(), self._variances, self.formula
         p, known = len(self.camera.params), len(self.adjustment.covariance)
-        names = self.camera.names if formula is None else formula.camera.names
-        response = np.zeros((len(names), known))
+        response = np.zeros((p if formula is None else len(formula.camera.names), known))
         response[:, :p] = np.eye(p) if formula is None else formula.response
-        budgets = {
-            name: parts.budget(numbers[name].uncertainty, row[None]) for name, row in zip(names, response, strict=True)
+        budgets = {  # the parameters are the first numbers
+            name: parts.budget(one.uncertainty, row[None])
+            for (name, one), row in zip(numbers.items(), response, strict=False)
         }
         pixels = self.camera.frame_grid(*COARSE)
         pixels = pixels[enclosed(self.region, pixels)]

@@ -44,14 +44,20 @@ from procedures.restoration.unknown_motion.flat_scene import (
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_change
 from procedures.restoration.unknown_motion.motion_splines import fit_recorded
-from procedures.restoration.unknown_motion.path_refinement import REMEDY, MotionShapes, PathEffort, motion_of_scene
+from procedures.restoration.unknown_motion.path_refinement import (
+    REMEDY,
+    MotionShapes,
+    PathEffort,
+    SearchRound,
+    motion_of_scene,
+)
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
 
 Shape = npt.NDArray[np.float64] | ShapeField
 """Array on [-1, 1], constant over the frame; or a measured field over it."""
 Size = tuple[int, int]
-Finding = Prototypes | MotionShapes | FreeKernels
+Finding = Prototypes | MotionShapes | FreeKernels | SearchRound
 
 
 @dataclass(frozen=True)
@@ -184,7 +190,8 @@ def blur_of(
 ) -> SceneBlur:
     """The blur of photographs of one scene: arrays (H, W) or (C, H, W), or planes.
 
-    report : receives estimates of unknown motion, in the flat part and then in the whole frame.
+    report : receives estimates of unknown motion, in the flat part and then in the whole frame, and the rounds of
+    their search.
 
     Raises BadParameter, BadInput, Refused if it leaves nothing of the photographs or does not determine depth, or if
     motion cannot be estimated.
@@ -317,7 +324,7 @@ def _of_flat_scene(
     else:
         effort = source.effort if isinstance(source.effort, KernelEffort) else None
         grey = np.stack([one.mean(axis=0) for one in photographs])
-        kernels = kernels_of_rotated_scene(grey, None if max_w is None else int(np.ceil(max_w)), effort)
+        kernels = kernels_of_rotated_scene(grey, None if max_w is None else int(np.ceil(max_w)), effort, report)
         report(kernels)
         motion = kernels.shapes
     known = KnownShapes((*motion.shapes,), (1.0,) * len(photographs))
@@ -365,6 +372,6 @@ def _motion_of_part(
     rng = np.random.default_rng(0)
     known = np.stack(starts) if starts else None
     effort = source.effort if isinstance(source.effort, PathEffort) else None
-    motion = motion_of_scene([*photographs], box, prototypes, max_w, rng, known, effort)
+    motion = motion_of_scene([*photographs], box, prototypes, max_w, rng, known, effort, report)
     report(motion)
     return motion

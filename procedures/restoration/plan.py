@@ -64,6 +64,7 @@ from procedures.restoration.masks.blur_models import named
 from procedures.restoration.photograph_blur import blur_of
 from procedures.restoration.plan_checks import Check, checks
 from procedures.restoration.progress import progress
+from procedures.restoration.unknown_motion.path_refinement import SearchRound
 
 PICTURE = "picture"
 """Name of the outcome."""
@@ -188,10 +189,12 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
         pictures = [one * (pictures[0].mean() / one.mean()) for one in pictures]
     try:
         parameters = parameters_of(answers)
-        blur = blur_of(blur_spec(blurred, answers, read), pictures)
-        report, rounds = getattr(frames, "progress", None), parameters.scheme.rounds + 1
-        each = None if report is None else lambda done: report(min(done.n, rounds), rounds)
-        outcome = blur.restored(pictures, parameters, each)
+        report, rounds = getattr(frames, "progress", lambda done, total: None), parameters.scheme.rounds + 1
+        blur = blur_of(
+            blur_spec(blurred, answers, read), pictures,
+            lambda one: report(one.n, one.most) if isinstance(one, SearchRound) else None,
+        )  # fmt: skip
+        outcome = blur.restored(pictures, parameters, lambda done: report(min(done.n, rounds), rounds))
         if is_mosaic(planes[0]):
             outcome = blur.coloured(outcome, planes)
         return {PICTURE: outcome if truth is None else compared_to_truth(outcome, planes, planes_of(truth, answers))}

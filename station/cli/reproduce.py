@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.result_log import check_strict
 from station.cli.terminal.command import command
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import log
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
-@command("reproduce", as_json=True)
+@command("reproduce", strict=True, as_json=True)
 @click.argument("name", required=False)
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
@@ -34,12 +35,14 @@ DISAGREES = 1
     is_flag=True,
     help="Download missing photographs from the authors' repositories, and render missing films.",
 )
-def reproduce(name: str | None, full: bool, out: Path, data: Path | None, fetch: bool, as_json: bool) -> None:
+def reproduce(
+    name: str | None, full: bool, out: Path, data: Path | None, fetch: bool, strict: bool, as_json: bool
+) -> None:
     """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
     A row is "reproduced" (every value is within the paper's own claim), has the "same direction" (the order that the
     paper states holds, values differ) or is "not reproduced". Returns 1 when a row is not reproduced or none was
-    computed, 0 otherwise.
+    computed, 0 otherwise; with --strict, 1 when any row is not reproduced in full.
     """
     from procedures.outcome import BadParameter
     from station.demo.reproduce.catalogue import PUBLISHED_FILES, ROWS
@@ -69,6 +72,7 @@ def reproduce(name: str | None, full: bool, out: Path, data: Path | None, fetch:
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
     if not result.agrees:
         raise click.exceptions.Exit(DISAGREES)
+    check_strict(("pass" if one.state == "reproduced" else "doubtful" for one in result.rows), strict=strict)
 
 
 def _table(result: Reproduction) -> Table:

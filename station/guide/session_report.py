@@ -27,7 +27,15 @@ from station.procedure.schema import procedure_named, procedure_names
 from station.reports.certificate_details import CertificateDetails
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
-from station.reports.report import METHODS, DriftLine, Report, ReportLine, ReportShot, environment_lines
+from station.reports.report import (
+    METHODS,
+    DriftLine,
+    Report,
+    ReportLine,
+    ReportShot,
+    environment_lines,
+    measurement_report,
+)
 from station.reports.report_page import measurement_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
@@ -37,7 +45,7 @@ from station.sessions.reader import SessionRecord, read_session, verify, verify_
 from station.sessions.state import SessionShot, SessionState, replay, terms_of_session
 
 PAGE = "report.html"
-COMMANDS = {"restoration": "restore"}
+COMMANDS = {"restoration": "restore", "camera": "field"}
 """Procedures of plans with other names."""
 REPORTED = "reported"
 """Event in the journal with the hash of the page."""
@@ -121,10 +129,18 @@ def _of_measurement(record: SessionRecord) -> Report:
     name = COMMANDS.get(state.plan, state.plan)
     if name not in procedure_names():
         raise Refused(f"the procedure {state.plan} has no certificate", "see report.html in the result's folder")
-    report = procedure_named(name).report(read_result(record.folder / last.folder))
+    folder, procedure = record.folder / last.folder, procedure_named(name)
+    beside = read_record(folder).get("field", {}).get("parts", {})  # refused ones have no folder
+    parts = {one: read_result(folder / one) for one in beside if (folder / one).is_dir()}
+    report = measurement_report(read_result(folder), name, title=procedure.title, method=procedure.method)
+    planes = [replace(plane, name=f"{plane.name}, {one}") for one, part in parts.items() for plane in part.planes]
+    refused = {one: part for one, part in beside.items() if one not in parts}
+    planes += [PlaneResult(one, Verdict.REFUSED, part["reason"], part["remedy"]) for one, part in refused.items()]
+    methods = [f"{one}: {procedure_named(one).method}" for one in parts]
     subject, made = f"{printable(state.camera)}, {printable(state.lens)}", last.at[:16].replace("T", " ") + " UTC"
     return replace(
-        report, subject=subject, made=made,
+        report, subject=subject, made=made, planes=[*report.planes, *planes],
+        method="; ".join((report.method, *methods)),
         conditions=[*_conditions(state), *environment_lines(_environment(state))], devices=list(_devices(record)),
         software=last.about["machine"]["software"], files=[f"{last.folder}/{name}" for name in last.files],
     )  # fmt: skip

@@ -41,6 +41,7 @@ from procedures.restoration.photograph_blur import (
 )
 from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
+from procedures.restoration.unknown_motion.path_refinement import SearchRound
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from station.calibration.restoration import developed
 from station.calibration.restoration.inputs import doubt_of, poses_of_records, read_blur_shape, read_kernels, read_poses
@@ -193,7 +194,9 @@ def _measured_words(spec: BlurSpec) -> list[str]:
 
 
 def _finding(motion: Finding) -> str:
-    """An estimate of unknown motion in words."""
+    """An estimate of unknown motion, or a round of its search, in words."""
+    if isinstance(motion, SearchRound):
+        return f"search of the motion: round {motion.n} of at most {motion.most}"
     if isinstance(motion, FreeKernels):
         return motion.doubt or f"motions of any form within {motion.half_width:.0f} pixels each way"
     if isinstance(motion, Prototypes):

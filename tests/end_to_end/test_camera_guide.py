@@ -33,7 +33,7 @@ from station.guide.plans.camera import SHOT_FACTS, USED, estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
-from station.guide.session_report import session_page
+from station.guide.session_report import certificate_files, session_page
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.nightly
@@ -226,6 +226,11 @@ def test_every_place_is_estimated_once_with_the_measured_sensor(done):
     # the response is a line; through the lens light falls off by an eighth, of which PRNU must not hold anything
     assert abs(model.bent(np.float64(model.saturation / 2)) / (model.saturation / 2) - 1) < 4 * model.bend_uncertainty
     assert model.prnu < 2e-4
+
+
+def test_the_certificate_has_the_numbers_of_every_part(done):
+    page = certificate_files(done.folder)["certificate.html"].decode()
+    assert all(words in page for words in ("Y, sensor", "Y, vignetting", "Y, geometry", "System gain K", "EMVA"))
 
 
 def test_page_record_and_covariance_state_the_use_of_the_sensor(done):

@@ -7,7 +7,7 @@ refines its kernels, which include the shifts between the photographs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -28,7 +28,7 @@ from procedures.restoration.unknown_motion.free_kernels import (
     scaled,
     thin,
 )
-from procedures.restoration.unknown_motion.path_refinement import MotionShapes
+from procedures.restoration.unknown_motion.path_refinement import MotionShapes, Report, counted
 from procedures.restoration.unknown_motion.sparse_gradients import SparseFit, SparseGradients
 
 Spectra = NDArray[np.complex64]
@@ -193,7 +193,7 @@ class FreeKernels:
 
 
 def kernels_of_flat_scene(
-    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
+    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None, report: Report | None = None
 ) -> FreeKernels:
     """The kernels of photographs (P, H, W), two or more of one flat scene.
 
@@ -211,8 +211,10 @@ def kernels_of_flat_scene(
     searches: list[tuple[SparseFit, FreeKernels]] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
     # is scaled with their number, but not where that search ends in doubt
-    for edges in dict.fromkeys((len(z) / 2, 1.0)):
-        searches.append(_searched(sparse, z, edges, s))
+    factors = dict.fromkeys((len(z) / 2, 1.0))
+    step = counted(report, len(factors) * (2 * len(s.starts) + 1))
+    for edges in factors:
+        searches.append(_searched(sparse, z, edges, s, step))
         if searches[-1][1].doubt is None:
             break
     fit, best = min(searches, key=lambda one: (one[1].doubt is not None, one[0].cost))
@@ -225,18 +227,24 @@ def kernels_of_flat_scene(
     return best
 
 
-def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffort) -> tuple[SparseFit, FreeKernels]:
+def _searched(
+    sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffort, step: Callable[[], object]
+) -> tuple[SparseFit, FreeKernels]:
     """The most probable fit of several starts, refined, and its kernels; edges : factor of the weight of an edge."""
 
     def refined(kernels: Kernels) -> SparseFit:
         return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, LEAST)
 
     scaled_starts = (replace(one, edges=edges * one.edges, last_edges=edges * one.last_edges) for one in s.starts)
-    starts = [_initial_kernels(z, sparse.R, start, s) for start in scaled_starts]
-    fits = sorted(
-        (sparse.fit(start, s.compared, s.picture_iterations, LEAST) for start in starts), key=lambda fit: fit.cost
-    )
+    fits = []
+    for start in scaled_starts:
+        kernels = _initial_kernels(z, sparse.R, start, s)
+        step()
+        fits.append(sparse.fit(kernels, s.compared, s.picture_iterations, LEAST))
+        step()
+    fits.sort(key=lambda fit: fit.cost)
     fit = refined(fits[0].kernels)
+    step()
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
     # one with another result, or a worse fit, carries no information on the error of this one
     rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + COST_TOLERANCE and agreement >= MIN_AGREEMENT]

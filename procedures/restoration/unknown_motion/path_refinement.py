@@ -8,8 +8,9 @@ restoration starts from the last one's depth.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,23 @@ class PathEffort:
     restored: int = 3
     more: int = 12
     scheme: Scheme = SCHEME
+
+
+@dataclass(frozen=True)
+class SearchRound:
+    """A finished round of the search of unknown motion, of at most so many: it ends early where nothing improves."""
+
+    n: int
+    most: int
+
+
+Report = Callable[[SearchRound], object]
+
+
+def counted(report: Report | None, most: int) -> Callable[[], object]:
+    """A function that reports the next round of a search at each call."""
+    rounds = count(1)
+    return lambda: report and report(SearchRound(next(rounds), most))
 
 
 @dataclass(frozen=True)
@@ -184,6 +202,7 @@ def motion_of_scene(
     rng: np.random.Generator,
     known: Array | None = None,
     effort: PathEffort | None = None,
+    report: Report | None = None,
 ) -> MotionShapes:
     """Subpixel shapes for every depth, from those of a flat part, x, y, width, height, and the surrounding frame.
 
@@ -197,7 +216,7 @@ def motion_of_scene(
         )
     view = _view(photographs, region, prototypes.half_width - 0.4, max_w, effort or PathEffort())
     view, coarse = _pixels(view, prototypes)
-    fit = _settled(view, prototypes, known, rng)
+    fit = _settled(view, prototypes, known, rng, report)
     if fit.energy > coarse:
         return MotionShapes(
             prototypes.shapes, prototypes.half_width, None, "motion is known to whole pixels only: no path fits"
@@ -281,34 +300,37 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
     return fit.points, fit.evidence
 
 
-def _settled(view: _View, prototypes: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
+def _settled(
+    view: _View, prototypes: Prototypes, known: Array | None, rng: np.random.Generator, report: Report | None
+) -> _Fit:
     s, pools = view.effort, []
     if known is None:
         pools = [candidates(mask, prototypes.half_width - 0.5, rng, s.beginnings) for mask in prototypes.masks]
     hopping = BasinHopping(pools, rng, s.bends)
-    matched = [
-        (_matched(view, points - by), hopping.about_origin(by))
-        for points in _starts(view, prototypes, known, pools)
-        for by in _origins(points)
-    ]
-    tried = [
-        (_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else DONE), those), those)
-        for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]
-    ]
+    starts = [(points - by, by) for points in _starts(view, prototypes, known, pools) for by in _origins(points)]
+    step = counted(report, len(starts) + min(s.restored, len(starts)) * (1 + s.more))
+    matched, tried = [], []
+    for points, by in starts:
+        matched.append((_matched(view, points), hopping.about_origin(by)))
+        step()
+    for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]:
+        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else DONE), those), those))
+        step()
     ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda each: each[0].energy):
-        ends.append(_hop_repeatedly(view, fit, those))
+        ends.append(_hop_repeatedly(view, fit, those, step))
         if view.noisy or ends[-1].energy < ENOUGH:  # with strong noise the best has a larger energy, too
             break
     return min(ends, key=lambda fit: fit.energy)
 
 
-def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
+def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping, step: Callable[[], object]) -> _Fit:
     """Basin hopping until there is no improvement: few starts while the energy falls, all before the end."""
     few = hopping.fewer()
     tried = few
     for _ in range(view.effort.more):
         other = _hop(view, fit, tried)
+        step()
         falls = other.energy < fit.energy - LEAST_FALL
         fit = min(fit, other, key=lambda each: each.energy)
         if not falls and tried is hopping:

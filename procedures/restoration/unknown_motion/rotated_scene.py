@@ -16,13 +16,14 @@ from procedures.restoration.first_depth.registration import similarities
 from procedures.restoration.first_depth.similarity import rotate_back
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels, KernelEffort, kernels_of_flat_scene
+from procedures.restoration.unknown_motion.path_refinement import Report
 
 MIDDLE = 128
 """Side of the frame's middle, pixels: rotation and zoom have little effect there, so that kernels exist."""
 
 
 def kernels_of_rotated_scene(
-    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
+    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None, report: Report | None = None
 ) -> FreeKernels:
     """`kernels_of_flat_scene` for photographs (P, H, W) rotated and zoomed. Raises BadInput, Refused as there, and for
     another scene."""
@@ -34,12 +35,12 @@ def kernels_of_rotated_scene(
         )
     s, refusal = effort or KernelEffort(), None
     try:
-        kernels = kernels_of_flat_scene(photographs, largest, s)
+        kernels = kernels_of_flat_scene(photographs, largest, s, report)
     except Refused as error:
         refusal, kernels = error, _of_middle(photographs, largest, s, error)
     upright = _rotated_back(photographs, kernels)
     if upright is not None:
-        again = kernels_of_flat_scene(upright, largest, s)
+        again = kernels_of_flat_scene(upright, largest, s, report)
         if refusal is not None or again.residual < kernels.residual:
             return again
     if refusal is not None:

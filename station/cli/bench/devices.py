@@ -13,6 +13,7 @@ import click
 
 from drivers.errors import BadConfiguration, DeviceError
 from procedures.outcome import BadInput
+from station.cli.result_log import check_strict
 from station.cli.terminal.bench_options import (
     CONFIG,
     check_shaker,
@@ -176,7 +177,7 @@ def table(rows: list[DeviceRow]) -> str:
     return columns(cells)
 
 
-@command("conform", as_json=True, log_json=False)
+@command("conform", strict=True, as_json=True, log_json=False)
 @click.argument("driver", required=False)
 @click.option("--port", help="Try it at this port; the stage moves along its whole travel.  [default: its twin]")
 @click.option("--device", help="Try the device of this name in station.toml instead of a DRIVER.")
@@ -198,15 +199,16 @@ def table(rows: list[DeviceRow]) -> str:
 )
 def conform(
     driver: str | None, port: str | None, device: str | None, config: Path | None, operations: int, seed: int,
-    out: Path | None, key: Path | None, verify: Path | None, as_json: bool,
+    out: Path | None, key: Path | None, verify: Path | None, strict: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Try the DRIVER of a stage: promises, stop latency, faults of the line, random operation.
 
     At its twin, time is simulated and the line fails on purpose. With --port or --device a real stage is moved, without
-    faults; with --port, its other options are those of the table with this driver in station.toml.
+    faults; with --port, its other options are those of the table with this driver in station.toml. With --strict,
+    --verify exits with 1 if something could not be compared.
     """
     if verify is not None:
-        _verify_conformance(verify, key, as_json)
+        _verify_conformance(verify, key, strict=strict, as_json=as_json)
         return
     if (driver is None) == (device is None):
         raise click.UsageError("Give either a DRIVER or --device.")
@@ -280,7 +282,7 @@ def _tried(
     return findings, record
 
 
-def _verify_conformance(folder: Path, key: Path | None, as_json: bool) -> None:
+def _verify_conformance(folder: Path, key: Path | None, *, strict: bool, as_json: bool) -> None:
     """Show the checks of a record. Exits with 4 if one does not agree."""
     from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
@@ -292,3 +294,4 @@ def _verify_conformance(folder: Path, key: Path | None, as_json: bool) -> None:
         click.echo(columns([(one.name, AGREES[one.agrees], one.words) for one in checks]))
     if any(one.agrees is False for one in checks):
         raise click.exceptions.Exit(BadInput.exit_code)
+    check_strict(("pass" if one.agrees else "doubtful" for one in checks), strict=strict)

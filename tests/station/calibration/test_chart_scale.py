@@ -81,3 +81,6 @@ def test_a_script_of_ten_lines_reads_camera_numbers_budget_and_scale(file, tmp_p
         stated = number.value if name.startswith("projection") else number.uncertainty
         # the map of a projection's uncertainty has a finer grid than the budget
         assert np.linalg.norm(list(terms.values())) == pytest.approx(stated, rel=0.1), name
+    simple = GeometryParameters(CELL_MM, model="SIMPLE_RADIAL")
+    planes = conclude([GeometryPhotographs("Y", (6000, 4000), records)], simple)
+    assert "k1" in planes[0].outcome.result().budgets()

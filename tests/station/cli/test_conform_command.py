@@ -12,6 +12,7 @@ def test_the_command_writes_a_page_that_it_verifies(tmp_path):
     run("conform", "smc100", "--operations", "5", "--out", str(tmp_path / "out"))
     assert (tmp_path / "out" / "conformance.html").exists()
     checked = run("conform", "--verify", str(tmp_path / "out"))
+    run("conform", "--verify", str(tmp_path / "out"), "--strict", code=1)
     assert re.search(r"signature +not compared +the record is not signed", checked.stdout)
 
 

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from station.demo.reproduce import catalogue, gamma_rows
-from station.demo.reproduce.row import ClaimCheck, Row, RowValues
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues
 from tests.program import run
 
 
@@ -29,6 +29,14 @@ def test_a_row_that_is_not_reproduced_returns_one(tmp_path, monkeypatch):
     monkeypatch.setattr(catalogue, "ROWS", (off,))
     done = run("reproduce", "--out", tmp_path, code=1)
     assert "a number: 1; ours 2.000, 0.9 above" in " ".join(done.stdout.split())
+
+
+def test_a_strict_command_returns_one_for_the_same_direction_alone(tmp_path, monkeypatch):
+    claim, order = ClaimCheck("a number", "1", 0.9, 1.1), Order("It is above 1.", lambda values: values[0] > 1)
+    row = Row("near", "some", "Thesis", "Near", (claim,), "None.", lambda _: RowValues((2.0,)), order)
+    monkeypatch.setattr(catalogue, "ROWS", (row,))
+    run("reproduce", "--out", tmp_path, code=0, says="same direction")
+    run("reproduce", "--out", tmp_path, "--strict", code=1)
 
 
 def test_without_data_rows_are_not_computed(tmp_path, monkeypatch):

@@ -74,8 +74,10 @@ def blur(shaken, findings):
 
 @pytest.fixture(scope="module")
 def kernels(blur, findings):
-    assert isinstance(findings[0], FreeKernels)
-    return findings[0]
+    *rounds, found = findings
+    assert isinstance(found, FreeKernels)
+    assert [one.n for one in rounds] == [*range(1, rounds[0].most + 1)]
+    return found
 
 
 def test_kernels_of_irregular_paths_are_estimated(shaken, kernels):

@@ -35,8 +35,10 @@ def test_other_depths_correct_the_curves(photographs, prototypes, curves):
     # a tenth of a pixel off in the flat part, the typical difference of curves that draw one mask
     start = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
     few = path_refinement.PathEffort(more=0, scheme=Scheme(4, 6, 6, 1, 6), descents=1, bends=0)
-    motion = path_refinement.motion_of_scene(photographs, BOX, prototypes, 3.5, np.random.default_rng(0), start, few)
+    rng, rounds = np.random.default_rng(0), []
+    motion = path_refinement.motion_of_scene(photographs, BOX, prototypes, 3.5, rng, start, few, rounds.append)
     assert motion.path is not None
+    assert [one.n for one in rounds] == [*range(1, rounds[-1].most + 1)]
 
     def error(shapes, half):
         """Error of both masks at the farther of the scene's depths."""
