@@ -42,7 +42,7 @@ class Setup:
     """Configuration of a simulated bench.
 
     `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
-    the chart. With `virtual_time` time jumps during waits; otherwise waits take their time over `speed`. With
+    the chart. Time runs `speed` times as fast as real time; with `virtual_time` only waits do, none at speed 1. With
     `motors_on_box` the motors of rail and height are powered only while the box's enable output is set.
     """
 
@@ -65,9 +65,9 @@ class SimulatedBench:
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
-        own_time = setup.virtual_time or setup.speed != 1.0
-        speed = math.inf if setup.virtual_time else setup.speed
-        self.clock: SimClock = VirtualClock(speed) if own_time else FastClock()
+        self.clock: SimClock = FastClock(setup.speed)
+        if setup.virtual_time:
+            self.clock = VirtualClock(math.inf if setup.speed == 1.0 else setup.speed)
         self.world = World(setup.room)
         self.folder = folder
         self._seed = setup.seed

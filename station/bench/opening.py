@@ -284,7 +284,10 @@ def simulated_bench(
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     cable_faults, events = random_trouble(seed) if faults else ({}, ())
-    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time, speed=speed)
+    setup = Setup(
+        seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time or speed != 1.0,
+        speed=1.0 if virtual_time else speed,
+    )  # fmt: skip
     truth = SimulatedBench(folder, setup)
     tables = simulated_tables(truth.address, folder, shaker=shaker)
     sensor = truth.view.camera.sensor
