@@ -18,7 +18,7 @@ from station.reports.page import Block, Items, Note, PrintedPicture, Section, Ta
 from station.reports.report import METHODS, Report, comparison, parameters_words
 from station.results.comparison import MEASUREMENT, SPECIFICATION
 from station.results.plane_result import PlaneResult
-from station.results.result_files import SEAL, json_text
+from station.results.result_files import RECORD, SEAL, json_text
 from station.results.units import Pixels, Unit
 
 PAGE, PRINT = "certificate.html", "certificate.pdf"
@@ -67,9 +67,9 @@ def certificate_sections(report: Report) -> list[Section]:
         ],
     )
     lines = [[line.name, line.words] for line in (*report.conditions, *report.devices)]
-    given = parameters_words(report.parameters)
+    named, given = report.method or report.procedure, parameters_words(report.parameters)
     version = report.software.get("version") or "not installed"
-    method = Note(f"{report.method or report.procedure}. {given}; calibration-station {version}.")
+    method = Note(f"{'. '.join(words for words in (named, given) if words)}; calibration-station {version}.")
     return [
         subject,
         Section("Verdicts", [Table(verdicts, style="verdicts"), *reasons, *_limits(report.planes)]),
@@ -133,15 +133,16 @@ def _footnote(report: Report) -> str:
     pixel = ""
     if first is not None and first.unit is Unit.CYCLES and first.pitch:
         pixel = f" Frequencies in {first.unit} {Pixels(first.pitch).words}."
-    known = report.procedure in METHODS
-    validity = f" {VALIDITY.get(report.procedure, HERE)}, this focus and this aperture." if known else ""
+    known, words = report.procedure in METHODS, VALIDITY.get(report.procedure, HERE)
+    validity = f" {words}, this focus and this aperture." if known else ""
     return f"± expanded uncertainty, coverage factor {COVERAGE_FACTOR} (about 95 %).{pixel}{validity}"
 
 
 def _shots(report: Report) -> list[list[str]]:
     """Photographs with their hashes; what exceeds the room is counted."""
     rest = len(report.shots) - MAX_SHOTS
-    rows = [[one.file.rpartition("/")[2], f"SHA-256 {one.sha256}"] for one in report.shots[:MAX_SHOTS]]
+    names = ["/".join(one.file.split("/")[-2 if one.file.endswith(RECORD) else -1 :]) for one in report.shots]
+    rows = [[name, f"SHA-256 {one.sha256}"] for name, one in zip(names, report.shots[:MAX_SHOTS], strict=False)]
     return [*rows, [f"and {rest} more", "in result.json"]] if rest > 0 else rows
 
 
