@@ -190,8 +190,7 @@ def _witnessed(folder: Path) -> Pictures:
 def _series(folder: Path) -> Pictures:
     """MTF50 over the aperture: aberrations at first, diffraction at last."""
     lens = [(n, 0.42 - 0.06 * np.log2(n / 5) ** 2) for n in (2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
-    of = "G1", MTF50_HORIZONTAL
-    points = [Point(*of, SeriesSetting(n, 2000.0, 100.0), value, 0.006, "cycles/pixel", 3) for n, value in lens]
+    points = [Point("G1", MTF50_HORIZONTAL, SeriesSetting(n, 2e3, 100.0), y, 0.006, "cycles/pixel", 3) for n, y in lens]
     return _of_page(series_page(points, []), {"series": ""})
 
 
