@@ -35,7 +35,7 @@ class Search:
     def __init__(self, upright, refuses=0):
         self.upright, self.refuses, self.calls = upright, refuses, []
 
-    def __call__(self, photographs, largest, settings):
+    def __call__(self, photographs, largest, settings, report=None):
         self.calls.append((photographs, settings.most_pixels))
         if len(self.calls) <= self.refuses:
             raise Refused(f"nothing explains them, {len(self.calls)}", "look again")
