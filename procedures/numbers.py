@@ -232,12 +232,12 @@ NOISE = _estimate(
 
 _STABLE = "the largest region of frequencies above one value of the MTF in which repeated PSFs agree to a limit"
 SENSITIVITY = _estimate(
-    "sensitivity", "1", "Relative sensitivity of the MTF",
+    "mtf_sensitivity", "1", "Relative sensitivity of the MTF",
     "mean over all frequencies of the MTF's standard deviation from result to result, over the mean of the MTF", _H, _L,
     symbol="s(Ω)",
 )  # fmt: skip
 SENSITIVITY_AT_5 = _estimate(
-    "sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
+    "mtf_sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
     "relative sensitivity of the MTF over the frequencies at which it is 5 % or more", _H, _L,
 )  # fmt: skip
 STABLE_MTF = _estimate("stable_mtf", "1", "Least MTF of the stable domain", f"least MTF of {_STABLE}", _H)

@@ -36,7 +36,7 @@ PERIODIC_PLACES = 10
 """Independent frequencies among those searched for a rise of the MTF."""
 TONE_PRIOR = 0.3
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
-CONTRAST_PRIOR, CONTRAST_MODEL = 0.6, 0.1
+CONTRAST_PRIOR, CONTRAST_MODEL = 0.3, 0.1
 """Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, and the
 standard uncertainty of that by a curve that is not centred between the plains."""
 TONE_MODEL = 0.3

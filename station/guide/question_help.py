@@ -43,6 +43,7 @@ WHY: Mapping[str, str] = {
     "wanted_mtf50": "Shots are taken until their mean is as certain as this: half of it needs four times as many.",
     "places": "More places show more detail over the frame; each needs a photograph.",
     "views": "Each view is placed where it reduces the uncertainty of the camera most. Twelve are usually enough.",
+    "aim": "The next views are chosen to make the direction of this pixel certain.",
     # --- a wall
     "wall": "The photographs are compared with each other, so the wall needs detail that a lens can blur.",
     "square": "A wall at an angle is in focus along a line only.",

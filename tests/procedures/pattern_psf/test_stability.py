@@ -23,7 +23,7 @@ def test_sensitivity_and_stable_domain_are_those_of_the_transfer_functions():
     expected = [std[mean >= t].mean() / mean[mean >= t].mean() for t in THRESHOLDS]
     np.testing.assert_allclose(stability.sensitivity, expected, atol=2e-4)  # the support ends at 6.6 sigma
     numbers = {name: one.value for name, one in stability.numbers.items()}
-    assert numbers["sensitivity"] == pytest.approx(expected[0], abs=2e-4)
+    assert numbers["mtf_sensitivity"] == pytest.approx(expected[0], abs=2e-4)
     least = THRESHOLDS[np.flatnonzero(np.array(expected) <= 0.04)[0]]
     assert numbers["stable_mtf"] == pytest.approx(least)
     line = stability.mean[HALF, HALF:]
@@ -34,6 +34,6 @@ def test_sensitivity_and_stable_domain_are_those_of_the_transfer_functions():
 def test_psfs_of_different_sampling_are_compared_in_their_common_band():
     stability = stability_of([gaussian(0.6, s, 8 * s + 1) for s in (3, 4, 5)])
     assert stability.frequencies[-1] == 1.5
-    assert stability.numbers["sensitivity"].value < 0.01
+    assert stability.numbers["mtf_sensitivity"].value < 0.01
     with pytest.raises(BadParameter, match="3 results or more"):
         stability_of([gaussian(0.6, 4, 33)] * 2)

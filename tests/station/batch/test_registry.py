@@ -105,7 +105,7 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "sensor": (made(cases.sensor, '[settings]\nplane = "G1"\n'), "system_gain"),
     "series": (made(pattern, PLANE), "mtf50_horizontal"),
     "sharpen": (sharpen, "noise_gain"),
-    "stability": (stability, "sensitivity"),
+    "stability": (stability, "mtf_sensitivity"),
     "tilt": (tilt, "tilt_horizontal"),
     "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
     "witnessed": (made(cases.witnessed, "[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),

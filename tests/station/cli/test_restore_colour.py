@@ -1,5 +1,4 @@
 import json
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -130,8 +129,7 @@ def test_pictures_are_written_in_the_format_that_was_read(light, tmp_path, kind,
     development = Development(kind, named_curve("srgb"), True, bits, 0.0, profile, exif.tobytes())
     planes = {c: Plane(c, light[2][i].astype(np.float32), 1 / 255) for i, c in enumerate("RGB")}
     frame = RawFrame(tmp_path / "a", "", planes, Exposure(), development=development)
-    restoration = SimpleNamespace(sharp=light[2])
-    ((name, write),) = picture_file(frame, restoration).items()
+    ((name, write),) = picture_file(frame, light[2], words="restored").items()
     write(tmp_path / name)
     again = read_developed(tmp_path / name)
     assert (again.development.format, again.development.bits, again.development.icc) == (kind, bits, profile)

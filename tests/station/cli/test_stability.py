@@ -27,9 +27,9 @@ def write_results(place):
 def test_results_of_one_camera_give_sensitivity_and_stable_domain(results, tmp_path):
     run("psf", "stability", *results, "--limit", 0.02, "--out", tmp_path / "o")
     plane = json.loads((tmp_path / "o" / "result.json").read_text())["planes"]["Y"]
-    assert plane["sensitivity"]["value"] > plane["sensitivity_above_5_percent"]["value"] > 0
+    assert plane["mtf_sensitivity"]["value"] > plane["mtf_sensitivity_above_5_percent"]["value"] > 0
     table = np.loadtxt(tmp_path / "o" / "stability_Y.csv", delimiter=",", skiprows=1)
-    assert table[0, 1] == pytest.approx(plane["sensitivity"]["value"], rel=1e-5)
+    assert table[0, 1] == pytest.approx(plane["mtf_sensitivity"]["value"], rel=1e-5)
     assert "Relative sensitivity" in (tmp_path / "o" / "report.html").read_text()
 
 
