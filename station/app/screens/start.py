@@ -65,7 +65,7 @@ class StartScreen(StationScreen):
                 with Horizontal(classes="row"):
                     yield Part(f"Name of the {what}", classes="label-left")
                     yield Input(name, id=what, compact=True, max_length=80)
-            yield Part("What to measure: Enter begins, arrow keys also reach camera and lens", classes="label")
+            yield Part("What to measure: press Enter to begin; arrow keys reach camera and lens", classes="label")
             yield Choices(self._plan_lines(), id="plans")
             with Vertical(id="old"):
                 yield Part("Or continue a session (arrow down, then Enter)", classes="label", id="old-label")
