@@ -15,15 +15,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Annotated, Any, TypeVar
 
-from drivers.errors import (
-    BadConfiguration,
-    Clock,
-    EmergencyStopped,
-    FrameMissing,
-    LineLost,
-    NoAnswer,
-    Rejected,
-)
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frames import (
     FrameCamera,
     Inspect,

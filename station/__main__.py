@@ -1,7 +1,5 @@
 """The command line: parses and delegates, nothing else. Commands are loaded when they are called."""
 
-from __future__ import annotations
-
 import atexit
 import gc
 import os

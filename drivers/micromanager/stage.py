@@ -13,15 +13,7 @@ from typing import Annotated, Any, Literal
 from drivers.errors import Clock, MoveFailed
 from drivers.interfaces import Caveat, Condition, Travel
 from drivers.making import MakerContext
-from drivers.micromanager.camera import (
-    STAGE,
-    XY_STAGE,
-    Core,
-    CoreDevice,
-    CoreOptions,
-    Label,
-    translated_errors,
-)
+from drivers.micromanager.camera import STAGE, XY_STAGE, Core, CoreDevice, CoreOptions, Label, translated_errors
 from drivers.options import AxisName, TimeLimit, axes, interval, option, positive
 from drivers.served_stage import ServedStage
 

@@ -10,8 +10,6 @@ over frequencies, and the part that couples frequencies is local to each pixel.
 Source: Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,7 +39,7 @@ class Splitting:
     ratio: float = 70.0
 
     @classmethod
-    def usual(cls, photographs: int) -> Splitting:
+    def usual(cls, photographs: int) -> "Splitting":
         """That for a number of photographs: several determine finer detail, which converges later."""
         return cls(iterations=8 if photographs == 1 else 12)
 
@@ -136,7 +134,7 @@ class _Solver:
     data: np.float32
 
     @classmethod
-    def of(cls, tile: DeconvolutionTile, prior: Prior, data: float, penalty: float) -> _Solver:
+    def of(cls, tile: DeconvolutionTile, prior: Prior, data: float, penalty: float) -> "_Solver":
         power = np.zeros((tile.channels, *tile.otf.shape[1:]))
         for p, c in enumerate(tile.channel):
             power[c] += np.abs(tile.otf[p]) ** 2

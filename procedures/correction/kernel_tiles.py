@@ -8,8 +8,6 @@ over all filters of its size; H is the transfer function of the PSF, S the power
 common to the frame, as one photograph has one noise. Between nodes filters are interpolated bilinearly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -122,7 +120,7 @@ class _Normal:
     size: int
 
     @classmethod
-    def of(cls, H: Array, size: int) -> _Normal:
+    def of(cls, H: Array, size: int) -> "_Normal":
         f = np.fft.fftfreq(SAMPLES)
         S = 1 / (f[:, None] ** 2 + f**2 + LOWEST**2)
         S /= S.mean()

@@ -1,7 +1,5 @@
 """Photographs' samples at their positions on the picture's grid, colour-balanced, with weights."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -51,7 +49,7 @@ class Mosaic:
     @classmethod
     def of(
         cls, planes: Mapping[str, Plane], noise: Mapping[str, Noise], light: Mapping[str, float] | None = None
-    ) -> Mosaic:
+    ) -> "Mosaic":
         """The mosaic of planes, beginning with those of the first photograph."""
         pitch = next(iter(planes.values())).pitch
         ends = [np.array(plane.samples.shape) * pitch for plane in planes.values()]

@@ -1,7 +1,5 @@
 """Blur of photographs on their picture's grid at any position: the planes' PSFs and relative shifts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -50,7 +48,7 @@ class PlaneFields:
     @classmethod
     def of(
         cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]
-    ) -> PlaneFields:
+    ) -> "PlaneFields":
         """The optics of planes, with the fields of their names.
 
         Planes of a developed picture have all pixels of the sensor, less a rim, where a mosaic's field has every other.

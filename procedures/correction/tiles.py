@@ -1,7 +1,5 @@
 """Overlapping tiles that cover a frame, each with a margin, and blending windows that sum to 1."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +61,7 @@ class TileGrid:
     columns: TileAxis
 
     @classmethod
-    def over(cls, shape: tuple[int, int], n: int, ring: int) -> TileGrid:
+    def over(cls, shape: tuple[int, int], n: int, ring: int) -> "TileGrid":
         """Tiles of n samples with a margin for a ring without data and for the decay of its influence."""
         margin = (ring + DECAY + 1) // 2 * 2
         return cls(TileAxis(shape[0], n, margin), TileAxis(shape[1], n, margin))

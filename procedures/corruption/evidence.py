@@ -1,7 +1,5 @@
 """Evidence of corruptions in the fit of a textured scene, a chart or a wall: tests, and what they do not exclude."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

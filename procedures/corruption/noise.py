@@ -7,8 +7,6 @@ differences of pixels give the covariance without its level (a variogram); const
 slow variation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,7 +49,7 @@ class Variogram:
     pairs: Array
 
     @classmethod
-    def of(cls, picture: Array, known: npt.NDArray[np.bool_]) -> Variogram:
+    def of(cls, picture: Array, known: npt.NDArray[np.bool_]) -> "Variogram":
         """Variogram of a picture (rows, columns) where it is known; its level should be near 0."""
         rows, columns = (transforms.next_fast_len(n + MAX_LAG) for n in picture.shape)
         values = np.where(known, picture, 0.0)

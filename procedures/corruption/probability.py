@@ -5,8 +5,6 @@ to photographs of an independent renderer, clean and damaged (`tests/benchmarks/
 `probability.json`).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from functools import lru_cache

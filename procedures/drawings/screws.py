@@ -1,7 +1,5 @@
 """Screws that hold a sensor, in ASCII, seen from behind the camera: where each is, and how far it is to be turned."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 Each fits into 52 columns and 11 lines, the free space of a terminal of 80 x 24 next to the list of steps.
 """
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 

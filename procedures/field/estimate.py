@@ -1,7 +1,5 @@
 """Nodes from a photograph of one or several charts: the PSF of every plane at every chart, and its position."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -60,7 +58,7 @@ class MeasuredChart:
     modes: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, estimate: PatternPsf, node: Node) -> MeasuredChart:
+    def of(cls, estimate: PatternPsf, node: Node) -> "MeasuredChart":
         """The part of an estimate that is kept."""
         quality = estimate.quality
         names = [name for name in HEADLINE if name in quality.numbers]

@@ -3,8 +3,6 @@
 Apart from the surfaces: the help of a command reads `ASSUMED`, and nothing heavy may be loaded for it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The chart stays in place; the camera turns on its head, or shifts along the char
 combines the photographs to a field.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -209,7 +207,7 @@ def to_place(location: Location, facts: Facts) -> dict[str, float]:
     return places
 
 
-def bring(now: Location, wanted: Location, at: Mapping[str, float], start: TourStart) -> dict[str, float]:
+def bring(now: Location, wanted: Location, at: Mapping[str, float], start: "TourStart") -> dict[str, float]:
     """Positions of the axes, now `at`, that move the chart to another position; empty without head or rail."""
     shape, principal_px = start.shape, start.principal_px
     if {"pan_deg", "tilt_deg"} <= set(at):
@@ -243,7 +241,7 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
 
 
 def place_advice(
-    location: Location, sighting: ChartSighting, frame: RawFrame, known: FieldFacts, near: float,
+    location: Location, sighting: ChartSighting, frame: RawFrame, known: "FieldFacts", near: float,
     more: tuple[Reading, ...] = (), hint: str = "",
 ) -> Advice:  # fmt: skip
     """Advice on light and position of a chart, `near` its location in fractions of the frame's width, and on `more`
@@ -292,7 +290,7 @@ def off_place(location: Location, sighting: ChartSighting, plane: Plane) -> floa
     return float(np.hypot(x, y)) / float(columns)
 
 
-def correction(location: Location, sighting: ChartSighting, plane: Plane, known: FieldFacts) -> dict[str, float]:
+def correction(location: Location, sighting: ChartSighting, plane: Plane, known: "FieldFacts") -> dict[str, float]:
     """Relative moves of the axes to the required position."""
     at = known.where()
     targets = bring(location_of(sighting, plane), location, at, known.begun())

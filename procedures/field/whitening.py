@@ -1,7 +1,5 @@
 """The nodes' PSFs in units of their noise, and the principal directions of their variation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,7 +38,7 @@ class WhitenedNodes:
     _norms: dict[int, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> WhitenedNodes:
+    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> "WhitenedNodes":
         """The nodes of a plane with that many rows and columns."""
         covariances = np.array([node.psf.parameter_covariance for node in nodes])
         mean, k = covariances.mean(axis=0), nodes[0].psf.k

@@ -13,8 +13,6 @@ pose or scale; seven Lagrange multipliers exclude it from e.
 Source: Triggs, McLauchlan, Hartley, Fitzgibbon, Bundle adjustment: a modern synthesis, 2000, section 6.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -142,7 +140,7 @@ class AdjustmentProblem:
         """Precision (p + q, p + q) of the priors of camera parameters and shape terms."""
         return np.asarray(block_diag(state.camera.information, np.diag(self.shape.prior_mm**-2.0)))
 
-    def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
+    def linearise(self, state: AdjustmentState) -> "_ChartLinearisation":
         """The normal equations at a state."""
         return _ChartLinearisation(state, self, self.residual(state))
 

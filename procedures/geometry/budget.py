@@ -7,8 +7,6 @@ unknown chart adds is that of flatness and print. The parts sum to the stated va
 Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

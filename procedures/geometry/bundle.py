@@ -6,8 +6,6 @@ equidistant or stereographic ones, adjusted by this package.
 Source: Schönberger, Frahm, Structure-from-Motion Revisited, CVPR 2016; the solver is Ceres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -3,8 +3,6 @@
 The residual of a fit is given in pixels over the part of the frame that the charts covered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

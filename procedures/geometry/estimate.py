@@ -1,7 +1,5 @@
 """Geometric calibration from views of a chart: estimate, uncertainties and verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

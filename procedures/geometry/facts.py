@@ -1,7 +1,5 @@
 """Facts of the guided calibration: those of a field, the number of views, and the chart's pose in each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ M being the missing terms of `model_doubt`, each scaled to its prior. Generalise
 shift by which the missing terms displaced the fit, with covariance; the fit's covariance is cov(d) + d d'.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ polynomials that no camera model contains. The decrease of the sum of squares is
 whose level comes from the residuals, so that covariances that are all stated too small cause no false alarm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

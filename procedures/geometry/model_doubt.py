@@ -16,8 +16,6 @@ Source: Kass, Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995. Hoeting, Mad
 averaging: a tutorial, Stat. Sci. 14, 1999.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -6,8 +6,6 @@ over the whole frame or at one pixel, up to the best rotation, since a rotated c
 uncertainty of a depth by the cameras of a rig, which all see the chart (`rig_view`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

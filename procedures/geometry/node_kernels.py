@@ -1,7 +1,5 @@
 """Inner loop of the adjustment: contribution of a view to the nodes' part of the normal equations."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

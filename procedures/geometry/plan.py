@@ -4,8 +4,6 @@ The pose follows from those already taken, the nominal lens and the chart (`next
 place in the frame; the operator turns it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial

@@ -5,8 +5,6 @@ residual is counted in the other. A spline that is too smooth cannot describe th
 the noise. Both halves contain every view: they cover the same part of the frame, and the errors of the print are known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

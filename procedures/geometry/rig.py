@@ -11,8 +11,6 @@ a change of C_c changes the pose by the same, and a change of P by
 Errors of the print's scale are common to all cameras and added afterwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

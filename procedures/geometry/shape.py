@@ -5,8 +5,6 @@ and scale are excluded: the first two belong to the pose, and a larger chart at 
 that the scale cannot be estimated without a known distance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ J being the derivative of the projection by the pose, and y0 the middle row, to 
 points are corrected for this displacement, and r is an unknown of the adjustment in addition to all others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -10,8 +10,6 @@ Source: Kogan, mrcal documentation, "Splined stereographic lens model". There th
 projection; on the frame of a formula it suits narrow and wide lenses, and ends at the frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import ceil, comb
@@ -58,7 +56,7 @@ class SplineCamera(CameraModel):
     roughness_px: float = ROUGH_PX
 
     @classmethod
-    def over(cls, base: CameraModel, model: str, roughness_px: float = ROUGH_PX) -> SplineCamera:
+    def over(cls, base: CameraModel, model: str, roughness_px: float = ROUGH_PX) -> "SplineCamera":
         """The model over a base, with control points at 0."""
         nx, ny = split_model(model)[1]
         params = np.concatenate([base.params, np.zeros(2 * nx * ny)])

@@ -10,8 +10,6 @@ and equisolid lenses. The asymmetric terms a(s) are those of decentring and thin
 Source: Kogan, mrcal documentation, "Splined stereographic lens model".
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

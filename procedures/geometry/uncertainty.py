@@ -8,8 +8,6 @@ projection error.
 Source: Kogan, mrcal documentation, "Projection uncertainty", mean-pcam formulation.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -1,7 +1,5 @@
 """Input of the calibration: the nodes of a chart, and their positions in each photograph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,7 +42,7 @@ class ChartView:
         """Number of points."""
         return len(self.index)
 
-    def part(self, chosen: npt.NDArray[np.bool_]) -> ChartView:
+    def part(self, chosen: npt.NDArray[np.bool_]) -> "ChartView":
         """The view with some of its points."""
         return replace(self, index=self.index[chosen], points=self.points[chosen], covariance=self.covariance[chosen])
 

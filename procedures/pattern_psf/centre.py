@@ -7,8 +7,6 @@ prediction is the mean over infinitely many marks. For a PSF with a centre of sy
 the window. For others (coma) the centre is this convention, and the centroid is reported as well.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -3,8 +3,6 @@
 Every check takes the frame and the facts so far, and returns an `Advice` with one action.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ orthogonal to the PSF's shifts too, and the scatter of the centre from shot to s
 C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

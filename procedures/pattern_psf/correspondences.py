@@ -7,8 +7,6 @@ own cells, whatever the errors of the smooth map. The errors of different bins a
 PSF's centre, which translates the whole chart and has no effect on the estimated distortion.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +40,7 @@ class Correspondences:
         """The bins' centres (n, 2) in cells."""
         return bin_centres()[self.index]
 
-    def take(self, chosen: npt.NDArray[np.bool_]) -> Correspondences:
+    def take(self, chosen: npt.NDArray[np.bool_]) -> "Correspondences":
         """Some of the bins."""
         return Correspondences(self.index[chosen], self.points[chosen], self.covariance[chosen])
 

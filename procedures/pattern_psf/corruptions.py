@@ -1,7 +1,5 @@
 """Corruptions of a photograph of the chart: tests of them, and terms of the budget by those that are not excluded."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -55,8 +53,5 @@ def modes_of(
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
     varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
-    modes = {
-        PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2),
-        "variation": square * varied,
-    }
+    modes = {PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2), "variation": square * varied}
     return modes | evidence.modes(f, raw=raw)

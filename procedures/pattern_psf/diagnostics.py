@@ -1,7 +1,5 @@
 """Diagnostics of a PSF estimate: statistics that distinguish a good photograph from a bad one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ An error of the temperature that changes from photograph to photograph is part o
 slope, by the variance of the error over that of the temperature.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

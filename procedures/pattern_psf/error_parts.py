@@ -5,8 +5,6 @@ g' F^-1 g. Fixed nuisance parameters are removed from F: freeing one group after
 each. F^-1 g also maps the residual of a part of the chart to the change of the number by that part.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Evidence of corruptions in a photograph of the chart: scores by noise, noise region and frame."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -84,7 +82,7 @@ def _strengths(
     return dict(zip(pictures, strengths([cells, frame], [in_cells, in_frame], gram, fit.residual_std), strict=True))
 
 
-def _pictures(whole: WholeChart, samples: Array32, levels: tuple[float, float]) -> dict[str, Array]:
+def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]) -> dict[str, Array]:
     """All directions (rows, columns) over the whole chart."""
     wide, window = whole.surrounded, whole.window
     y, x = (
@@ -134,7 +132,7 @@ class WholeChart:
     tail: Array
 
     @classmethod
-    def of(cls, fit: ChartFit, samples: Array32, light: LightLevels, chart: Raster, k: int) -> WholeChart:
+    def of(cls, fit: ChartFit, samples: Array32, light: LightLevels, chart: Raster, k: int) -> "WholeChart":
         """Predict the picture of the whole chart by a fit to its noise region."""
         registration = fit.registration
         window = Window.around(registration, samples.shape, float(BLOCK), 0.0)

@@ -1,7 +1,5 @@
 """Facts of a calibration with the chart: print, lens, sensor, observations, and quantities derived from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

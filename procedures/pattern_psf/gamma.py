@@ -1,7 +1,5 @@
 """gamma as a function of s/t for the operator's lens: sentence, table and curve."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +38,7 @@ def gamma_diagram(
     return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(sentences), rows)
 
 
-def _row(view: NoiseRegionView, optics: ImagingGeometry, s: int) -> tuple[str, ...]:
+def _row(view: "NoiseRegionView", optics: ImagingGeometry, s: int) -> tuple[str, ...]:
     return (
         f"{view.s_over_t:.1f}",
         _distance(optics, view.s_over_t, s),
@@ -51,7 +49,7 @@ def _row(view: NoiseRegionView, optics: ImagingGeometry, s: int) -> tuple[str, .
     )
 
 
-def _comparison(curve: Sequence[NoiseRegionView], optics: ImagingGeometry, s: int, k: int, aim: float) -> str:
+def _comparison(curve: "Sequence[NoiseRegionView]", optics: ImagingGeometry, s: int, k: int, aim: float) -> str:
     """Sentence on gamma at the target and at other distances."""
     (best,) = gamma_curve(s, k, (aim,))
     comparisons = (

@@ -1,7 +1,5 @@
 """Samples of the noise region from which the PSF is estimated: position, value and weight."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -45,7 +43,7 @@ class Observation:
         x, y = (self.points[0] - (self.columns[0], self.rows[0])).astype(int)
         return Window(int(x), int(y), int(self.columns.max()) + 1, int(self.rows.max()) + 1)
 
-    def where(self, kept: npt.NDArray[np.bool_] | slice) -> Observation:
+    def where(self, kept: npt.NDArray[np.bool_] | slice) -> "Observation":
         """Subset of the samples."""
         return Observation(*(getattr(self, field.name)[kept] for field in fields(self)))
 

@@ -1,7 +1,5 @@
 """Outliers: defective pixels, specks on the chart, and places hidden from the camera."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

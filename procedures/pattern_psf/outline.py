@@ -1,7 +1,5 @@
 """Outlines of the chart's sheet for the preview: as it is, and as it is wanted."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.numerics.arrays import Array

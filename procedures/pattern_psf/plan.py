@@ -1,7 +1,5 @@
 """Plan of the pattern PSF: questions, checks and choices from the print to the verdict."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Source: Zhang, A flexible new technique for camera calibration, PAMI 2000, section 3.1: K^-1 H = (r1 r2 t).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

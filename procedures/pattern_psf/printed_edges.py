@@ -6,8 +6,6 @@ of the 514 lines are estimated jointly with the PSF, under a zero-mean prior who
 photograph.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Radiometry of the chart: black and white levels over the plane, noise of the pixels, clipping."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Chart on the s grid of the sensor: cells and frame, band-limited to s pi, resampled through the registration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,7 +22,7 @@ class Window:
     rows: int
 
     @classmethod
-    def around(cls, registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> Window:
+    def around(cls, registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> "Window":
         """Bounding box of the noise region with `frame` cells around it, enlarged by `wider` of its size on each side,
         and clipped to a plane of this shape."""
         low, high = -frame, CELLS + frame

@@ -13,8 +13,6 @@ than white ones, which darkens the noise region as a curved response does; the i
 two.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

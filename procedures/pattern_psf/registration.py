@@ -1,7 +1,5 @@
 """Map from the sensor to the chart: subpixel x-corners, a homography, and a cubic for the lens distortion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

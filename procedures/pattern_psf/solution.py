@@ -12,8 +12,6 @@ the fitted part of n, so that
 for the place x of a bin and any p that comes from the fit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

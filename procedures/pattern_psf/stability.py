@@ -7,8 +7,6 @@ Of n PSFs the MTF has a mean and a standard deviation at each frequency of the p
 (thesis, Figure 2.17). The stable domain is the largest Omega(t) whose sensitivity does not exceed a limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Verdict on a PSF: checks of the diagnostics against their thresholds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@
 - A slight defocus: a lens leaves no light missing around its wider spot, a sharpening mask does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 

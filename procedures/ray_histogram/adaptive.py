@@ -3,8 +3,6 @@
 A renderer filters its film, casts the samples allotted to each pixel, and repeats this with the film of all samples.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage

@@ -6,8 +6,6 @@ variance; the weights found on the halves are applied to the candidates of all s
 standard uncertainty: what the other half's noise does not explain is the squared error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

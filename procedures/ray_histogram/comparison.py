@@ -1,7 +1,5 @@
 """Difference of a picture from the converged one: PSNR as in the literature, 10 log10(1 / mean squared error)."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

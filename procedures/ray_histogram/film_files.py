@@ -5,8 +5,6 @@ any precision; `variance` (rows, columns, 3) of single samples and `dropped` (ro
 `samples` (rows, columns, n, 3) instead is converted to a film.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Noise of a film's pixels: variance of their means, from the samples' variance or from the histograms."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

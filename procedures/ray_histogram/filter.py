@@ -6,8 +6,6 @@ evaluated at the patch itself, so that a gradient of light causes no bias; and p
 slightly larger weight. `PAPER` disables all of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

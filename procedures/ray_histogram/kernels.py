@@ -7,8 +7,6 @@ same order, and the whole search blocks in the other frames.
 Arrays are copied and combined by loops: Numba makes larger code of array expressions, and cannot cache it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

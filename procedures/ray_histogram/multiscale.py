@@ -1,7 +1,5 @@
 """Algorithm 2: noise wider than the search block is removed at coarser scales and the result brought to the finest."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A layered OpenEXR has the layers of Blender, Mitsuba or Arnold: the picture, and
 depth. It has no histograms: the variance of the picture is a layer, or follows from the difference of the two files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

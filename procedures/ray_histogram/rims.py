@@ -6,8 +6,6 @@ samples of the pixels around determine the rim, a line or a circle. What they sa
 distribution; its own samples make that the posterior, again a beta distribution. Far from the rim the prior is 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

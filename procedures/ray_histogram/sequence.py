@@ -1,7 +1,5 @@
 """Sequences: every frame is filtered with its neighbours in time, with few frames in memory."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

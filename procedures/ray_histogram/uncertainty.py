@@ -10,8 +10,6 @@ With its weights fixed the filter is linear in the picture, so its errors can be
   samples, and detail below the noise is absent from the picture that is filtered again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

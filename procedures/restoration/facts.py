@@ -1,7 +1,5 @@
 """Facts of a restoration: blur and brightness of its photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

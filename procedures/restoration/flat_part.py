@@ -1,7 +1,5 @@
 """The part of a scene at one distance: as marked by the operator, or candidates for it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Literal
 

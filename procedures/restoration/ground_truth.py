@@ -4,8 +4,6 @@ The photograph is aligned to the restored picture in position and brightness. Th
 photograph's noise, is an independent error, which is compared with the error estimated by the restoration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -141,7 +139,7 @@ class _Aligned:
             return self.picture[:, self.valid]
         return np.asarray(gaussian_filter(self.picture, (0, sigma_px, sigma_px)))[:, self.valid]
 
-    def centre(self) -> _Aligned:
+    def centre(self) -> "_Aligned":
         """The central part, where that is sufficient."""
         y, x = (slice(max(0, (n - CENTRE_PX) // 2), max(0, (n - CENTRE_PX) // 2) + CENTRE_PX) for n in self.valid.shape)
         return replace(self, picture=self.picture[:, y, x], truth=self.truth[:, y, x], valid=self.valid[y, x])

@@ -1,7 +1,5 @@
 """The blur of a plan's photographs, from the camera's data and the operator's answers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 

@@ -4,8 +4,6 @@
 uncertainty due to r grows with the square of the distance; that due to the lens data is common to the frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

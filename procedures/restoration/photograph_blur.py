@@ -3,8 +3,6 @@
 Commands, plans and scripts describe the blur by a `BlurSpec`; `blur_of` makes the masks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

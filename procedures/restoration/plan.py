@@ -1,7 +1,5 @@
 """The plan of a restoration: one scene photographed twice or three times, by apertures or during motions of the rig."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Checks of each photograph in the plan of a restoration: light, detail, and the given apertures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -2,8 +2,6 @@
 first photograph.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Callable, Sequence

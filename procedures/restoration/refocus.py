@@ -5,8 +5,6 @@ aperture's radius, a pixel is displaced by a times the radius of its blur circle
 What no view shows, because the sharp picture does not contain it, has no part in the mean.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

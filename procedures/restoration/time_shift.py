@@ -4,8 +4,6 @@ Masks of the true motion explain the photographs down to their noise (8.1). A re
 masks, and a larger residual. The shift is common to all photographs, as their records came by one cable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

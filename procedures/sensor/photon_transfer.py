@@ -7,8 +7,6 @@ electron, eta the quantum efficiency, sigma_d the dark noise in electrons, sigma
     mu_y = mu_y.dark + K eta mu_p,    sigma_y^2 = K^2 sigma_d^2 + sigma_q^2 + K (mu_y - mu_y.dark)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -84,7 +82,7 @@ def saturation_range(curves: Curves, top: int) -> tuple[int, int]:
     return max(int(near[0]) - 1, 0), min(int(near[-1]) + 1, len(might) - 1)
 
 
-def fit_transfer(curves: Curves, response: Response) -> Transfer:
+def fit_transfer(curves: Curves, response: "Response") -> Transfer:
     """Gain, responsivity and dark noise of the measured curves and all draws."""
     top = saturation_index(curves.variance[0])
     fitted = curves.signal[0] <= REGRESSION * curves.signal[0, top]

@@ -80,11 +80,7 @@ def rounded(mean: Array, sigma: Array, pixels: Array) -> tuple[Array, Array, Arr
     return mean + B, whole - spatial, spatial, slope
 
 
-def unrounded(
-    measured: Array,
-    variances: Array,
-    rng: np.random.Generator,
-) -> Unrounded:
+def unrounded(measured: Array, variances: Array, rng: np.random.Generator) -> Unrounded:
     """Statistics before rounding from those after it.
 
     Each draw starts from another prior sample and is fitted to its own draw of the statistics with the prior: where

@@ -1,7 +1,5 @@
 """The pose of an edge in a preview: as it is, and as it is wanted."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.numerics.arrays import Array, Array32

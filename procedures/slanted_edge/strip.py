@@ -1,7 +1,5 @@
 """Region of an edge: a rectangle of a plane, transposed so that the edge runs along its rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +23,7 @@ class Roi:
     height: int
 
     @classmethod
-    def whole(cls, samples: Array32) -> Roi:
+    def whole(cls, samples: Array32) -> "Roi":
         """All of a plane."""
         rows, columns = samples.shape
         return cls(0, 0, columns, rows)

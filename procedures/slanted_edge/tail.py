@@ -8,8 +8,6 @@ Coma displaces the light of the pupil's rim by g: the approach is a / (d - g), l
 first order this adds the asymmetry a g / d^2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -37,12 +35,12 @@ class Tail:
     uncertainty_px: float = 0.0
 
     @classmethod
-    def of_pupil(cls, diffraction: Diffraction) -> Tail:
+    def of_pupil(cls, diffraction: Diffraction) -> "Tail":
         """Tail of a clear circular pupil, in pixels of the plane."""
         px = 2 / (np.pi**3 * diffraction.cutoff)
         return cls(px, PUPIL_DOUBT * px)
 
-    def contradiction(self, estimate: Tail) -> float:
+    def contradiction(self, estimate: "Tail") -> float:
         """Deviation of an estimate from this prior, over four uncertainties or three tenths, whichever is larger."""
         allowed = max(4 * math.hypot(self.uncertainty_px, estimate.uncertainty_px), 0.3 * self.px)
         return abs(estimate.px - self.px) / allowed
@@ -78,7 +76,7 @@ class Lean:
     weight: float = 0.0
 
     @classmethod
-    def of(cls, tail: float, contrast: float, width_px: float, variance: float) -> Lean:
+    def of(cls, tail: float, contrast: float, width_px: float, variance: float) -> "Lean":
         """Prior for an approach tail / d between plains of this contrast, in samples of this variance."""
         expected = max(min(abs(tail), MAX_TAIL * abs(contrast)) * width_px, MIN_LEAN * math.sqrt(variance))
         return cls(expected, variance / expected**2)

@@ -4,8 +4,6 @@ A height is the distance of the sensor behind the image, in micrometres. The hei
 combines the lens's field curvature with the plane nearest to the quadratic over the whole frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -61,7 +59,7 @@ class TiltedPlane:
         """Root mean square height over the frame of planes (n, 3), (n,)."""
         return np.sqrt(planes[:, 0] ** 2 + planes[:, 1:] ** 2 @ (np.square(self.size_mm) / 12))
 
-    def widened(self, slope_variance: float, height_variance: float) -> TiltedPlane:
+    def widened(self, slope_variance: float, height_variance: float) -> "TiltedPlane":
         """The plane with additional errors common to all places: of each slope, (um/mm)^2, and of the offset, um^2."""
         more = np.diag([height_variance, slope_variance, slope_variance])
         height, variance = self.centre

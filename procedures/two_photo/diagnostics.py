@@ -1,7 +1,5 @@
 """Diagnostics of a pair of photographs, measured on the final fit and the PSF derived from it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Comparison of the given distances of the wall with the laser and with the photographs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Uncertainty budgets of the numbers: noise, model error in the residual, and focus."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

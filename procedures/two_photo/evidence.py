@@ -1,7 +1,5 @@
 """Evidence of corruptions in the far photograph of a pair: scores by its residual."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Facts of a calibration from two photographs of a wall: distances, light, numbers of frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from procedures.plan import CameraFacts, derived_from

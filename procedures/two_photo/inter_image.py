@@ -11,8 +11,6 @@ homography followed by a cubic displacement; its constant is equivalent to a shi
 centred.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -57,7 +55,7 @@ class FarSamples:
     points: Array
     y: Array
 
-    def kept(self, mask: npt.NDArray[np.bool_]) -> FarSamples:
+    def kept(self, mask: npt.NDArray[np.bool_]) -> "FarSamples":
         """The selected samples."""
         return FarSamples(self.rows[mask], self.columns[mask], self.points[mask], self.y[mask])
 

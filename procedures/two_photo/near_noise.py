@@ -8,8 +8,6 @@ columns contain means of other samples, and D the products of their kernels. Lea
 removes the bias to first order. sigma derives from the residual, whose variance is sigma^2 (1 + c |k|^2).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -13,8 +13,6 @@ Four properties that the fit itself does not test:
 - Light is non-negative: its OTF satisfies 1 - H(2f) <= 4 (1 - H(f)), as cosines do. A sharpened OTF violates that.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plan of the two-photograph PSF: wall, two distances, focus at either, equal light."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -8,8 +8,6 @@ K is known at every frequency, including its tail beyond the support; so is the 
 and tail, is the one whose spectrum is nearest to H.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 The homography is accurate to a few tenths of a far pixel; `inter_image` refines it on the photographs themselves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

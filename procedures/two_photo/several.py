@@ -6,8 +6,6 @@ is the mean of the pairs' PSFs weighted by the inverses of these. The noise of t
 of the near one, which all pairs share, is neglected.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

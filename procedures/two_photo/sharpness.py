@@ -1,7 +1,5 @@
 """Relative sharpness of both photographs, by their spectra: equal, when refocused at either distance."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import scipy.fft

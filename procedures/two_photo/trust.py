@@ -1,7 +1,5 @@
 """Requirements on two photographs, and the verdict on the PSF derived from them."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -4,8 +4,6 @@ A command is a message. Its key posts it to the current screen, which handles it
 docstring's first line is the text of help and palette.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Awaitable, Callable, Iterable
 from functools import partial

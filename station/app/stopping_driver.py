@@ -1,7 +1,5 @@
 """A terminal driver that stops the bench from the thread that reads the keys, independent of the screens."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 

@@ -3,8 +3,6 @@
 Sources: DEC STD 070 chapter 14 (sixel), the kitty graphics protocol with Unicode placeholders.
 """
 
-from __future__ import annotations
-
 import base64
 import unicodedata
 import zlib

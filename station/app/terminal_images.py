@@ -1,7 +1,5 @@
 """Images for a terminal: a plane as levels, with marks, at any number of cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

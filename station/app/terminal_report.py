@@ -1,7 +1,5 @@
 """The graphics that a terminal reports: sixel, kitty, or none. Asked before the first paint: imports are few."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -5,8 +5,6 @@ the exposure read by LibRaw or EXIF readers. Makers' notes are not copied: they 
 Source: TIFF 6.0, section 2; EXIF 2.32, section 4.6.
 """
 
-from __future__ import annotations
-
 import struct
 import sys
 from collections.abc import Iterator, Mapping, Sequence

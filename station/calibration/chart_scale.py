@@ -18,8 +18,6 @@ A ruler is right at 20 degrees. The width in use is
     width_mm (1 + a_ruler (t_measured - 20)) (1 + a_chart (t_used - t_measured)).
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -55,7 +53,7 @@ class ChartScale:
     ruler_expansion_per_k: Spread = 11.5e-6
 
     @classmethod
-    def read(cls, path: Path) -> ChartScale:
+    def read(cls, path: Path) -> "ChartScale":
         """The record in a TOML file. Raises BadParameter where it is unreadable, or a key or value is not valid."""
         return read_model(cls, *TableSource.read(path))
 

@@ -1,7 +1,5 @@
 """Correction of photographs by a measured field: input, checks that they match, and files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -52,7 +50,7 @@ def correct_photographs(
     progress: Callable[[int, int], None] = lambda done, of: None,
     *,
     insisted: bool = False,
-    typed: TypedAperture | None = None,
+    typed: "TypedAperture | None" = None,
 ) -> Corrected:
     """Check that photographs match the field, and correct them.
 

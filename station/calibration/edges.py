@@ -1,7 +1,5 @@
 """Slanted edges of a photograph, and their measurement."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """The result of every plane of a field, as it travels: that of the PSF at the frame's centre."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

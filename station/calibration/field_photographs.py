@@ -1,7 +1,5 @@
 """Which photographs a field is made of: those of a folder, or the accepted ones of a session; their focus positions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

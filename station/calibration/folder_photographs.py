@@ -1,7 +1,5 @@
 """Photographs in folders: search, grouping, and unreadable ones."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The geometry of a camera from photographs of the chart: views of each photograph, then the camera of each plane."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace

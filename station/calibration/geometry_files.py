@@ -1,7 +1,5 @@
 """The measurement of a geometry: numbers, entries of the record, covariances and tables."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict

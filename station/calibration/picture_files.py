@@ -4,8 +4,6 @@ Strips are written one by one, so that a large picture is in memory only once.
 Source: TIFF 6.0, sections 2, 3, 8; DNG 1.4, chapters 2 and 4 (PhotometricInterpretation LinearRaw).
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A library of measured fields: one file each in a folder, with camera, lens, aperture and focus in it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Characterisation of a sensor from dark and evenly lit pictures: EMVA 1288."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The measurement of a sensor: numbers, tables, and a summary as XML."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict

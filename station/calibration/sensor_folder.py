@@ -1,7 +1,5 @@
 """Dark pictures and levels of light in a folder: from a manifest, or from folder names and EXIF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

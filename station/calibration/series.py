@@ -4,8 +4,6 @@ Photographs of the same settings are put together: their mean weighted by their 
 photographs scatter more than these say (Birge's ratio).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How photographs of one scene can be sharpened: by their number, apertures, and the difference of their blurs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

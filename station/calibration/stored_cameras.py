@@ -1,7 +1,5 @@
 """Cameras of `station geometry`, read back from its results: the model alone, or with its views of the chart."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

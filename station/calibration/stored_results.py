@@ -1,7 +1,5 @@
 """Records of results, read back for other procedures and for exports."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The sensor's tilt from a focus bracket: estimate and measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Vignetting: measurement from flats, and stored results for exports."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results of station vignetting and station sensor as parts of a whole camera."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from procedures.outcome import BadInput

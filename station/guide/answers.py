@@ -1,7 +1,5 @@
 """Parse what an operator types into an answer, and format facts."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 

@@ -1,7 +1,5 @@
 """A certificate compared with its record, the record with the originals, and the numbers with their recomputation."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence

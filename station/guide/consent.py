@@ -4,8 +4,6 @@ One question per request. A request that moves repeatedly (a look with correctio
 once; it is confirmed again after manual work at the rig, and before a stage that lost its position homes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask

@@ -1,7 +1,5 @@
 """Handling of contradictory numbers, and of moves that bring no improvement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Dialogue of a run with its operator: questions with known answers as defaults, problems as questions, stopping."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

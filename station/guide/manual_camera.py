@@ -1,7 +1,5 @@
 """Photographs without a camera on the bench: the operator takes them, and the files arrive in a folder."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager

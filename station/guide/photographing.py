@@ -1,7 +1,5 @@
 """Requests of a plan that need photographs: look and correct until good, scan an axis, take shots that count."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 

@@ -4,8 +4,6 @@ A number that agrees with the camera's metadata has the camera as its source; an
 tape, chart cells and the far tail of the PSF are evidence only, since they cannot always decide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Help on the open question: why it is asked, which answers are valid, and what the present step is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from procedures.plan import Ask, Step

@@ -1,7 +1,5 @@
 """Recompute a session's results from its photographs and journal, and compare them byte by byte."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

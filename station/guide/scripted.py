@@ -1,7 +1,5 @@
 """A scripted operator with prepared answers: for batch runs, the demonstration and tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

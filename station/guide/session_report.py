@@ -3,8 +3,6 @@
 Where the plan has written its own page with the result, that page is the report.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

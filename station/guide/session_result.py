@@ -1,7 +1,5 @@
 """The reproducible result of a session, estimated from the photographs that count."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Settling of the rig: detected by the IMU relative to its noise at rest, or awaited without one."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -46,7 +44,7 @@ class VibrationLevel(NamedTuple):
     rotation_rad_s: float
 
     @classmethod
-    def of(cls, block: ImuBlock) -> VibrationLevel:
+    def of(cls, block: ImuBlock) -> "VibrationLevel":
         """Vibration level of a block of samples."""
         return cls(_deviation(block.acceleration_m_s2), _deviation(block.rotation_rad_s))
 

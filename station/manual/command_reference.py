@@ -1,7 +1,5 @@
 """The reference of all commands, generated from the commands."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator

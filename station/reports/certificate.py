@@ -4,8 +4,6 @@ Its contents follow ISO/IEC 17025:2017, section 7.8. Uncertainties on it are exp
 95 % (ISO/IEC Guide 98-3, section 6.2). Its digest is that of the record, so that `station verify` finds what it is of.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -10,8 +10,6 @@ signing_key = "laboratory.pem"      # beside this file
 ```
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self

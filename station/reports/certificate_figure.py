@@ -1,7 +1,5 @@
 """Pictures of a certificate: MTF with its band, PSF, and the code with the digest of the record."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The certificate as PDF: its sections on numbered pages of A4, set by reportlab."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Mapping

@@ -3,8 +3,6 @@
 `sha256sum -c certificate.sha256` and `openssl pkeyutl -verify` check both without this program.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import defaultdict
 from collections.abc import Mapping

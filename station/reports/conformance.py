@@ -4,8 +4,6 @@ The record states its own SHA-256, the page that of the record. With a key the r
 public key sees who has tried the driver.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

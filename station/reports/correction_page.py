@@ -1,7 +1,5 @@
 """The page of a correction: before and after, whole and in parts, gain over the frame and cost."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2

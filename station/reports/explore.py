@@ -3,8 +3,6 @@
 The page is complete without it. The script is `templates/explore.js`; what it draws is in the page as JSON.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

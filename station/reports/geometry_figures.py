@@ -1,7 +1,5 @@
 """Figures of a geometry: coverage, uncertainty of the projection, distortion, residuals, shape of the chart."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

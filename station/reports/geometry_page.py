@@ -1,7 +1,5 @@
 """The page of a geometry: uncertainty of the projection, lens, residuals, chart and views."""
 
-from __future__ import annotations
-
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
 from station.common.sanitise import stated

@@ -1,7 +1,5 @@
 """Figures of a transfer function: MTF along the axes and across edges, phase, MTF in two dimensions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

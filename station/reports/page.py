@@ -3,8 +3,6 @@
 A page shows everything without scripts. The small scripts in it sort tables, and let one explore the numbers.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures of PSFs and of the photographs they come from; those of transfer functions are in `otf_figures`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page of PSFs: figures of every plane, uncertainty budget, sampling, checks, and a glossary."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The page of filtered renders: as rendered, filtered, and converged if known, side by side and close up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

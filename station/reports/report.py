@@ -1,7 +1,5 @@
 """Contents of a page or a certificate: planes, photographs, conditions, specification, software."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """The page of any measurement: verdicts, sections of its procedure, numbers, limits, provenance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 

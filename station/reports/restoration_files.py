@@ -1,7 +1,5 @@
 """Measurement of a restoration: picture, depth, previews, and entries of the record."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial

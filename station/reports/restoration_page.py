@@ -1,7 +1,5 @@
 """The page of a restoration: before, after, depth, residual, and the refocused picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

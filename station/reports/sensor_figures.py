@@ -1,7 +1,5 @@
 """The plots of EMVA 1288: transfer, response, linearity, SNR, spectrograms, histograms, dark current."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

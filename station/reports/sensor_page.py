@@ -1,7 +1,5 @@
 """The page of a sensor: the plots of EMVA 1288, periodic patterns and defect pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from procedures.sensor.estimate import FixedPattern, SensorResult

@@ -1,7 +1,5 @@
 """The page of a sensor's tilt: the surface of best focus, the screws and their turns."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How a camera's numbers change over its sessions: a weighted line through each, and whether it drifts at all."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The drift of a camera as a picture: the sessions with their uncertainties, and the line with its band."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path

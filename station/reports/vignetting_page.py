@@ -1,7 +1,5 @@
 """The page of a vignetting: the light of every plane over the frame, and its colour."""
 
-from __future__ import annotations
-
 from station.reports.field.camera_section import light_figures
 from station.reports.page import Figures
 from station.reports.report import Report

@@ -1,7 +1,5 @@
 """Weighted straight-line fit, and the significance of its slope."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

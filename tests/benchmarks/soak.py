@@ -39,12 +39,7 @@ from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Go, Home, Plan, Shoot, Step
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.body import Opening
-from simulators.devices.serial_device import (
-    Cable,
-    Faults,
-    plug,
-    unplug,
-)
+from simulators.devices.serial_device import Cable, Faults, plug, unplug
 from station.bench import conform
 from station.bench.conform import FAULTS, Broken, StageRig, disturb, require
 from station.bench.opening import Bench, make_bench, simulated_tables

@@ -3,8 +3,6 @@
 The products for least squares are summed during rendering, so that the blurred picture is the only one in memory.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

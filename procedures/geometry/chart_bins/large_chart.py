@@ -9,8 +9,6 @@ rendered, blurred, and fitted to the photograph: least squares in brightness, co
 gives the remaining shift d, with its covariance from the residuals of the bin's pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -71,7 +69,7 @@ class _Scene:
     registration: Registration
     start: Correspondences
 
-    def blurred(self, blur_px: float) -> _Scene:
+    def blurred(self, blur_px: float) -> "_Scene":
         """The scene rendered with a blur of that standard deviation."""
         sigma = self.look.n * blur_px
         weights = cv2.getGaussianKernel(round(8 * sigma + 1) | 1, sigma, cv2.CV_64F).ravel()

@@ -1,7 +1,5 @@
 """Views from planes of photographs: positions of the chart's bins, in sensor pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
@@ -37,7 +35,7 @@ class ChartLocation:
     sighting: ChartSighting
     turned: TurnedView | None = None
 
-    def moved(self, x: float, y: float) -> ChartLocation:
+    def moved(self, x: float, y: float) -> "ChartLocation":
         """The chart in a plane whose content is shifted by (x, y) pixels."""
         if self.turned is None:
             return replace(self, sighting=self.sighting.moved(x, y))

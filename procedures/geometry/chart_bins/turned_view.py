@@ -5,8 +5,6 @@ the chart lies. The lens is taken as equidistant, r = f times the angle from the
 what remains of the bending is small over one chart, and the positions of its bins are measured in the picture itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -87,11 +85,11 @@ class TurnedView:
         small = reduced(samples, self.factor)
         return np.asarray(cv2.remap(small, x32, y32, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
-    def moved(self, x: float, y: float) -> TurnedView:
+    def moved(self, x: float, y: float) -> "TurnedView":
         """The camera for a plane whose content is shifted by (x, y) pixels."""
         return replace(self, centre=self.centre + np.array([x, y]))
 
-    def towards(self, place: Array, width_px: float, most_px: float) -> TurnedView:
+    def towards(self, place: Array, width_px: float, most_px: float) -> "TurnedView":
         """The camera turned to a place of the plane, for a chart of a width there, shown at most so wide."""
         scale = min(1.0, most_px / width_px)
         return replace(
@@ -101,7 +99,7 @@ class TurnedView:
             half_px=round(SURROUNDINGS * scale * width_px),
         )
 
-    def with_focal(self, focal_px: float) -> TurnedView:
+    def with_focal(self, focal_px: float) -> "TurnedView":
         """The camera turned to the same place of an equidistant picture with another focal length."""
         return replace(self, focal_px=focal_px, turn=self.turn * self.focal_px / focal_px)
 

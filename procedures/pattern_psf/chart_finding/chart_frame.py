@@ -1,7 +1,5 @@
 """Template of the chart's frame, and its agreement with a rectified picture: positions, orientation, score."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import cv2

@@ -4,8 +4,6 @@ The x-corners are the border of a 4 x 4 lattice. They have one common axis, para
 equally spaced collinear saddles propose a side; saddles at the other nine points confirm it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

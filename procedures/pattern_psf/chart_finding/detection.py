@@ -4,8 +4,6 @@ Coarse to fine: saddles at each level of a pyramid, sets of them in the layout o
 triangles to reject clutter and to choose one of eight orientations, the marks' positions at full resolution.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -90,12 +88,12 @@ class ChartSighting:
         corners = apply_homography(self.H_sensor_pattern, square)
         return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1))
 
-    def moved(self, x: float, y: float) -> ChartSighting:
+    def moved(self, x: float, y: float) -> "ChartSighting":
         """Sighting in a plane whose content is shifted by (x, y) pixels."""
         T = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         return replace(self, corners=self.corners + np.array([x, y]), H_sensor_pattern=T @ self.H_sensor_pattern)
 
-    def reduced(self, factor: int) -> ChartSighting:
+    def reduced(self, factor: int) -> "ChartSighting":
         """Sighting in the means over squares of `factor` x `factor` pixels."""
         H = np.linalg.inv(_to_full(factor)) @ self.H_sensor_pattern
         return replace(self, corners=(self.corners - (factor - 1) / 2) / factor, H_sensor_pattern=H)

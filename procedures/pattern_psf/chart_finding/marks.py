@@ -4,8 +4,6 @@ An x-corner is a saddle of grey levels at every scale from the blur up to half a
 small scale at each level of a pyramid suffice.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -61,7 +59,7 @@ class Saddles:
     axes: Complex
     strengths: npt.NDArray[np.float64]
 
-    def take(self, chosen: npt.NDArray[np.generic]) -> Saddles:
+    def take(self, chosen: npt.NDArray[np.generic]) -> "Saddles":
         """Subset by index or mask."""
         return Saddles(self.points[chosen], self.axes[chosen], self.strengths[chosen])
 

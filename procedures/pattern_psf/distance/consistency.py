@@ -4,8 +4,6 @@ The distance z of a chart of known size follows from px = F cell / z. Two positi
 laser, give F cell without any typed number: 1 / px grows by dz / (F cell).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

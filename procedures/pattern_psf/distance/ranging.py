@@ -1,7 +1,5 @@
 """Offset of the laser from the lens, from observations of the chart at several distances. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ shows an f-number that is too large. Scattered light, as of a dirty lens, raises
 so the operator may insist.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

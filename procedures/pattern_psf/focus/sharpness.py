@@ -4,8 +4,6 @@ The PSF is estimated at given s and k from the part of the frame around the char
 position first, then in the whole frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

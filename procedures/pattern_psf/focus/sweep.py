@@ -1,7 +1,5 @@
 """Best focus of a sweep with its uncertainty, and the direction in which to turn the ring next."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

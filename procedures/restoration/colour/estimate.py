@@ -31,9 +31,7 @@ PICTURE_STEPS, PICTURE_ITERATIONS = 5, 20
 
 
 def in_colour(
-    restoration: Restoration,
-    photographs: Sequence[Mapping[str, Plane]],
-    masks: Sequence[Masks],
+    restoration: Restoration, photographs: Sequence[Mapping[str, Plane]], masks: Sequence[Masks]
 ) -> Restoration:
     """The restoration with its picture in colour (3, H, W) and its w (H, W) at every pixel of the sensor.
 

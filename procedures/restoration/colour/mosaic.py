@@ -1,7 +1,5 @@
 """Mosaics of one camera on its sensor's grid: every sample at its position, the others missing."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 

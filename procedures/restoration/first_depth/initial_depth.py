@@ -4,8 +4,6 @@ Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and t
 differences and labels matched over the whole frame. Each has its confidence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

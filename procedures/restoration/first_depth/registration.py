@@ -4,8 +4,6 @@ At the true depth w and shift d, z1 * h2 moved by d equals z2 * h1 for any masks
 this relation with whitened noise: one correlation for every depth, in tiles with independent depths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,21 +1,12 @@
 """Segmentation of a depth map along its edges; each segment is one surface that can be extrapolated beyond its
 border."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import (
-    distance_transform_edt,
-    find_objects,
-    label,
-    maximum_filter,
-    minimum_filter,
-    watershed_ift,
-)
+from scipy.ndimage import distance_transform_edt, find_objects, label, maximum_filter, minimum_filter, watershed_ift
 
 from procedures.numerics.arrays import Mask
 from procedures.restoration.masks.array_loops import gaussian

@@ -1,7 +1,5 @@
 """Rotation and zoom between photographs, estimated from the shifts of their parts, and their correction."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Data term of Algorithm I (6.1): residuals of a pair (picture, depth), and their derivatives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -30,7 +28,7 @@ class DataTerm:
         self.extended: tuple[int, int] = blurs[0].extended
         self._all_trusted = bool((trust == 1).all())
 
-    def windowed(self, y: slice, x: slice) -> DataTerm:
+    def windowed(self, y: slice, x: slice) -> "DataTerm":
         """The term for a part of the photographs, not focused yet."""
         return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
 

@@ -6,8 +6,6 @@ the two layers by b in [0, 1]: z = (b u) *v h(high) + ((1 - b) u) *v h(low). Thi
 difference; Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,12 +146,7 @@ def _residual_of_layers(high: DataTerm, low: DataTerm, u: Array, layers: Layers,
 
 
 def _share_step(
-    high: DataTerm,
-    low: DataTerm,
-    at: tuple[Array, Array, Array, Array],
-    e: Array,
-    weight: float,
-    effort: Effort,
+    high: DataTerm, low: DataTerm, at: tuple[Array, Array, Array, Array], e: Array, weight: float, effort: Effort
 ) -> Array:
     """Change of picture and share (C + 1, H', W') for the residuals e. at : u, share, band, surroundings."""
     u, b, band, around = at

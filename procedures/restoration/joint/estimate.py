@@ -1,7 +1,5 @@
 """Restoration of picture and depth from blurred photographs: checks, first depth, joint descent, verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,8 +4,6 @@ A picture restored with a slightly wrong depth fits the error. A joint step lets
 curvature of both (gradients 6.6 and 6.7 from one pass over the masks).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ One round is a joint Gauss-Newton step; some rounds first localise depth edges, 
 generator, so that the caller can show progress, stop, store the state and resume from it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

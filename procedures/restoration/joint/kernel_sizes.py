@@ -1,7 +1,5 @@
 """Kernels measured in the sensor's pixels: default sizes and ratios, and the masks of given shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

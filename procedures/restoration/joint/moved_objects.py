@@ -4,8 +4,6 @@ Errors of the masks leave residuals everywhere, in proportion to the scene; nois
 own contrast, in one place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -81,7 +79,7 @@ class Occlusion:
     step: Array
 
     @classmethod
-    def nowhere(cls, shape: tuple[int, int]) -> Occlusion:
+    def nowhere(cls, shape: tuple[int, int]) -> "Occlusion":
         """The occlusion of a flat scene."""
         return cls(np.zeros(shape, bool), np.zeros(shape))
 

@@ -4,8 +4,6 @@ They determine the weight of the picture's prior: lambda_u = sigma^2 / G, G the 
 frequencies where the weight decides between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

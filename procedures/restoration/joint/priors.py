@@ -1,7 +1,5 @@
 """Priors of picture and depth: weights on differences of neighbours."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.restoration.masks.array_loops import add_diffusion

@@ -1,7 +1,5 @@
 """Result of a restoration: picture, depth and diagnostics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -107,7 +105,7 @@ class Restoration:
 
     __repr__ = summary
 
-    def with_added_error(self, more: Array) -> Restoration:
+    def with_added_error(self, more: Array) -> "Restoration":
         """With an additional error (H, W) of the picture, independent of that in the diagnostics."""
         d, square = self.diagnostics, float(np.mean(more**2))
         std = float(np.hypot(d.picture_std, square**0.5))

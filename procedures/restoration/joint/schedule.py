@@ -1,7 +1,5 @@
 """The scheme of iterations, N_g x (N_u + N_w) + N_TV x N_u, and the weights of each round (sections 6.4, 6.5)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 
@@ -24,7 +22,7 @@ class Scheme:
     final: int = 20
 
     @staticmethod
-    def parse(text: str) -> Scheme:
+    def parse(text: str) -> "Scheme":
         """The scheme written as in the thesis: "20x(8+10)+5x20", "50x(8+10)+100".
 
         Raises BadParameter if it has another form.

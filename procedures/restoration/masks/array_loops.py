@@ -1,7 +1,5 @@
 """Single-pass loops over arrays, where NumPy would take one pass per operation; threads for large work."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from threading import Thread

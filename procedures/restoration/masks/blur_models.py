@@ -4,8 +4,6 @@ A shape is an odd square array of samples on [-1, 1] x [-1, 1], row 0 at y = -1.
 stretched to [-w, w] and integrated over pixels (4.12, 5.3).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ The sharp picture u and the depth w live on the photograph's grid extended by R 
 photographed pixel has all light that reached it and no boundary condition is needed.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -86,7 +84,7 @@ class BlurOperator:
         self._photograph = self._errors[2 * R : 2 * R + shape[0], left : left + shape[1]]
         self.focus(np.zeros(self.extended, dtype))
 
-    def windowed(self, y: slice, x: slice) -> BlurOperator:
+    def windowed(self, y: slice, x: slice) -> "BlurOperator":
         """The blur of a part of the photograph, not focused yet."""
         return BlurOperator(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
@@ -172,7 +170,7 @@ class FieldBlur:
             if row.any() and column.any()
         ]
 
-    def windowed(self, y: slice, x: slice) -> FieldBlur:
+    def windowed(self, y: slice, x: slice) -> "FieldBlur":
         """The blur of a part of the photograph, not focused yet."""
         R, part = self.stack.R, copy(self)
         part._lay(self._rows[:, y.start : y.stop + 2 * R], self._columns[:, x.start : x.stop + 2 * R])

@@ -4,8 +4,6 @@ Poses are given, or integrated from the record of an inertial unit on a vibratin
 through them, which gives the curves of any motion's velocity field (5.1) in integrated form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -227,10 +225,7 @@ class MotionBlur:
 
 
 def motion_blur(
-    exposures: Sequence[Poses],
-    focal_px: float,
-    shape: tuple[int, int],
-    max_inverse_m: float,
+    exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], max_inverse_m: float
 ) -> MotionBlur:
     """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis is at the frame's centre.
 

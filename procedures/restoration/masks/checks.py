@@ -1,7 +1,5 @@
 """Requirements of a restoration on photographs and blur."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -4,8 +4,6 @@ The path of motion scales with w, proportional to the inverse depth; the half-wi
 zero at the plane of focus and negative, with the shape upside down, beyond.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The constant k of sigma = k r: Gaussian blur over the radius of the blur circle (4.18), by measured PSFs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

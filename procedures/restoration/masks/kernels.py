@@ -5,8 +5,6 @@ processes two pixels at a time, one below the other: a row of the photograph is 
 rows of masks. No memory is allocated per pixel, mask rows are whole vectors, and bands of rows are independent.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

@@ -5,8 +5,6 @@ less light depending on its position: masks of curves must have the same errors,
 them. A point of the line touches few pixels and depends on few control points, so that one pass over it suffices.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -3,8 +3,6 @@
 All functions that take the masks of a photograph accept one stack or a field; one stack is a grid of one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -40,7 +38,7 @@ class MaskField:
             raise BadParameter("masks of a field must agree in size, step and levels", "make them with one R and max w")
 
     @staticmethod
-    def of(masks: Masks) -> MaskField:
+    def of(masks: "Masks") -> "MaskField":
         """One stack as a grid of one; a field unchanged."""
         return masks if isinstance(masks, MaskField) else MaskField(((masks,),))
 
@@ -87,7 +85,7 @@ class MaskField:
         i, j = (round(part * (n - 1)) for part, n in zip((row, column), self.grid, strict=True))
         return self.stacks[i][j]
 
-    def spread(self, grid: tuple[int, int]) -> MaskField:
+    def spread(self, grid: tuple[int, int]) -> "MaskField":
         """The field on a larger grid, along axes where it is constant. Raises BadParameter if it varies otherwise."""
         if self.grid == grid:
             return self

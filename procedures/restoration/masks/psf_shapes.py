@@ -5,8 +5,6 @@ diffraction and the photosite, which do not grow with it. w is the half-width of
 this w the masks are the measured PSF itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

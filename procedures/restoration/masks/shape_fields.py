@@ -3,8 +3,6 @@
 One shape is a grid of one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Short rows do not benefit from a compiler's automatic vectorisation, which guard
 Here a row is loaded, multiplied and stored as one value, which the compiler maps to the processor's registers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

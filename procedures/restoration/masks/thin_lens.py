@@ -3,8 +3,6 @@
 Distances from the front principal plane, all lengths in millimetres unless named otherwise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

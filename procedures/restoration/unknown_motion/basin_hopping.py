@@ -4,8 +4,6 @@ Each start is followed by descent on the whole frame's evidence of the masks, an
 Wales and Doye 1997). The photographs themselves are not used meanwhile.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,11 +30,11 @@ class BasinHopping:
     rng: np.random.Generator
     bends: int = 40
 
-    def about_origin(self, origin: Array) -> BasinHopping:
+    def about_origin(self, origin: Array) -> "BasinHopping":
         """With the curves relative to another origin, pixels x, y."""
         return replace(self, pools=[[one - origin for one in pool] for pool in self.pools])
 
-    def fewer(self) -> BasinHopping:
+    def fewer(self) -> "BasinHopping":
         """For curves that were optimised already: those of the pools are worse, and fewer bends suffice."""
         return replace(self, pools=[], bends=self.bends // 2)
 

@@ -5,8 +5,6 @@ Then picture and masks are fitted in turn, the picture with a total-variation pr
 Sroubek and Milanfar 2012). The masks contain the shift between the photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

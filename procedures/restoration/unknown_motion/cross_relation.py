@@ -4,8 +4,6 @@ z1 * h2 = z2 * h1 holds at the best depth of each place. Changes of depth within
 times the noise, wrong paths by more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

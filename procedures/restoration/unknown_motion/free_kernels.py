@@ -1,7 +1,5 @@
 """Kernels of any form, one sample a pixel: constraints, and their least-squares step."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

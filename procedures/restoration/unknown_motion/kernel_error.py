@@ -4,8 +4,6 @@ Two searches from different starts end in kernels that explain the photographs a
 their pictures is in no residual: it is a lower bound of the error due to the kernels. Common errors are not in it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import fft2, fftfreq, ifft2

@@ -5,8 +5,6 @@ z2 * h1 in the errors), and so is a change of the tile's depth. The rest is line
 squares rates any other masks of that w. Curves are then fitted without the photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -57,7 +55,7 @@ class MaskEvidence:
     c: float = 0.0
 
     @classmethod
-    def about(cls, points: Array, half: float, w: float, R: int) -> MaskEvidence:
+    def about(cls, points: Array, half: float, w: float, R: int) -> "MaskEvidence":
         """No evidence yet, for the masks of curves of half-width `half`."""
         r = min(int(np.ceil(BEYOND * w + 1)), R)
         masks = masks_at(points, half, w, r)

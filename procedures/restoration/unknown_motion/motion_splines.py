@@ -4,8 +4,6 @@ A thin line known to whole pixels cannot be stretched to other depths (5.3); a c
 time, so that they include how long the rig stays somewhere; the direction of time does not matter.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pairs of curves that the surrounding frame contradicts least, among those that a flat part cannot separate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ is restored with them, and they are optimised for the residual (`basin_hopping`)
 restoration starts from the last one's depth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -144,7 +142,7 @@ class _View:
         w[self.flat] = self.half
         return w
 
-    def cut(self, window: Window) -> _View:
+    def cut(self, window: Window) -> "_View":
         """A part of these rows and columns."""
         return replace(self, z=self.z[:, :, *window], flat=within(self.flat, window))
 

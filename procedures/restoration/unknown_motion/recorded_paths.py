@@ -5,8 +5,6 @@ The record lacks the distance of the flat part, which scales both paths, and the
 shifts one mask relative to the other. Both follow from the cross relation z1 * h2 = z2 * h1.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ Kernels estimated in spite of it reveal rotation and zoom by the residual shifts
 then estimated again from corrected photographs.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

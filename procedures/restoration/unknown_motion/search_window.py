@@ -1,7 +1,5 @@
 """Window of a frame for the search of motion paths: some of the flat part, and parts at other depths."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from procedures.restoration.masks.blur_operator import Array

@@ -7,8 +7,6 @@ a blur with the picture.
 Source: Wipf and Zhang, J. Machine Learning Research 2014; Zhang, Wipf and Zhang, CVPR 2013 (several photographs).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

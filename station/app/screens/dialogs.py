@@ -1,7 +1,5 @@
 """Help, and modal questions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Results as text: MTF curves with uncertainty bands, verdicts, numbers, and the comparison of two results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The results: PSF image, MTF curves with uncertainty bands, verdicts and numbers; comparison of two."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

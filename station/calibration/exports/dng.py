@@ -1,7 +1,5 @@
 """A DNG's opcodes from a calibration, by which RAW converters correct distortion and vignetting."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A calibrated camera as files that other programs read: OpenCV, ROS, Kalibr, COLMAP, mrcal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar

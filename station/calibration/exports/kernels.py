@@ -1,7 +1,5 @@
 """A PSF field as filters that general picture programs apply: ImageMagick, G'MIC and GIMP, RawTherapee, NumPy."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Callable, Iterator

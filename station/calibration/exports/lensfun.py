@@ -6,8 +6,6 @@ lateral colour, of half the diagonal for vignetting, between pixel centres 0 and
 Source: lensfun's documentation, "Lens calibration"; checked against its library.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass

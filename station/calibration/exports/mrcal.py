@@ -8,8 +8,6 @@ that its uncertainty over the covered frame, in the mean of that at the charts a
 Source: Kogan, mrcal documentation, "Camera model files" and "Projection uncertainty".
 """
 
-from __future__ import annotations
-
 from base64 import b85encode
 from io import BytesIO
 from math import isqrt

@@ -1,7 +1,5 @@
 """A PSF field as files for other programs: photutils' STDPSF, PSFEx, deepinv."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Developed pictures: the error of what is made of them, what is not known of them, and the result in their format."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable, Sequence

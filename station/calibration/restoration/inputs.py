@@ -1,7 +1,5 @@
 """Input files of a restoration: shapes, measured PSFs and fields, records of motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

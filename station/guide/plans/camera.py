@@ -1,7 +1,5 @@
 """The guided plan of the whole camera: its photographs sorted by purpose, and the combined results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

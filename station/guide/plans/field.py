@@ -1,7 +1,5 @@
 """The guided plan of a field, with the estimate from its photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The guided plan of any procedure that measures photographs: settings as questions, photographs, measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The guided plan of a camera's geometry, with its files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from procedures.geometry.plan import plan as plan

@@ -1,7 +1,5 @@
 """The guided plan of a restoration, with shapes of the blur from files of the session."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

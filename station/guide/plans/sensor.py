@@ -1,7 +1,5 @@
 """The guided plan of a sensor, with the estimate that groups its frames by light level."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from procedures.outcome import BadInput, Outcome, Verdict

@@ -1,7 +1,5 @@
 """Guided series of one lens: the guided calibration up to its focus, then one photograph at each aperture or focus."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The guided plan of a sensor's tilt, with the estimate from its focus bracket."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Bench and camera change exposure time and distance themselves where they can; the operator turns the focus.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of a batch: both verdicts counted, the numbers of every item with error bars, outliers, reasons."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

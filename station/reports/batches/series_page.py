@@ -1,7 +1,5 @@
 """The page of a series: every number over f-number or focus with error bars, and the best setting."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

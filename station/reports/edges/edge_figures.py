@@ -1,7 +1,5 @@
 """Figures of slanted edges: their places, the light across them, their MTF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

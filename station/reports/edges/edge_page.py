@@ -1,7 +1,5 @@
 """The page of a photograph's slanted edges: places, spread functions and MTF of every plane, every edge's numbers."""
 
-from __future__ import annotations
-
 from markupsafe import Markup
 
 from procedures.numbers import label

@@ -1,7 +1,5 @@
 """Sections of a field's page for the whole camera: geometry, vignetting, and the covariance of all numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The places of a field that its page lets one explore: PSF, MTF along rows and columns, and MTF50 with its budget."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The figures of a field's page: maps over the frame, the mosaic of PSFs, the places and the lens's axis."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

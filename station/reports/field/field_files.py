@@ -1,7 +1,5 @@
 """Measurement of a field: the PSF at the frame's centre, `field.h5`, `camera.h5`, tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """The page of a field: maps, the mosaic of PSFs, lateral colour, best focus, vignetting, and how to read the file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Sagittal and meridional MTF over image height, as a figure of a field's page and as a table beside it."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 

@@ -5,11 +5,7 @@ import numpy as np
 import pytest
 
 from procedures.corruption.family import Strength, threshold
-from procedures.corruption.noise import (
-    Variogram,
-    mask_scores,
-    texture_correlation,
-)
+from procedures.corruption.noise import Variogram, mask_scores, texture_correlation
 
 
 def masked(noise: np.ndarray, amount: float, radius: float) -> np.ndarray:

@@ -35,8 +35,7 @@ def photographed(shape, folder):
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [pytest.param("pillbox", marks=pytest.mark.slow), pytest.param("gaussian:0.5", marks=pytest.mark.nightly)],
+    "shape", [pytest.param("pillbox", marks=pytest.mark.slow), pytest.param("gaussian:0.5", marks=pytest.mark.nightly)]
 )
 def test_distances_of_two_halves_follow_from_their_blur(shape, tmp_path):
     images = photographed(named(shape), tmp_path)
