@@ -1,5 +1,7 @@
 """The manual as self-contained HTML pages in the style of the reports."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """The reference of all commands, generated from the commands."""
 
+from __future__ import annotations
+
 import inspect
 import re
 from collections.abc import Iterator

@@ -1,5 +1,7 @@
 """Fields of result types as tables, generated from their docstrings."""
 
+from __future__ import annotations
+
 import inspect
 import re
 from collections.abc import Iterator, Mapping

@@ -1,5 +1,7 @@
 """Formulas in LaTeX between dollars: MathML for browsers, plain letters for terminals and for the search."""
 
+from __future__ import annotations
+
 import re
 
 from markdown_it import MarkdownIt

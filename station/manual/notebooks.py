@@ -1,5 +1,7 @@
 """Pages with Python as Jupyter notebooks: their text as Markdown cells, their blocks as code cells."""
 
+from __future__ import annotations
+
 import json
 import re
 from typing import Any

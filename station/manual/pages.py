@@ -1,5 +1,7 @@
 """The manual's pages, and the page of a topic."""
 
+from __future__ import annotations
+
 import difflib
 import re
 from collections.abc import Mapping, Sequence
