@@ -147,8 +147,9 @@ def show(scene: str, found: list[Row]) -> None:
 
 
 def write(found: dict[str, list[Row]]) -> None:
-    """Store the models of all seeds."""
-    models = {}
+    """Store the models of all seeds; other scenes keep theirs."""
+    target = Path(probability.__file__).with_name(probability.FILE)
+    models = json.loads(target.read_text(encoding="utf-8"))
     for scene, rows in found.items():
         intercept, coefficients = fitted(rows)
         models[scene] = {
@@ -158,7 +159,6 @@ def write(found: dict[str, list[Row]]) -> None:
             "intercept": round(intercept, 4),
             "coefficients": {name: round(weight, 4) for name, weight in coefficients.items() if abs(weight) > 5e-4},
         }
-    target = Path(probability.__file__).with_name(probability.FILE)
     target.write_text(json.dumps(models, indent=1) + "\n", encoding="utf-8")
     print(f"wrote {target.name}")
 
