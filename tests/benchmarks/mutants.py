@@ -4,9 +4,10 @@
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
 into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
-processes are invisible to coverage: a line without a test is tried with the tests of its file, and every line with the
-tests of its file's name. A mutant is killed too if a test takes more than ten times as long as before. Printed are the
-share killed with its 95 % interval (Clopper-Pearson), the survivors as a difference, and what was too slow.
+processes are invisible to coverage: a file with compiled loops is tried with all tests, a line without a test with the
+tests of its file, and every line with the tests of its file's name. A mutant is killed too if a test takes more than
+ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson), the survivors as a
+difference, and what was too slow.
 
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
@@ -303,6 +304,8 @@ class Area:
         """The tests that execute its line, or its file where none does, and those of its name; the fastest first."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
+        if USES_LOOPS in (self.folder / mutant.file).read_bytes():
+            tests = set(self.seconds)
         tests = tests or {test for line in lines.values() for test in line if test in self.seconds}
         named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
         tests |= {test for test in self.seconds if named in test}

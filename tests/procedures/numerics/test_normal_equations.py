@@ -14,6 +14,9 @@ def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Gener
     h = np.linalg.solve(equations.G, equations.b)
     np.testing.assert_allclose(h, whole[:12], atol=2e-6)  # products in float32
     np.testing.assert_allclose(equations.nuisance(h), whole[12:], atol=2e-6)
+    change = rng.standard_normal(12)
+    moved = equations.nuisance(h + change) - equations.nuisance(h)
+    np.testing.assert_allclose(equations.response(change), moved, atol=1e-12)
     covariance = np.linalg.inv(np.hstack([A, Z]).T @ np.hstack([A, Z]))[:12, :12]
     np.testing.assert_allclose(np.linalg.inv(equations.G), covariance, atol=1e-7)
 

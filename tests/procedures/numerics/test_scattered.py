@@ -42,9 +42,10 @@ def test_weights_add_to_1(smoother):
     np.testing.assert_allclose(smoother.weights(POINTS).sum(axis=1), 1, atol=1e-9)
 
 
-def test_too_few_places_for_a_degree_are_refused():
-    with pytest.raises(ValueError, match="5 places do not determine a polynomial of degree 2"):
-        Polynomial(PLACES[:5], TRUST[:5], 2)
+@pytest.mark.parametrize("places", [PLACES[:5], PLACES[:9, :1] * [1.0, 2.0]], ids=["too few", "on a line"])
+def test_places_that_determine_no_polynomial_are_refused(places):
+    with pytest.raises(ValueError, match=f"{len(places)} places do not determine a polynomial of degree 2"):
+        Polynomial(places, TRUST[: len(places)], 2)
 
 
 @settings(max_examples=30, deadline=None)
