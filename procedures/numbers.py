@@ -237,7 +237,7 @@ SENSITIVITY = _estimate(
     symbol="s(Ω)",
 )  # fmt: skip
 SENSITIVITY_AT_5 = _estimate(
-    "mtf_sensitivity_above_5_percent", "1", "The same where the MTF is 5 % or more",
+    "mtf_sensitivity_above_5_percent", "1", "Relative sensitivity where the MTF is 5 % or more",
     "relative sensitivity of the MTF over the frequencies at which it is 5 % or more", _H, _L,
 )  # fmt: skip
 STABLE_MTF = _estimate("stable_mtf", "1", "Least MTF of the stable domain", f"least MTF of {_STABLE}", _H)
