@@ -158,7 +158,9 @@ def published(folder: Path) -> None:
         for name, number in result.numbers.items():
             if name in theirs:
                 steps = theirs[name], at_our_level[name], as_rounded[name].value, number.value
-                whole, level, left, rounding = (100 * (b / a - 1) for a, b in [(steps[0], steps[-1]), *pairwise(steps)])
+                whole, level, left, rounding = (
+                    100 * float(np.divide(b, a) - 1) for a, b in [(steps[0], steps[-1]), *pairwise(steps)]
+                )
                 shares = "".join(f" {share:+8.2f}" for share in (whole, level, rounding, left))
                 print(f"{name:24s} {number.value:11.5g} +- {number.uncertainty:9.3g}{shares}", flush=True)
 
