@@ -92,6 +92,8 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Break: ast.Continue, ast.Continue: ast.Break,
 }  # fmt: skip
 USES_LOOPS = b"numerics.compiled import"
+COMPILED = "compiled"
+"""Folder of machine code."""
 SLOWER = 10.0
 GRACE_S = 20.0
 MOST_TESTS_S = 30.0
@@ -263,7 +265,8 @@ class Area:
 
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
-        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), self.folder / "recording.log"))
+        log = self.folder / "recording.log"
+        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -274,7 +277,7 @@ class Area:
                 rows[row] = [test for test in rows.get(row, []) if not old(test)] + more.get(row, [])
         return now
 
-    def _fork(self, run: Callable[[], int], log: Path) -> int:
+    def _fork(self, run: Callable[[], int], log: Path, compiled: Path) -> int:
         """Fork a process group that runs this in the copy: its id."""
         child = os.fork()
         if child:
@@ -288,7 +291,7 @@ class Area:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
             os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1",
-                           "NUMBA_CACHE_DIR": str(self.folder / "compiled"),
+                           "NUMBA_CACHE_DIR": str(compiled),
                            "STATION_SHARED_DATA": str(ROOT.parent / "shared" / "data")}  # fmt: skip
             sys.dont_write_bytecode = True
             sys.path[:] = [str(self.folder), *(one for one in sys.path if not Path(one).is_relative_to(ROOT))]
@@ -328,21 +331,26 @@ class Area:
         file = self.folder / mutant.file
         original, status = file.read_bytes(), file.stat()
         has_loops = USES_LOOPS in original
+        compiled = self.folder / ("changed" if has_loops else COMPILED)
+        if has_loops:  # Numba compiles the changed file anew; no loop calls one of another file
+            shutil.copytree(self.folder / COMPILED, compiled, copy_function=os.link)
         file.write_bytes(mutant.apply(original))
         (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
         listen, announce = os.pipe()
         words = ["-x", "--nightly", "@chosen.txt"]
-        child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
+        child = self._fork(lambda: _pytest(words, Announcer(announce)), self.folder / "mutant.log", compiled)
         os.close(announce)
         try:
             # a test may have to make what another one made in the first run
-            if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
+            if not self._in_time(listen, 3 * max(self.seconds.values()) + (3 if has_loops else 1) * GRACE_S):
                 self.too_slow.append(mutant)
                 return True
             return _wait(child) != 0
         finally:
             _end(child)
             os.close(listen)
+            if has_loops:
+                shutil.rmtree(compiled)
             file.write_bytes(original)
             os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
 
@@ -389,13 +397,12 @@ def _files_of(folder: Path, places: Sequence[str], pattern: str) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
-def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> int:
-    """Run tests; loops compiled before are taken again if nothing changed in them."""
+def _pytest(words: Sequence[str], plugin: object) -> int:
+    """Run tests; loops compiled before are taken again if nothing changed in their file."""
     import pytest
 
-    if same_loops:
-        compiled = importlib.import_module("procedures.numerics.compiled")
-        compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
+    compiled = importlib.import_module("procedures.numerics.compiled")
+    compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
     quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
     return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
 
