@@ -80,7 +80,11 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "measurement": (
         ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
-        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py", *GOLDEN),
+        (
+            "tests/station/results", "tests/station/procedure", "tests/station/reports/test_certificate.py",
+            "tests/station/batch/test_registry.py", *GOLDEN,
+            *(f"tests/station/cli/test_{one}.py" for one in ("explain", "profile", "typed_settings", "verify")),
+        ),
     ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),

@@ -264,7 +264,11 @@ def triples_of(field, rules):
         d = field.points - field.points[i]
         for j in np.flatnonzero(steps_from(field, i, rules) & (d.imag >= -rules.level_slope * np.abs(d.real))):
             k = nearest(field, field.points[j] + d[j], rules.collinear * abs(d[j]), j, rules)
-            if k >= 0 and steps_from(field, j, rules)[k] and (is_free(field, i, j, rules) or is_free(field, j, k, rules)):
+            if (
+                k >= 0
+                and steps_from(field, j, rules)[k]
+                and (is_free(field, i, j, rules) or is_free(field, j, k, rules))
+            ):
                 triples.append((i, j, k))
     return np.array(triples)
 
