@@ -115,9 +115,9 @@ def test_kernel_of_a_motion_has_one_sample_a_pixel():
     np.testing.assert_array_equal(found, kernel)
     assert header == {
         "SIMPLE": "T", "BITPIX": "-64", "NAXIS": "2", "NAXIS1": "5", "NAXIS2": "5", "EXTNAME": "KERNEL",
-        "CRPIX1": "3.0", "CRPIX2": "3.0", "CRVAL1": "0.0", "CRVAL2": "0.0", "CDELT1": "1.0", "CDELT2": "1.0", "CTYPE1": "X",
-        "CTYPE2": "Y", "CUNIT1": "pixel", "CUNIT2": "pixel", "BUNIT": "1", "ROWORDER": "TOP-DOWN", "PHOTO": "2",
-        "SAMPLING": "1", "ORIGIN": "calibration-station", "CREATOR": "calibration-station",
+        "CRPIX1": "3.0", "CRPIX2": "3.0", "CRVAL1": "0.0", "CRVAL2": "0.0", "CDELT1": "1.0", "CDELT2": "1.0",
+        "CTYPE1": "X", "CTYPE2": "Y", "CUNIT1": "pixel", "CUNIT2": "pixel", "BUNIT": "1", "ROWORDER": "TOP-DOWN",
+        "PHOTO": "2", "SAMPLING": "1", "ORIGIN": "calibration-station", "CREATOR": "calibration-station",
     }  # fmt: skip
 
 
