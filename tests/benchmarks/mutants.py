@@ -3,11 +3,11 @@
     python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
-into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
-processes are invisible to coverage: a file with compiled loops is tried with all tests, a line without a test with the
-tests of its file, and every line with the tests of its file's name. A mutant is killed too if a test takes more than
-ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson), the survivors as a
-difference, and what was too slow.
+into a copy of the sources, and the tests of its line run, frozen results first and then the fastest, until one fails.
+Machine code and other processes are invisible to coverage: a file with compiled loops is tried with all tests, a line
+without a test with the tests of its file, and every line with the tests of its file's name. A mutant is killed too if a
+test takes more than ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson),
+the survivors as a difference, and what was too slow.
 
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
@@ -54,6 +54,12 @@ PRELOADED = (
 PROCEDURE = ("base", "psf", "schema")
 GOLDEN = ("tests/golden",)
 """Records and pages of every procedure, which all areas of procedures change."""
+FIRST = (
+    "tests/golden/test_intermediates.py",
+    "tests/golden/test_plans.py",
+    "tests/golden/test_golden.py::test_records",
+)
+"""Tests that notice most."""
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf", *GOLDEN)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo", *GOLDEN)),
@@ -306,7 +312,7 @@ class Area:
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, or its file where none does, and those of its name; the fastest first."""
+        """The tests that execute its line, or its file where none does, and those of its name: FIRST, then the fastest."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
         if USES_LOOPS in (self.folder / mutant.file).read_bytes():
@@ -316,7 +322,9 @@ class Area:
         tests |= {test for test in self.seconds if named in test}
         chosen, total_s = [], 0.0
         all_of = self.seconds if self.again or not tests else tests
-        for test in sorted(all_of, key=lambda test: (test not in tests, self.seconds[test])):
+        for test in sorted(
+            all_of, key=lambda test: (test not in tests, not test.startswith(FIRST), self.seconds[test])
+        ):
             total_s += self.seconds[test]
             if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
                 break
