@@ -312,7 +312,7 @@ class Area:
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, or its file where none does, and those of its name: FIRST, then the fastest."""
+        """The tests that execute its line, or its file where none does, and of its name: FIRST, then the fastest."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
         if USES_LOOPS in (self.folder / mutant.file).read_bytes():
@@ -405,7 +405,8 @@ def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> in
         compiled = importlib.import_module("procedures.numerics.compiled")
         compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
     quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
-    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
+    alone = ("-k", "not on_paper")  # a browser notices no number
+    return int(pytest.main(["-q", "-n", "0", *quiet, *alone, *words], plugins=[plugin]))
 
 
 def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool) -> int:

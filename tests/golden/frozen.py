@@ -148,8 +148,8 @@ def _sums(array: Any) -> list[Any]:
     """Size of an array, number of its NaN, root of its mean square, and two sums that notice an exchange."""
     known = np.nan_to_num(np.abs(array) * np.exp(1j * np.angle(array))).ravel()
     whole = np.sqrt(np.mean(np.abs(known) ** 2)) or 1.0
-    waves = np.exp(1j * 2.4 * np.arange(known.size) ** 1.1)
-    sums = [float(np.abs(known @ one)) / known.size**0.5 for one in (waves, waves.conj())]
+    waves = [np.exp(1j * 2.4 * np.arange(known.size) ** power) for power in (0.9, 1.1)]
+    sums = [float(np.abs(known @ one)) / known.size**0.5 for one in waves]
     # a sum far below the whole is a difference of large numbers: added to the whole, it is compared with it
     return [*array.shape, int(np.isnan(array).sum()), *(plain(float(whole + one)) for one in (0.0, *sums))]
 

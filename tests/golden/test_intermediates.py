@@ -1,7 +1,8 @@
 """Results of single modules that no record of a procedure holds whole: `--freeze` writes them anew."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,13 @@ from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_ra
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.next_view import next_views
 from procedures.geometry.rig import estimate_rig
+from procedures.outcome import Check, verdict_of
 from procedures.pattern import Chart
+from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.detection import find_charts
+from procedures.pattern_psf.chart_finding.marks import Saddles
 from procedures.pattern_psf.combine import combine
+from procedures.pattern_psf.corruptions import print_prior
 from procedures.pattern_psf.drift import chart_series, slope_of
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
@@ -40,6 +45,10 @@ from tests.procedures.field.lens import SHAPE, FieldCamera, K, grid, nodes
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.geometry.test_rig import rig
 from tests.procedures.pattern_psf.conftest import photograph
+from tests.procedures.pattern_psf.damage import CHANGES, damaged
+from tests.procedures.slanted_edge.test_corruptions import PROCESSED, measured, picture
+from tests.procedures.two_photo.damage import damaged as damaged_pair
+from tests.procedures.two_photo.damage import names
 from tests.procedures.two_photo.wall import gaussian, photographs
 
 from .frozen import check_frozen
@@ -170,10 +179,61 @@ def noises() -> Any:
     return variograms, masks, smooth, combined_scores(masks, smooth), checks, measured, directions, missing_light(psf)
 
 
-MADE: tuple[Callable[[], Any], ...] = (charts, shots, spoilt, sweeps, gammas, calibrations, fields, walls, noises)
+def lattices() -> Any:
+    """Layouts in a lattice whose inner points are partly missing."""
+    z = np.add.outer(24j * np.arange(4), 24.0 * np.arange(4)).ravel() * np.exp(0.1j) + 30 + 20j
+    saddles = Saddles(z, np.full(16, np.exp(0.2j)), np.linspace(1, 1.5, 16))
+    kept = [[i for i in range(16) if i not in gone] for n in range(5) for gone in combinations((5, 6, 9, 10), n)]
+    return [find_layouts(saddles.take(np.array(one))).hits.sum(axis=1) for one in kept]
+
+
+def damaged_charts() -> Any:
+    """Charts that a program, a sheet or a light spoilt."""
+    clean = photograph(pixels=90, size=(170, 170)).plane(0.003, np.random.default_rng(9)).samples
+    pictures = [np.float32(damaged(clean, name)) for name in list(CHANGES)[1::9]]
+    found = [estimate_psf(Plane("Y", one, 1e-4), CHART, SMALL) for one in pictures]
+    return [(one.verdict, one.reason, one.remedy, one.other_causes) for one in found]
+
+
+def damaged_walls() -> Any:
+    """Walls of which one or both photographs were spoilt."""
+    pair = photographs(gaussian(0.45, 0.4), tilt=0.03)
+    pairs = [[Plane("Y", one, 1e-4) for one in damaged_pair(pair, name)] for name in names()[::9]]
+    found = [estimate_psf_of_pair(*one, TwoPhotoParameters(2, 9)) for one in pairs]
+    return [(one.verdict, one.reason, one.remedy, one.other_causes) for one in found]
+
+
+def damaged_edges() -> Any:
+    """Edges that a program changed, rendered and as RAW; priors of a print's blur."""
+    rng = np.random.default_rng(3)
+    found = [measured(change(picture(rng)), raw=raw) for raw in (False, True) for change, _ in PROCESSED.values()]
+    offsets = rng.uniform(-0.5, 0.5, 514)
+    return [(one.verdict, one.reason, one.value) for one in found], [print_prior(d * offsets) for d in (0.1, 0.4, 1, 2)]
+
+
+def judged(made: Callable[[], Any]) -> Any:
+    """A result, and all checks that gave its verdicts; their statistics may be differences of large numbers."""
+    checks: list[Any] = []
+
+    def noted(found: Sequence[Check], *given: Any) -> Any:
+        checks.append([(one.name, one.threshold, one.severity, one.fails, one.given, one.prior) for one in found])
+        return verdict_of(found, *given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in JUDGES:
+            patch.setattr(f"procedures.{module}.verdict_of", noted)
+        return made(), checks
+
+
+JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
+          "slanted_edge.estimate")  # fmt: skip
+MADE: tuple[Callable[[], Any], ...] = (
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, fields, walls, noises, damaged_charts, damaged_walls,
+    damaged_edges,
+)  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("made", MADE)
 def test_modules_give_what_they_gave(made, request):
-    check_frozen(request, made.__name__, made())
+    check_frozen(request, made.__name__, judged(made))
