@@ -18,6 +18,8 @@ from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive, lateral_colour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.samplings import as_polynomial
+from procedures.geometry.cameras import FORMULAS, CameraModel, distortion
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_radial
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.next_view import next_views
@@ -41,9 +43,12 @@ from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 from procedures.two_photo.several import estimate_psf_of_wall
+from tests.benchmarks.fisheye_views import photograph as fisheye_photograph
+from tests.benchmarks.fisheye_views import polynomial, poses
 from tests.procedures.field.lens import SHAPE, FieldCamera, K, grid, nodes
+from tests.procedures.geometry.chart_bins.test_photographs import photographed, tilted, wide_camera
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
-from tests.procedures.geometry.test_rig import rig
+from tests.procedures.geometry.test_rig import HERE, THIRD, TRUE, rig
 from tests.procedures.pattern_psf.conftest import photograph
 from tests.procedures.pattern_psf.damage import CHANGES, damaged
 from tests.procedures.slanted_edge.test_corruptions import PROCESSED, measured, picture
@@ -115,7 +120,7 @@ def gammas() -> Any:
 def calibrations() -> Any:
     """Cameras of a formula and of a spline, in photographs and in a video, and their conversions."""
     small = Shoot(TrueCamera(radial=(-0.12, 0.06, 0.0)), count=7, every=4, print_mm=0.03, bend_mm=0.3)
-    taken, rng = take(small, np.random.default_rng(3)), np.random.default_rng(1)
+    taken = take(small, np.random.default_rng(3))
     asked = GeometryParameters(CELL_MM, distances_mm=(500.0, np.inf), advise_px=(600.0, 500.0), scale_uncertainty=1e-3)
     views = [replace(one, time_s=float(i)) for i, one in enumerate(taken.views)]
     found = []
@@ -132,7 +137,30 @@ def calibrations() -> Any:
         found += [outcome.verdict, outcome.reason, one.covariance, one.camera, one.numbers, one.budgets, one.shape]
         found += [one.trials, fitted, one.misfit, one.maps, one.next_view, one.shutter, one.views, converted, kinds]
         found += [next_views(one.adjustment, pixel)[:5] for pixel in (None, (5000.0, 300.0))]
-    return found, estimate_rig(rig(rng), 2000.0)
+    return found
+
+
+def chart_views() -> Any:
+    """Nodes of charts: a small one, one that needs reduced pixels, and one near the corner of a fisheye."""
+    camera = wide_camera(200, 240)
+    planes = [photographed(camera, tilted(camera, i, pixels), i) for i, pixels in ((1, 80.0), (0, 150.0))]
+    fisheye = polynomial((337, 225), 136.8, (169.65, 111.6), (-0.012, 0.004, -0.0015, 0.0002))
+    corner = Plane("Y", fisheye_photograph(fisheye, poses(fisheye, 5, 86.0, 26.0)[4], CHART, 0.004, 1), 1 / 65535)
+    return [view_of(one, CHART, "view") for one in (*planes, corner)]
+
+
+def cameras() -> Any:
+    """One lens by every formula, its projection and derivatives, and a rig of three."""
+    lens = CameraModel("OPENCV", np.array([900.0, 910, 500, 330, -0.1, 0.03, 1e-3, -2e-3]), 1000, 660)
+    region = np.array([[0.0, 0], [999, 0], [999, 659], [0, 659]])
+    points = np.random.default_rng(4).uniform((-0.4, -0.3, 0.9), (0.4, 0.3, 1.1), (40, 3))
+    found: list[Any] = []
+    for name in FORMULAS:
+        one, difference = as_model(lens, region, name)
+        pixels = one.project(points)
+        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points).shape]
+        found += [one.focal_px, one.centre, distortion(one, pixels), one.prior, one.units]
+    return found, estimate_rig(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)), 2000.0)
 
 
 def fields() -> Any:
@@ -228,8 +256,8 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, fields, walls, noises, damaged_charts, damaged_walls,
-    damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, fields, walls, noises,
+    damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
 
 
