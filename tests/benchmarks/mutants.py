@@ -3,11 +3,11 @@
     python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
-into a copy of the sources, and the tests of its line run, frozen results first and then the fastest, until one fails.
-Machine code and other processes are invisible to coverage: a file with compiled loops is tried with all tests, a line
-without a test with the tests of its file, and every line with the tests of its file's name. A mutant is killed too if a
-test takes more than ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson),
-the survivors as a difference, and what was too slow.
+into a copy of the sources, and the tests of its line run, the likeliest and fastest first, until one fails. Machine
+code and other processes are invisible to coverage: a file with compiled loops is tried with all tests, a line without a
+test with the tests of its file, and every line with the tests of its file's name. A mutant is killed too if a test
+takes more than ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson), the
+survivors as a difference, and what was too slow.
 
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
@@ -39,6 +39,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,10 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "geometry": (("procedures/geometry",), ("tests/procedures/geometry", *GOLDEN)),
     "numerics": (("procedures/numerics",), ("tests/procedures/numerics", *GOLDEN)),
     "slanted_edge": (("procedures/slanted_edge",), ("tests/procedures/slanted_edge", *GOLDEN)),
-    "sessions": (("station/sessions",), ("tests/station/sessions",)),
+    "sessions": (
+        ("station/sessions",),
+        ("tests/station/sessions", "tests/station/cli/test_session.py", "tests/station/service/test_sessions.py"),
+    ),
     "batch": (("station/batch",), ("tests/station/batch", *GOLDEN)),
     "stop path": (
         (
@@ -82,7 +86,11 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "measurement": (
         ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
-        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py", *GOLDEN),
+        (
+            "tests/station/results", "tests/station/procedure", "tests/station/reports/test_certificate.py",
+            "tests/station/batch/test_registry.py", *GOLDEN,
+            *(f"tests/station/cli/test_{one}.py" for one in ("explain", "profile", "typed_settings", "verify")),
+        ),
     ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
@@ -98,10 +106,14 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Break: ast.Continue, ast.Continue: ast.Break,
 }  # fmt: skip
 USES_LOOPS = b"numerics.compiled import"
+COMPILED = "compiled"
+"""Folder of machine code."""
 SLOWER = 10.0
 GRACE_S = 20.0
 MOST_TESTS_S = 30.0
 """Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
+QUICK_S = 4.0
+"""Processor time of the tests that are run before all others."""
 AGAIN = 3
 """As many times longer for a mutant that is tried again, then also tests that do not execute its line themselves."""
 
@@ -269,7 +281,8 @@ class Area:
 
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
-        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), self.folder / "recording.log"))
+        log = self.folder / "recording.log"
+        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -280,7 +293,7 @@ class Area:
                 rows[row] = [test for test in rows.get(row, []) if not old(test)] + more.get(row, [])
         return now
 
-    def _fork(self, run: Callable[[], int], log: Path) -> int:
+    def _fork(self, run: Callable[[], int], log: Path, compiled: Path) -> int:
         """Fork a process group that runs this in the copy: its id."""
         child = os.fork()
         if child:
@@ -294,7 +307,7 @@ class Area:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
             os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1",
-                           "NUMBA_CACHE_DIR": str(self.folder / "compiled"),
+                           "NUMBA_CACHE_DIR": str(compiled),
                            "STATION_SHARED_DATA": str(ROOT.parent / "shared" / "data")}  # fmt: skip
             sys.dont_write_bytecode = True
             sys.path[:] = [str(self.folder), *(one for one in sys.path if not Path(one).is_relative_to(ROOT))]
@@ -312,19 +325,21 @@ class Area:
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, or its file where none does, and of its name: FIRST, then the fastest."""
+        """The tests of its name, then those that execute its line, or its file where none does; the fastest first."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
         if USES_LOOPS in (self.folder / mutant.file).read_bytes():
             tests = set(self.seconds)
         tests = tests or {test for line in lines.values() for test in line if test in self.seconds}
-        named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
-        tests |= {test for test in self.seconds if named in test}
+        # they may start a program, which executes the line
+        parts = Path(mutant.file).with_suffix("").parts
+        named = {test for test in self.seconds if Path(test.partition("::")[0]).stem.removeprefix("test_") in parts}
         chosen, total_s = [], 0.0
-        all_of = self.seconds if self.again or not tests else tests
-        for test in sorted(
-            all_of, key=lambda test: (test not in tests, not test.startswith(FIRST), self.seconds[test])
-        ):
+        all_of = self.seconds if self.again or not tests else {*tests, *named}
+        later = {
+            test: not test.startswith(FIRST) and (test not in named or self.seconds[test] > QUICK_S) for test in all_of
+        }
+        for test in sorted(all_of, key=lambda test: (test not in tests | named, later[test], self.seconds[test])):
             total_s += self.seconds[test]
             if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
                 break
@@ -336,23 +351,38 @@ class Area:
         file = self.folder / mutant.file
         original, status = file.read_bytes(), file.stat()
         has_loops = USES_LOOPS in original
+        compiled = self.folder / ("changed" if has_loops else COMPILED)
+        if has_loops:  # Numba compiles the changed file anew; no loop calls one of another file
+            shutil.copytree(self.folder / COMPILED, compiled, copy_function=os.link)
         file.write_bytes(mutant.apply(original))
-        (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
+        tests = self.tests_of(mutant)
+        quick = sum(total_s < QUICK_S for total_s in accumulate(self.seconds[test] for test in tests))
+        try:
+            # the first ones alone: others may import much
+            return any(self._fail(part, compiled, mutant) for part in (tests[:quick], tests[quick:]) if part)
+        finally:
+            if has_loops:
+                shutil.rmtree(compiled)
+            file.write_bytes(original)
+            os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+    def _fail(self, tests: Sequence[str], compiled: Path, mutant: Mutant) -> bool:
+        """Whether one of these tests fails now, or takes far longer."""
+        (self.folder / "chosen.txt").write_text("\n".join(tests))
         listen, announce = os.pipe()
         words = ["-x", "--nightly", "@chosen.txt"]
-        child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
+        child = self._fork(lambda: _pytest(words, Announcer(announce)), self.folder / "mutant.log", compiled)
         os.close(announce)
         try:
             # a test may have to make what another one made in the first run
-            if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
+            grace_s = 3 * max(self.seconds.values()) + (GRACE_S if compiled.name == COMPILED else 3 * GRACE_S)
+            if not self._in_time(listen, grace_s):
                 self.too_slow.append(mutant)
                 return True
             return _wait(child) != 0
         finally:
             _end(child)
             os.close(listen)
-            file.write_bytes(original)
-            os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
 
     def _in_time(self, announcements: int, grace_s: float) -> bool:
         """Follow the tests until the pipe is closed: whether none took too long."""
@@ -397,13 +427,12 @@ def _files_of(folder: Path, places: Sequence[str], pattern: str) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
-def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> int:
-    """Run tests; loops compiled before are taken again if nothing changed in them."""
+def _pytest(words: Sequence[str], plugin: object) -> int:
+    """Run tests; loops compiled before are taken again if nothing changed in their file."""
     import pytest
 
-    if same_loops:
-        compiled = importlib.import_module("procedures.numerics.compiled")
-        compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
+    compiled = importlib.import_module("procedures.numerics.compiled")
+    compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
     quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
     alone = ("-k", "not on_paper")  # a browser notices no number
     return int(pytest.main(["-q", "-n", "0", *quiet, *alone, *words], plugins=[plugin]))
