@@ -34,9 +34,7 @@ def frozen_file(path: Path) -> Any:
     if path.suffix == ".csv":
         head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
         columns = {name: [_value(row[i]) for row in rows] for i, name in enumerate(head)}
-        numbers = {
-            one: _sums(np.array(column)) for one, column in columns.items() if column and all(map(_is_number, column))
-        }
+        numeric = {one: column for one, column in columns.items() if column and all(map(_is_number, column))}
         middle = [column[len(rows) // 2] for column in columns.values() if rows]
         return {"columns": head, "rows": len(rows), "middle": middle,
                 "sums": {one: _sums(np.array(column)) for one, column in numeric.items()}}  # fmt: skip
@@ -56,10 +54,10 @@ def _is_number(value: float | str) -> bool:
 
 
 def _sums(values: npt.NDArray[np.float64]) -> list[float]:
-    """Mean, root mean square, and mean magnitude weighted by the place, of the finite ones."""
+    """Root mean square, mean above its negative, and mean magnitude weighted by the place; of the finite ones."""
     values = np.where(np.isfinite(values), values, 0.0)
-    place = np.linspace(0, 1, len(values))
-    moments = (values.mean(), np.sqrt(np.mean(values**2)), np.mean(np.abs(values) * place))
+    rms = np.sqrt(np.mean(values**2))
+    moments = (rms, rms + values.mean(), np.mean(np.abs(values) * np.linspace(0, 1, len(values))))
     return [float(f"{one:.6g}") for one in moments]
 
 
