@@ -82,6 +82,15 @@ def test_pipe_is_closed_only_after_its_sender(errands, tmp_path, monkeypatch):
     assert closed == [False]
 
 
+def test_every_process_has_ended_when_the_answers_are_given_up(errands, tmp_path, monkeypatch):
+    start, started = SpawnProcess.start, []
+    monkeypatch.setattr(SpawnProcess, "start", lambda process: (start(process), started.append(process)))
+    answers = run_in_processes(errands.square, errands.Errand(tmp_path, endless=(1,)), range(2), 2, Stop())
+    assert next(answers) == (0, 0)
+    answers.close()
+    assert [process._popen.returncode for process in started] == [-signal.SIGKILL] * 2  # without waiting now
+
+
 def test_item_that_always_ends_its_process_is_named_and_the_rest_is_finished(errands, tmp_path):
     found = run(errands, tmp_path, deadly=(3,))
     assert found.pop(3) == Lost(f"the process that worked on it was ended by the system (SIGKILL), {TRIES} times")
