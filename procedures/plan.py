@@ -346,8 +346,9 @@ Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Sho
 class Step:
     """One step of a plan: title, instruction in a sentence or two, and requests.
 
-    `drawing` illustrates the step in lines of ASCII (`procedures.drawings`) until it has a photograph; `gave(facts)` is
-    its value in at most twelve characters ("s/t 1.28"), or "". The step is skipped unless `when(facts)`.
+    `drawing` illustrates the step in lines of ASCII (`procedures.drawings`) until it has a photograph; `gave` is a
+    format of facts, or a function of them, for its value in at most twelve characters ("s/t {s_over_t:.2f}"). The step
+    is skipped unless `when(facts)`.
     """
 
     name: str
@@ -355,8 +356,17 @@ class Step:
     instruction: str
     requests: tuple[Request, ...]
     drawing: str = ""
-    gave: Callable[[Facts], str] = lambda facts: ""
+    gave: str | Callable[[Facts], str] = ""
     when: Callable[[Facts], bool] = lambda facts: True
+
+    def value(self, facts: Facts) -> str:
+        """Its value in a few characters; "" while facts are missing."""
+        if callable(self.gave):
+            return self.gave(facts)
+        try:
+            return self.gave.format_map(facts)
+        except KeyError:
+            return ""
 
 
 @dataclass(frozen=True)

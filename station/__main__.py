@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from station.cli.terminal.command import SEED, UNITS, FiniteNumber
+from station.cli.terminal.command import SEED, UNITS, FiniteNumber, completed, plan_names
 from station.common.namesakes import check_namesakes
 
 check_namesakes()  # before the imports that would fail in a foreign package
@@ -85,7 +85,7 @@ LARGE_HEAP = 50_000
     help="Of the simulated bench.  [also for: focus, devices, conform, serve, simulate, demo]",
 )  # fmt: skip
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
-@click.option("--plan", help="The guided procedure.  [default: pattern]")
+@click.option("--plan", shell_complete=completed(plan_names), help="The guided procedure.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
     help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, sharpen,"

@@ -1,7 +1,7 @@
 """Plan of the pattern PSF: questions, checks and choices from the print to the verdict."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import ceil, inf
@@ -83,43 +83,33 @@ def plan() -> Plan:
         (
             Step(
                 "print", "Print", "Print the chart at its true size, and measure the print.", PRINT,
-                drawings.PRINT, result_text(lambda known: known.chart_width_mm, "{:g} mm"),
+                drawings.PRINT, "{chart_width_mm:g} mm",
             ),
             Step(
                 "mount", "Mount and light", "Mount the chart flat, light it evenly, and set the exposure.", MOUNT,
-                drawings.MOUNT, result_text(lambda known: known.white_percent, "{:.0f} %"),
+                drawings.MOUNT, "{white_percent:.0f} %",
             ),
             Step(
                 "distance", "Distance", f"Set the distance at which the PSF has the least noise: {S_OVER_T}", DISTANCE,
-                drawings.DISTANCE, result_text(lambda known: known.s_over_t, "s/t {:.2f}"),
+                drawings.DISTANCE, "s/t {s_over_t:.2f}",
             ),
             Step(
                 "square", "Square up", "Square the chart to the camera.", SQUARE,
-                drawings.SQUARE, result_text(lambda known: known.tilt_deg, "{:.1f}°"),
+                drawings.SQUARE, "{tilt_deg:.1f}°",
             ),
             Step(
                 "focus", "Focus", "Find the sharpest focus.", FOCUS,
-                drawings.FOCUS, result_text(lambda known: known.focus_mtf50, "MTF50 {:.2f}"),
+                drawings.FOCUS, "MTF50 {focus_mtf50:.2f}",
             ),
             Step(
                 "shots", "Shots", "Take shots until the uncertainty reaches its target.", SHOTS,
-                drawings.SHOTS, result_text(lambda known: known.mtf50_uncertainty, "±{:.4f}"),
+                drawings.SHOTS, "±{mtf50_uncertainty:.4f}",
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
         ),
         facts=PatternFacts,
     )  # fmt: skip
-
-
-def result_text(number: Callable[[PatternFacts], float | None], words: str) -> Callable[[Facts], str]:
-    """Function from the facts to the text that a step shows of its result."""
-
-    def text(facts: Facts) -> str:
-        value = number(facts_as(PatternFacts, facts))
-        return "" if value is None else words.format(value)
-
-    return text
 
 
 def chart_page(facts: Facts) -> bytes:

@@ -84,15 +84,15 @@ def plan() -> Plan:
             ),
             Step(
                 "near", "Near", "Photograph the wall from nearby.", (*focus("near"), shoot("near")), drawings.NEAR,
-                near_summary,
+                "mean {near_level:.0%}",
             ),
             Step(
                 "far", "Far", "Move back, focus again, change nothing else.",
-                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, far_summary,
+                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+.0f} %",
             ),
             Step(
                 "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
-                (Show(predicted), FARTHER, Tour(farther_stops)), drawings.FAR, farther_summary,
+                (Show(predicted), FARTHER, Tour(farther_stops)), drawings.FAR, "{farther:.0f} further",
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
@@ -106,24 +106,6 @@ def wall_summary(facts: Facts) -> str:
     """The two distances."""
     known = facts_as(TwoPhotoFacts, facts)
     return "" if known.near_mm is None else f"{known.near_mm / 1000:.2f} m x {known.ratio:g}"
-
-
-def near_summary(facts: Facts) -> str:
-    """Level of the near photograph."""
-    level = facts_as(TwoPhotoFacts, facts).near_level
-    return "" if level is None else f"mean {100 * level:.0f} %"
-
-
-def far_summary(facts: Facts) -> str:
-    """Relative change of the light in the far photograph."""
-    change = facts_as(TwoPhotoFacts, facts).far_light_percent
-    return "" if change is None else f"light {change:+.0f} %"
-
-
-def farther_summary(facts: Facts) -> str:
-    """Number of further distances."""
-    count = facts_as(TwoPhotoFacts, facts).farther
-    return f"{count:.0f} further" if count else ""
 
 
 # --- wall and distances ---

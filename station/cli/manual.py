@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import command
+from station.cli.terminal.command import command, completed
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -27,8 +27,14 @@ MOST_HITS = 20
 """Sections that a search lists."""
 
 
+def _topics(ctx: click.Context) -> list[str]:
+    from station.manual.pages import read_pages
+
+    return ["search", *(page.name for page in read_pages())]
+
+
 @command("manual", log_json=False)
-@click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1)
+@click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1, shell_complete=completed(_topics))
 @click.option(
     "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",

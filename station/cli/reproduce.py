@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import command
+from station.cli.terminal.command import command, completed
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import log
 from station.drawing.colours import TERMINAL_COLOURS
@@ -22,8 +22,14 @@ if TYPE_CHECKING:
 DISAGREES = 1
 
 
+def _rows(ctx: click.Context) -> list[str]:
+    from station.demo.reproduce.catalogue import ROWS
+
+    return [one.name for one in ROWS]
+
+
 @command("reproduce", strict=True, as_json=True)
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completed(_rows))
 @click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(

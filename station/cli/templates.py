@@ -76,4 +76,5 @@ def completion(ctx: click.Context, shell: str) -> None:
     kind = get_completion_class(shell)
     assert kind is not None  # click has these three
     shown = kind(ctx.find_root().command, {}, "station", VARIABLE)
-    click.echo(shown.source_template % shown.source_vars())
+    script = shown.source_template % shown.source_vars()
+    click.echo(script.replace('split ","', 'split -m 1 ","'))  # fish: a description may have commas

@@ -55,6 +55,12 @@ PRELOADED = (
 PROCEDURE = ("base", "psf", "schema")
 GOLDEN = ("tests/golden",)
 """Records and pages of every procedure, which all areas of procedures change."""
+FIRST = (
+    "tests/golden/test_intermediates.py",
+    "tests/golden/test_plans.py",
+    "tests/golden/test_golden.py::test_records",
+)
+"""Tests that notice most."""
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf", *GOLDEN)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo", *GOLDEN)),
@@ -330,7 +336,9 @@ class Area:
         named = {test for test in self.seconds if Path(test.partition("::")[0]).stem.removeprefix("test_") in parts}
         chosen, total_s = [], 0.0
         all_of = self.seconds if self.again or not tests else {*tests, *named}
-        later = {test: (test not in named or self.seconds[test] > QUICK_S) for test in all_of}
+        later = {
+            test: not test.startswith(FIRST) and (test not in named or self.seconds[test] > QUICK_S) for test in all_of
+        }
         for test in sorted(all_of, key=lambda test: (test not in tests | named, later[test], self.seconds[test])):
             total_s += self.seconds[test]
             if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
@@ -426,7 +434,8 @@ def _pytest(words: Sequence[str], plugin: object) -> int:
     compiled = importlib.import_module("procedures.numerics.compiled")
     compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
     quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
-    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
+    alone = ("-k", "not on_paper")  # a browser notices no number
+    return int(pytest.main(["-q", "-n", "0", *quiet, *alone, *words], plugins=[plugin]))
 
 
 def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool) -> int:

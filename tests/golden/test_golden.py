@@ -12,10 +12,9 @@ from station.procedure.schema import procedure_named, schema_of
 from tests.printed import PAPERS, print_faults, screen_faults
 
 from .cases import CASES, OUT
-from .frozen import differences, frozen_file, frozen_record, page_text, same_text, without_hashes
+from .frozen import FROZEN, differences, frozen_file, frozen_record, page_text, same_text, without_hashes
 
 pytestmark = pytest.mark.slow
-FROZEN = Path(__file__).with_name("frozen")
 
 
 @pytest.fixture(scope="module", params=CASES)

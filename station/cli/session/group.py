@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.command import completed
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.lazy import LazyGroup
 
@@ -36,7 +37,12 @@ def session() -> None:
 
 def session_argument(command: Command) -> Command:
     """Give a command the argument SESSION, and --sessions, the folder of bare names."""
-    return click.argument("name", metavar="SESSION")(sessions_option(command))
+    return click.argument("name", metavar="SESSION", shell_complete=completed(session_names))(sessions_option(command))
+
+
+def session_names(ctx: click.Context) -> list[str]:
+    """The names of the kept sessions."""
+    return sorted(one.name for one in Path(ctx.params.get("root") or "sessions").glob("*/"))
 
 
 def newest_unfinished(root: Path) -> Path:

@@ -14,9 +14,9 @@ import click
 
 from station.cli.psf.terms import certificate_options, details_of, overlay_option
 from station.cli.result_log import check_strict
-from station.cli.session.group import find_session, newest_unfinished, session_argument, sessions_option
+from station.cli.session.group import find_session, newest_unfinished, session_argument, session_names, sessions_option
 from station.cli.terminal.bench_options import config_option, usual_config
-from station.cli.terminal.command import columns, command
+from station.cli.terminal.command import columns, command, completed
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
@@ -108,7 +108,7 @@ def _value(fact: object) -> str:
 
 
 @command("resume", strict=True)
-@click.argument("name", metavar="[SESSION]", required=False)
+@click.argument("name", metavar="[SESSION]", required=False, shell_complete=completed(session_names))
 @sessions_option
 @config_option
 @inherited("--simulate", is_flag=True, help="Use the simulated bench; the default for a session that began on it.")

@@ -13,7 +13,7 @@ import click
 
 from station.cli.result_log import check_strict
 from station.cli.session.group import sessions_option
-from station.cli.terminal.command import columns, command, options
+from station.cli.terminal.command import columns, command, completed, options, plan_names
 from station.common.errors import log
 from station.common.sanitise import printable, stated
 
@@ -26,7 +26,7 @@ VERDICTS = ("pass", "doubtful", "refused")
 
 filter_options = options(
     click.option("--lens", help="Only sessions with this lens."),
-    click.option("--plan", help="Only sessions of this plan."),
+    click.option("--plan", shell_complete=completed(plan_names), help="Only sessions of this plan."),
     click.option("--since", metavar="DATE", help="Only sessions since this date: 2026-03-14."),
 )
 """The options that choose sessions."""

@@ -1,7 +1,7 @@
 """Commands: their options in groups, those of several commands, finite numbers, and rows in columns."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import click
@@ -104,6 +104,18 @@ class FiniteNumber(click.FloatRange):
     def _describe_range(self) -> str:
         """The bounds in the help; without bounds click would write x<=None."""
         return "" if self.min is None and self.max is None else super()._describe_range()
+
+
+def completed(names: Callable[[click.Context], Iterable[str]]) -> Any:
+    """Completion of a parameter by the names of its values, which are found when a shell asks."""
+    return lambda ctx, param, incomplete: [one for one in names(ctx) if one.startswith(incomplete)]
+
+
+def plan_names(ctx: click.Context) -> Iterable[str]:
+    """The names of the guided procedures."""
+    from station.guide.catalogue import entries
+
+    return entries()
 
 
 UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)

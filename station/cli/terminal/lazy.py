@@ -6,6 +6,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.examples import EXAMPLES
@@ -62,10 +63,18 @@ class LazyGroup(StationCommand, click.Group):
         self.format_commands(ctx, formatter)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Help lines from the table, without imports."""
         with formatter.section("Commands"):
-            added = [(name, "A procedure of another package.") for name in self._procedures()]
-            formatter.write_dl([*((name, line) for name, (_, _, line) in self.table.items()), *added])
+            formatter.write_dl(list(self._lines().items()))
+
+    def _lines(self) -> dict[str, str]:
+        """The help lines of all commands, without imports."""
+        added = dict.fromkeys(self._procedures(), "A procedure of another package.")
+        return {name: line for name, (_, _, line) in self.table.items()} | added
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """The commands with their help lines, and the options."""
+        named = [CompletionItem(name, help=line) for name, line in self._lines().items() if name.startswith(incomplete)]
+        return named + click.Command.shell_complete(self, ctx, incomplete)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; errors become a message and an exit code."""

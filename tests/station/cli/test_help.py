@@ -1,5 +1,9 @@
 """Help of every command: options in groups and an example whose options exist; completion; options of all commands."""
 
+import os
+import pty
+import select
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +12,6 @@ import click
 import cv2
 import numpy as np
 import pytest
-from click.shell_completion import ShellComplete
 
 from station.__main__ import main
 from station.cli.result_log import check_strict
@@ -78,21 +81,37 @@ def made_flats(folder: Path) -> list[str]:
     return [str(folder / f"{name}.png") for name in "abc"]
 
 
-@pytest.mark.parametrize(
-    ("args", "incomplete", "offered"),
-    [(["psf"], "pa", ["pattern"]), (["mtf"], "", ["edge"]), (["psf", "pattern"], "--spec", ["--specification"])],
-)
-def test_shells_complete_commands_and_options(args, incomplete, offered):
-    shown = ShellComplete(main, {}, "station", "_STATION_COMPLETE")
-    assert [one.value for one in shown.get_completions(args, incomplete)] == offered
+COMPLETED = {
+    "station psf pa": "pattern",
+    "station batch --pro": "--procedure",
+    "station --plan two": "two-photo",
+    "station manual which": "which-procedure",
+}
+IN_SHELL = {
+    "bash": ["-c", 'eval "$(station completion bash)"; COMP_WORDS=({0}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1));'
+             ' _station_completion station; echo "${{COMPREPLY[@]}}"'],
+    "fish": ["-c", "station completion fish | source; complete -C'{0}'"],
+    "zsh": ["-fi"],
+}  # fmt: skip
+TYPED = 'autoload -U compinit; compinit -uD; eval "$(station completion zsh)"\n'
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_script_asks_the_program(shell):
-    script = run("completion", shell, code=None).stdout
-    assert f"_STATION_COMPLETE={shell}_complete" in script
-    if shell == "bash":
-        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+@pytest.mark.nightly
+@pytest.mark.parametrize("shell", IN_SHELL)
+@pytest.mark.parametrize("words", COMPLETED)
+def test_shell_completes_what_is_begun(words, shell):
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    ours, its = pty.openpty()  # zsh completes in a terminal only
+    begun = [shell, *(one.format(words) for one in IN_SHELL[shell])]
+    with subprocess.Popen(begun, stdin=its, stdout=its, stderr=its, start_new_session=True) as process:
+        if shell == "zsh":
+            os.write(ours, f"{TYPED}{words}\t".encode())
+        text = ""
+        while COMPLETED[words] not in text.replace("\r", "") and select.select([ours], [], [], 20)[0]:
+            text += os.read(ours, 4096).decode()
+        process.kill()
+    assert COMPLETED[words] in text
 
 
 def test_work_within_a_step_is_reported_at_intervals(capsys):
