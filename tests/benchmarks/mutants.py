@@ -83,7 +83,12 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
             "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),
-        ("tests/station/bench", "tests/drivers", "tests/conformance"),
+        (
+            *(f"tests/station/bench/test_{one}.py" for one in ("commission", "opening", "stage_watch")),
+            "tests/drivers/grbl",
+            *(f"tests/drivers/test_{one}.py" for one in ("parsers", "transport", "watchdog", "wire_journals", "zaber")),
+            *(f"tests/conformance/test_{one}.py" for one in ("grbl_machine", "grbl_transcript", "stage", "zaber_motion")),
+        ),
     ),
     "measurement": (
         ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
