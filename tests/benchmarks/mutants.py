@@ -87,7 +87,8 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             *(f"tests/station/bench/test_{one}.py" for one in ("commission", "opening", "stage_watch")),
             "tests/drivers/grbl",
             *(f"tests/drivers/test_{one}.py" for one in ("parsers", "transport", "watchdog", "wire_journals", "zaber")),
-            *(f"tests/conformance/test_{one}.py" for one in ("grbl_machine", "grbl_transcript", "stage", "zaber_motion")),
+            *(f"tests/conformance/test_{one}.py" for one in ("grbl_machine", "grbl_transcript", "stage")),
+            "tests/conformance/test_zaber_motion.py",
         ),
     ),
     "measurement": (
