@@ -150,7 +150,7 @@ def walked(plan: Plan, facts: Facts, frames: Frames) -> dict[str, Any]:
     """What the steps of a plan give, by step, without those that it shares with the pattern's."""
     known: Known = {}
     return {
-        step.name: [got(step.gave, facts), got(step.when, facts)]
+        step.name: [got(step.value, facts), got(step.when, facts)]
         + [list(answers(one, facts, frames, known)) for one in step.requests if not isinstance(one, Give | Estimate)]
         for step in plan.steps
         if plan.name == "pattern" or step.name not in BEFORE
