@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from procedures.corruption.directions import filters, mask_gain, mirrored, varia
 from procedures.corruption.noise import Variogram, combined_scores, mask_scores, noise_checks, texture_correlation
 from procedures.corruption.paper import flat_noise, measure_noise
 from procedures.corruption.ring import missing_light
+from procedures.field.estimate import HEADLINE, MeasuredChart, mean_budgets
 from procedures.field.focus import best_focus as best_of_places
 from procedures.field.focus import focus_surface, sharpest
 from procedures.field.interpolate import interpolate
@@ -42,6 +44,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+from procedures.two_photo.pair_consistency import beyond_light, light_turned
 from procedures.two_photo.several import estimate_psf_of_wall
 from tests.benchmarks.fisheye_views import photograph as fisheye_photograph
 from tests.benchmarks.fisheye_views import polynomial, poses
@@ -173,7 +176,9 @@ def fields() -> Any:
     bracket = {z: nodes(camera, places, covariance, rng, defocus_um=z) for z in (-0.2, -0.05, 0.1, 0.25)}
     surface, colour = focus_surface(bracket, SHAPE), lateral_colour("R", of["R"], "G1", of["G1"], SHAPE, 2)
     without = WithoutPhotosite(Photosite(0.9, 0.05), 2)
-    return (whole.recipe, whole.candidates, whole.axis, derive(whole.field, 4), derive(whole.field, 3, without),
+    budgets = [dict.fromkeys(HEADLINE, terms) for terms in ({"noise": 3.0}, {"noise": 1.0, "print": 4.0}, {})]
+    mean = mean_budgets([cast(MeasuredChart, SimpleNamespace(budgets=one)) for one in budgets])
+    return (mean, whole.recipe, whole.candidates, whole.axis, derive(whole.field, 4), derive(whole.field, 3, without),
             over_height(whole.field, (0.2, 0.4)), as_polynomial(whole.field, allowed=0.05), surface, surface.maps(4),
             best_of_places(bracket, SHAPE), sharpest(bracket), colour, colour.maps(3))  # fmt: skip
 
@@ -186,7 +191,13 @@ def walls() -> Any:
     asked = TwoPhotoParameters(2, 9)
     found = [estimate_psf_of_pair(far, near, replace(asked, solver="nnls")), estimate_psf_of_pair(near, far),
              estimate_psf_of_wall([near, far, third], asked, Diffraction(8.0, 6.0, 540.0))]  # fmt: skip
-    return [(one.verdict, one.reason, one.value) for one in found]
+    v, u = np.indices((13, 13)) - 6.0
+    turned = [
+        np.exp(-(a * u * u + b * u * v + v * v) / 9) - c for a, b, c in ((1, 0, 0), (2, 0.8, 0), (0.6, -0.5, 0.01))
+    ]
+    psfs = [Psf(one / one.sum(), 3, np.eye(169) * 1e-9) for one in turned]
+    light = [(light_turned(one), beyond_light(one), missing_light(one)) for one in psfs]
+    return light, [(one.verdict, one.reason, one.value) for one in found]
 
 
 def noises() -> Any:
