@@ -290,7 +290,10 @@ class Area:
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
         log = self.folder / "recording.log"
+        out.unlink(missing_ok=True)
         _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
+        if not out.exists():
+            sys.exit(f"{self.name}: the tests cannot be recorded, see {log}")
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -451,6 +454,8 @@ def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
     code = _pytest([*tests, *(("-m", "not slow") if quick else ())], recorder)
+    if code > 1:  # no test ran
+        return code
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
