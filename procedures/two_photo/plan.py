@@ -117,7 +117,7 @@ def near_summary(facts: Facts) -> str:
 def far_summary(facts: Facts) -> str:
     """Relative change of the light in the far photograph."""
     change = facts_as(TwoPhotoFacts, facts).far_light_percent
-    return "" if change is None else f"light {change:+.0f} %"
+    return "" if change is None else f"light {change:+z.0f} %"
 
 
 def farther_summary(facts: Facts) -> str:
