@@ -40,6 +40,8 @@ VALIDITY = {
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
 AT_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, MTF_NYQUIST[RADIAL], ENCIRCLED_ENERGY_80)
 """Numbers that a certificate has at places of the frame."""
+ASKED = ("mtf_at_", "projection_uncertainty_")
+"""Beginnings of the names of numbers that depend on what was asked for."""
 MAX_LIMITS = 10
 MAX_SHOTS = 6
 DECISION_RULE = (
@@ -91,13 +93,14 @@ def certificate_sections(report: Report) -> list[Section]:
         Section("Numbers", [number_table(report.planes), Note(_footnote(report)), *_curves(report.planes)]),
         *_over_the_frame(report),
         *([Section("Conditions", [Table(lines)])] if lines else []),
-        Section("Method and provenance", [method, Table(_shots(report)), *_record(report), Note(EXTENT)]),
+        Section("Method and provenance", [method, Table(_shots(report)), *_record(report)]),
     ]
 
 
 def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
-    figure = curves_figure(planes)
-    return [PrintedPicture(figure, "MTF with the band that holds 95 %; PSF on its support.", 178)] if figure else []
+    figure, sampled = curves_figure(planes), any(one.samples is not None for one in planes)
+    caption = "MTF with the band that holds 95 %" + ("; PSF on its support." if sampled else ".")
+    return [PrintedPicture(figure, caption, 178)] if figure else []
 
 
 def _record(report: Report) -> list[Block]:
@@ -105,6 +108,7 @@ def _record(report: Report) -> list[Block]:
     if not report.record:
         return []
     how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
+    how = f"{how} {EXTENT}"
     return [PrintedPicture(qr_code(CODE + report.record), how, 20)]
 
 
@@ -126,7 +130,7 @@ def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
 
 def number_table(planes: Sequence[PlaneResult]) -> Table:
     """Certified numbers in all planes, and the MTF at requested frequencies, with expanded uncertainties."""
-    asked = [name for one in planes for name in one.numbers if name.startswith("mtf_at_") and not name.endswith(RADIAL)]
+    asked = [name for one in planes for name in one.numbers if name.startswith(ASKED) and not name.endswith(RADIAL)]
     rows = []
     for name in (*in_group(Group.CERTIFIED), *dict.fromkeys(asked)):
         quantities = [one.quantity(name) for one in planes]
