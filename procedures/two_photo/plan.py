@@ -88,7 +88,7 @@ def plan() -> Plan:
             ),
             Step(
                 "far", "Far", "Move back, focus again, change nothing else.",
-                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+.0f} %",
+                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+z.0f} %",
             ),
             Step(
                 "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
