@@ -1,6 +1,6 @@
 """Mutation testing: random small changes of the sources, and whether the tests notice them.
 
-    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick]
+    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick] [--without-golden]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
 into a copy of the sources, and the tests of its line run, the likeliest and fastest first, until one fails. Machine
@@ -12,7 +12,8 @@ survivors as a difference, and what was too slow.
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
 
-With --quick, tests marked slow are left out, which leaves more mutants alive.
+With --quick, tests marked slow are left out, with --without-golden those of frozen records, which leaves more mutants
+alive.
 
 Needs coverage (`pip install coverage`).
 """
@@ -82,7 +83,13 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
             "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),
-        ("tests/station/bench", "tests/drivers", "tests/conformance"),
+        (
+            *(f"tests/station/bench/test_{one}.py" for one in ("commission", "opening", "stage_watch")),
+            "tests/drivers/grbl",
+            *(f"tests/drivers/test_{one}.py" for one in ("parsers", "transport", "watchdog", "wire_journals", "zaber")),
+            *(f"tests/conformance/test_{one}.py" for one in ("grbl_machine", "grbl_transcript", "stage")),
+            "tests/conformance/test_zaber_motion.py",
+        ),
     ),
     "measurement": (
         ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
@@ -249,10 +256,11 @@ class Announcer:
 class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
-    def __init__(self, name: str, folder: Path, quick: bool = False) -> None:
+    def __init__(self, name: str, folder: Path, quick: bool = False, golden: bool = True) -> None:
         self.name, self.folder, self.again, self.quick = name, folder, False, quick
         self.too_slow: list[Mutant] = []
-        self.sources, self.tests = AREAS[name]
+        self.sources, tests = AREAS[name]
+        self.tests = tests if golden else tuple(one for one in tests if one not in GOLDEN)
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
         record: dict[str, Any] = {"digests": {}, "seconds": {}, "lines": {}, "sources": {}}
@@ -282,7 +290,10 @@ class Area:
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
         log = self.folder / "recording.log"
+        out.unlink(missing_ok=True)
         _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
+        if not out.exists():
+            sys.exit(f"{self.name}: the tests cannot be recorded, see {log}")
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -386,12 +397,13 @@ class Area:
 
     def _in_time(self, announcements: int, grace_s: float) -> bool:
         """Follow the tests until the pipe is closed: whether none took too long."""
-        limit_s = 6 * GRACE_S  # tests are collected
+        load = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        limit_s = 6 * GRACE_S * load  # tests are collected
         while select.select([announcements], [], [], limit_s)[0]:
             names = os.read(announcements, 1 << 16).decode().split("\n")[:-1]
             if not names:
                 return True
-            limit_s = SLOWER * self.seconds.get(names[-1], 1.0) + grace_s
+            limit_s = (SLOWER * self.seconds.get(names[-1], 1.0) + grace_s) * load
         return False
 
 
@@ -442,6 +454,8 @@ def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
     code = _pytest([*tests, *(("-m", "not slow") if quick else ())], recorder)
+    if code > 1:  # no test ran
+        return code
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
@@ -467,10 +481,10 @@ def described(mutant: Mutant, folder: Path) -> str:
     return f"{mutant.file}:{mutant.line}\n    - {before.strip()}\n    + {after.strip()}"
 
 
-def tried(name: str, count: int, seed: int, folder: Path, quick: bool = False) -> None:
+def tried(name: str, count: int, seed: int, folder: Path, quick: bool = False, golden: bool = True) -> None:
     """Try random mutants of an area, or those that survived in a kept folder, and print what survives."""
     begin = time.monotonic()
-    area = Area(name, folder, quick)
+    area = Area(name, folder, quick, golden)
     kept = folder / f"{name}-mutants.json"
     if kept.exists():
         state = json.loads(kept.read_text())
@@ -507,6 +521,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copies, records and survivors; by default none")
     parser.add_argument("--quick", action="store_true", help="without the tests marked slow")
+    parser.add_argument("--without-golden", action="store_true", help="without frozen records")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # no mutant stays in a kept copy
@@ -516,7 +531,7 @@ def main() -> int:
         folder = (options.keep or Path(passing)).resolve()
         copy_checkout(folder)
         for name in options.areas or AREAS:
-            tried(name, options.count, options.seed, folder, options.quick)
+            tried(name, options.count, options.seed, folder, options.quick, not options.without_golden)
     return 0
 
 

@@ -81,6 +81,15 @@ def test_pipe_is_closed_only_after_its_sender(errands, tmp_path, monkeypatch):
     assert closed == [False]
 
 
+def test_every_process_has_ended_when_the_answers_are_given_up(errands, tmp_path, monkeypatch):
+    start, started = SpawnProcess.start, []
+    monkeypatch.setattr(SpawnProcess, "start", lambda process: (start(process), started.append(process)))
+    answers = run_in_processes(errands.square, errands.Errand(tmp_path, endless=(1,)), range(2), 2, Stop())
+    assert next(answers) == (0, 0)
+    answers.close()
+    assert [process._popen.returncode for process in started] == [-signal.SIGKILL] * 2  # without waiting now
+
+
 def test_item_that_always_ends_its_process_is_named_and_the_rest_is_finished(errands, tmp_path):
     found = run(errands, tmp_path, deadly=(3,))
     assert found.pop(3) == Lost(f"the process that worked on it was ended by the system (SIGKILL), {TRIES} times")
@@ -188,6 +197,49 @@ def test_what_does_not_answer_as_a_cluster_is_named_with_its_address(error, word
     monkeypatch.setattr(distributed, "Client", Mock(side_effect=error))
     with pytest.raises(BadParameter, match=f"no cluster answers at tcp://here:1: {words}"):
         dask_pool._connected("tcp://here:1", None)
+
+
+class Cluster:
+    """A client of three threads whose work ends at once, that of some items as `ends` says at first."""
+
+    def __init__(self, ends, status="running"):
+        self.ends, self.status, self.begun = dict(ends), status, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def nthreads(self):
+        return {"one": 1, "other": 2}
+
+    def submit(self, function, *words, pure):
+        assert not pure
+        if function is dask_pool._same:
+            return function(*words)
+        self.begun.append(words[1])
+        future = Mock(status=self.ends.pop(words[1], "finished"))
+        future.result.side_effect, future.exception.return_value = lambda: function(*words), OSError("gone")
+        future.add_done_callback.side_effect = lambda call: call(future)
+        return future
+
+
+def test_work_whose_worker_died_with_the_answer_is_given_out_again(monkeypatch):
+    cluster, stop, found = Cluster({2: "lost", 3: "error"}), Stop(), []
+    monkeypatch.setattr(dask_pool, "_connected", lambda *_: cluster)
+    answers = run_on_cluster(lambda item, job: item * job, 10, range(20), stop, "tcp://here:1")
+    assert next(answers) == (0, 0)
+    assert cluster.begun == [0, 1, 2, 3, 4, 5]  # two for each of three threads
+    found = [next(answers) for _ in range(3)]
+    assert found == [(1, 10), (3, Lost("the cluster gave it up: OSError: gone")), (4, 40)]
+    assert cluster.begun[6:9] == [6, 7, 2]
+    stop.ask()
+    assert dict(answers).keys() == set(cluster.begun) - {0, 1, 3, 4}
+    cluster = Cluster({1: "lost"}, status="closed")
+    monkeypatch.setattr(dask_pool, "_connected", lambda *_: cluster)
+    with pytest.raises(Refused, match="the cluster at tcp://here:1 went away"):
+        list(run_on_cluster(lambda item, job: item, 0, range(3), Stop(), "tcp://here:1"))
 
 
 def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
