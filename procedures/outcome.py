@@ -282,7 +282,7 @@ class Refused(ProcedureError):
     exit_code = 5
 
 
-def refusing(estimate: Callable[P, Outcome[T]]) -> Callable[P, Outcome[T]]:
+def with_refusal(estimate: Callable[P, Outcome[T]]) -> Callable[P, Outcome[T]]:
     """Decorate an estimate: its outcome is refused where it raises `Refused`."""
 
     @wraps(estimate)

@@ -37,7 +37,7 @@ from procedures.geometry.next_view import (
 from procedures.geometry.shape import scale_spread, shape_model
 from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
-from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, refusing, verdict_of
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_refusal
 
 Array = npt.NDArray[np.float64]
 
@@ -130,7 +130,7 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
     return RigCamera(geometry.camera, views, poses, geometry.adjustment.problem.nodes, cell_uncertainty)
 
 
-@refusing
+@with_refusal
 def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 

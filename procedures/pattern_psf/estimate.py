@@ -29,7 +29,7 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, refusing, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, verdict_of, with_refusal
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -64,7 +64,7 @@ from procedures.pattern_psf.trust import (
     checks_of,
     is_misfit,
     is_structured,
-    refusing_checks,
+    refusal_checks,
 )
 from procedures.psf import Psf, Sampling
 from procedures.psf_origin import Origin
@@ -203,7 +203,7 @@ class PatternPsf:
         }
 
 
-@refusing
+@with_refusal
 def estimate_psf(
     plane: PlaneLike,
     chart: Chart,
@@ -266,7 +266,7 @@ def estimate_psf(
     return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))
 
 
-@refusing
+@with_refusal
 def locate_bins(
     plane: Plane, chart: Chart, parameters: PatternParameters, sighting: ChartSighting
 ) -> Outcome[tuple[Registration, Correspondences]]:
@@ -333,7 +333,7 @@ def _solve(
             f"the photograph does not determine the PSF at s = {s or 'auto'}, k = {k or 'auto'}",
             f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         ) from error
-    refusals = refusing_checks(final.fit, final.solution.psf, light, corners, raw=plane.raw)
+    refusals = refusal_checks(final.fit, final.solution.psf, light, corners, raw=plane.raw)
     return _Solved(final, tried, light, corners, marks_map, known.tail, refusals)
 
 

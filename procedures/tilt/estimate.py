@@ -19,7 +19,7 @@ from procedures.numbers import (
     TILT_VERTICAL,
 )
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, refusing, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, verdict_of, with_refusal
 from procedures.psf_field import Node
 from procedures.tilt.plane import (
     Positions,
@@ -106,7 +106,7 @@ def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -
     return Quantity(float(row @ values), "um", float(np.sqrt(row @ covariance @ row)), method, n)
 
 
-@refusing
+@with_refusal
 def estimate_tilt(
     bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], pitch: int, parameters: TiltParameters
 ) -> Outcome[Tilt]:

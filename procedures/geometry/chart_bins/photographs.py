@@ -10,7 +10,7 @@ import numpy.typing as npt
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.chart_bins.turned_view import TurnedView, find_turned, joined, quarters
 from procedures.geometry.views import ChartView
-from procedures.outcome import Outcome, Refused, Verdict, refusing
+from procedures.outcome import Outcome, Refused, Verdict, with_refusal
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
@@ -56,7 +56,7 @@ def locate_chart(samples: Array32) -> ChartLocation:
     return ChartLocation(one_chart(charts))
 
 
-@refusing
+@with_refusal
 def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
