@@ -4,27 +4,24 @@ Tags are those of TIFF 6, of TIFF/EP and EXIF 2.32, and of the DNG specification
 """
 
 import math
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers import tiff
 from drivers.errors import Clock, FrameWrong, LineLost, SystemClock
 from drivers.frames import Inspect, check_settings, sha256_of
 from drivers.interfaces import CameraSettings, ExposedFile, ShutterTimes
-from drivers.options import option, positive, text
+from drivers.options import option, positive
+from drivers.options import text as text_option
+from drivers.tiff import UNDEFINED, Entry, byte, long, rational, short, text
 
 Mosaic = npt.NDArray[np.uint16]
-Tag = tuple[int, int, bytes]
-"""Type, count, and the values' bytes."""
-
-BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
 
 
 @dataclass(frozen=True)
@@ -96,107 +93,60 @@ def _header(
     """Everything before the pixels, padded to a multiple of 16 bytes."""
     rows, columns = shape
     tags = {
-        254: _long(0), 256: _long(columns), 257: _long(rows), 258: _short(bits), 259: _short(1),
-        262: _short(32803 if cfa else 34892), 271: _text(shot.make), 272: _text(shot.model), 274: _short(orientation),
-        277: _short(1), 278: _long(rows), 279: _long(size), 284: _short(1), 305: _text("calibration-station"),
-        306: _text(shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")),
-        50706: _bytes(1, 4, 0, 0), 50707: _bytes(1, 1, 0, 0), 50708: _text(f"{shot.make} {shot.model}"),
-        50713: _short(2, 2), 50714: _rational(*black), 50717: _long(white), 50735: _text(shot.serial),
+        254: long(0), 256: long(columns), 257: long(rows), 258: short(bits), 259: short(1),
+        262: short(32803 if cfa else 34892), 271: text(shot.make), 272: text(shot.model), 274: short(orientation),
+        277: short(1), 278: long(rows), 279: long(size), 284: short(1), 305: text("calibration-station"),
+        306: text(shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")),
+        50706: byte(1, 4, 0, 0), 50707: byte(1, 1, 0, 0), 50708: text(f"{shot.make} {shot.model}"),
+        50713: short(2, 2), 50714: rational(*black), 50717: long(white), 50735: text(shot.serial),
     }  # fmt: skip
-    tags |= _colour_tags(cfa)
-    exif = _exif_tags(shot)
-    directory = 8
-    # the lengths do not depend on the addresses: lay out once with zeros, then with the addresses
-    tags |= {273: _long(0), 34665: _long(0)}
-    exif_at = directory + len(_directory(tags, directory))
-    data_at = -(-(exif_at + len(_directory(exif, exif_at))) // 16) * 16
-    tags |= {273: _long(data_at), 34665: _long(exif_at)}
-    head = struct.pack("<2sHI", b"II", 42, directory) + _directory(tags, directory) + _directory(exif, exif_at)
-    return head.ljust(data_at, b"\0")
+    return tiff.head(tags | _colour_tags(cfa), _exif_tags(shot), [size])
 
 
-def _colour_tags(cfa: str | None) -> dict[int, Tag]:
+def _colour_tags(cfa: str | None) -> dict[int, Entry]:
     """The mosaic, and an identity-like colour matrix, as the filters are unknown."""
     if not cfa:
         return {}
     return {
-        33421: _short(2, 2), 33422: _bytes(*("RGB".index(colour) for colour in cfa)),
-        50710: _bytes(0, 1, 2), 50711: _short(1),
-        50721: _rational(1, 0, 0, 0, 1, 0, 0, 0, 1, kind=SRATIONAL),
-        50728: _rational(0.6, 1.0, 0.7), 50778: _short(21),
+        33421: short(2, 2), 33422: byte(*("RGB".index(colour) for colour in cfa)),
+        50710: byte(0, 1, 2), 50711: short(1),
+        50721: rational(1, 0, 0, 0, 1, 0, 0, 0, 1, signed=True),
+        50728: rational(0.6, 1.0, 0.7), 50778: short(21),
     }  # fmt: skip
 
 
-def _exif_tags(shot: Shot) -> dict[int, Tag]:
+def _exif_tags(shot: Shot) -> dict[int, Entry]:
     date = shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")
     tags = {
-        33434: _rational(shot.exposure_s), 36864: (UNDEFINED, 4, b"0232"), 36867: _text(date), 36868: _text(date),
-        37377: _rational(-math.log2(shot.exposure_s), kind=SRATIONAL),
-        37521: _text(f"{shot.captured_at.microsecond:06d}"), 42033: _text(shot.serial),
+        33434: rational(shot.exposure_s), 36864: (UNDEFINED, 4, b"0232"), 36867: text(date), 36868: text(date),
+        37377: rational(-math.log2(shot.exposure_s), signed=True),
+        37521: text(f"{shot.captured_at.microsecond:06d}"), 42033: text(shot.serial),
     } | _lens_tags(shot)  # fmt: skip
     if shot.iso is not None:
-        tags |= {34855: _short(min(shot.iso, 65535)), 34864: _short(2)}
+        tags |= {34855: short(min(shot.iso, 65535)), 34864: short(2)}
     if shot.pixel_pitch_um is not None:
-        per_cm = _rational(10_000 / shot.pixel_pitch_um)
-        tags |= {41486: per_cm, 41487: per_cm, 41488: _short(3)}
+        per_cm = rational(10_000 / shot.pixel_pitch_um)
+        tags |= {41486: per_cm, 41487: per_cm, 41488: short(3)}
     if shot.subject_distance_mm is not None:
-        tags[37382] = _rational(shot.subject_distance_mm / 1000)
+        tags[37382] = rational(shot.subject_distance_mm / 1000)
     if shot.comment:
-        text = b"ASCII\0\0\0" + shot.comment.encode("ascii", "backslashreplace")
-        tags[37510] = (UNDEFINED, len(text), text)
+        comment = b"ASCII\0\0\0" + shot.comment.encode("ascii", "backslashreplace")
+        tags[37510] = (UNDEFINED, len(comment), comment)
     return tags
 
 
-def _lens_tags(shot: Shot) -> dict[int, Tag]:
+def _lens_tags(shot: Shot) -> dict[int, Entry]:
     """Tags of the lens; its specification (42034) needs both focal length and aperture."""
-    tags: dict[int, Tag] = {}
+    tags: dict[int, Entry] = {}
     if shot.lens:
-        tags |= {42035: _text(shot.make), 42036: _text(shot.lens), 42037: _text(shot.lens_serial)}
+        tags |= {42035: text(shot.make), 42036: text(shot.lens), 42037: text(shot.lens_serial)}
     if shot.f_number is not None:
-        tags |= {33437: _rational(shot.f_number), 37378: _rational(2 * math.log2(shot.f_number))}
+        tags |= {33437: rational(shot.f_number), 37378: rational(2 * math.log2(shot.f_number))}
     if shot.focal_length_mm is not None:
-        tags[37386] = _rational(shot.focal_length_mm)
+        tags[37386] = rational(shot.focal_length_mm)
     if shot.f_number is not None and shot.focal_length_mm is not None:
-        tags[42034] = _rational(*[shot.focal_length_mm] * 2, *[shot.f_number] * 2)
+        tags[42034] = rational(*[shot.focal_length_mm] * 2, *[shot.f_number] * 2)
     return tags
-
-
-def _directory(tags: dict[int, Tag], at: int) -> bytes:
-    """One image file directory at this byte offset: its entries, then the values that do not fit in them."""
-    beyond = at + 2 + 12 * len(tags) + 4
-    entries, values = b"", b""
-    for number in sorted(tags):
-        kind, count, raw = tags[number]
-        place = raw.ljust(4, b"\0")
-        if len(raw) > 4:
-            place = struct.pack("<I", beyond + len(values))
-            values += raw + b"\0" * (len(raw) % 2)
-        entries += struct.pack("<HHI", number, kind, count) + place
-    return struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + values
-
-
-def _bytes(*values: int) -> Tag:
-    return BYTE, len(values), bytes(values)
-
-
-def _short(*values: int) -> Tag:
-    return SHORT, len(values), struct.pack(f"<{len(values)}H", *values)
-
-
-def _long(value: int) -> Tag:
-    return LONG, 1, struct.pack("<I", value)
-
-
-def _text(value: str) -> Tag:
-    raw = value.encode("ascii", "replace") + b"\0"
-    return ASCII, len(raw), raw
-
-
-def _rational(*values: float, kind: int = RATIONAL) -> Tag:
-    """Fractions that round to these numbers: numerators of about 31 bits at most, denominators up to a million."""
-    fractions = [Fraction(value).limit_denominator(1_000_000) for value in values]
-    code = "<2i" if kind == SRATIONAL else "<2I"
-    return kind, len(values), b"".join(struct.pack(code, f.numerator, f.denominator) for f in fractions)
 
 
 # --- Frames of a camera that delivers pixels and no file: written atomically as numbered DNGs, read back, hashed ---
@@ -214,7 +164,7 @@ class OpticsMetadata:
 
     f_number: Annotated[float, positive("4.0")] | None = None
     focal_length_mm: Annotated[float, positive("25")] | None = None
-    lens: Annotated[str, text('"Lens 25 mm"')] = ""
+    lens: Annotated[str, text_option('"Lens 25 mm"')] = ""
     pixel_pitch_um: Annotated[float, positive("3.45")] | None = None
     black: Annotated[float, option("64", least=0)] = 0.0
 

@@ -191,7 +191,7 @@ class GrblStage:
         """Time limit of homing: the firmware homes all its axes, including those not configured here ($130 and up)."""
         controls = self.link.controls
         lengths = {one.index: one.high - one.low for one in self._envelopes.values()}
-        lengths |= {i: length for i in range(len(self.link.letters)) if (length := controls.positive(130 + i))}
+        lengths |= {i: length for i in range(len(self.link.letters)) if (length := controls.positive(130 + i, None))}
         return controls.homing_limit_s(lengths)
 
     def move_to(self, **target: float) -> None:

@@ -346,8 +346,9 @@ Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Sho
 class Step:
     """One step of a plan: title, instruction in a sentence or two, and requests.
 
-    `drawing` illustrates the step in lines of ASCII (`procedures.drawings`) until it has a photograph; `gave(facts)` is
-    its value in at most twelve characters ("s/t 1.28"), or "". The step is skipped unless `when(facts)`.
+    `drawing` illustrates the step in lines of ASCII (`procedures.drawings`) until it has a photograph; `gave` is a
+    format of facts, or a function of them, for its value in at most twelve characters ("s/t {s_over_t:.2f}"). The step
+    is skipped unless `when(facts)`.
     """
 
     name: str
@@ -355,8 +356,17 @@ class Step:
     instruction: str
     requests: tuple[Request, ...]
     drawing: str = ""
-    gave: Callable[[Facts], str] = lambda facts: ""
+    gave: str | Callable[[Facts], str] = ""
     when: Callable[[Facts], bool] = lambda facts: True
+
+    def value(self, facts: Facts) -> str:
+        """Its value in a few characters; "" while facts are missing."""
+        if callable(self.gave):
+            return self.gave(facts)
+        try:
+            return self.gave.format_map(facts)
+        except KeyError:
+            return ""
 
 
 @dataclass(frozen=True)
@@ -426,6 +436,22 @@ def axes_of(facts: Facts) -> dict[str, AxisTravel]:
     prefixes = (AT, LOW, HIGH)
     names = {name.removeprefix(start): None for name in facts for start in prefixes if name.startswith(start)}
     return {name: AxisTravel(*(_number_or_none(facts, start + name) for start in prefixes)) for name in names}
+
+
+RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Small turns of the focus ring about the initial focus; positive towards infinity."""
+
+
+def ring_places(facts: Facts) -> Sequence[float]:
+    """Turns of the focus ring, where the operator brackets the focus by it."""
+    return RING if facts.get("focus_by", "ring") == "ring" else ()
+
+
+def say_ring(change: float) -> str:
+    """Instruction to turn the focus ring."""
+    count = round(abs(change), 1)
+    turns = "one small step" if count == 1 else f"{count:g} small steps"
+    return f"Turn the focus ring {turns} towards {'infinity' if change > 0 else 'near'}."
 
 
 def insisted_of(facts: Facts) -> frozenset[str]:

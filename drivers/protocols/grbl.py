@@ -7,11 +7,13 @@ Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core 
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from drivers.interfaces import Travel
 from drivers.options import AxisName, Interval, option, positive
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine, numbered
+
+Default = TypeVar("Default", bound=float | None)
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 
@@ -218,38 +220,36 @@ class Controls:
     options: str = ""
     spaces: Mapping[int, tuple[float, float]] | None = None
 
-    def setting(self, number: int, default: float | None = None) -> float | None:
-        """`$number`, or `default` if the controller does not report it."""
-        return self.settings.get(number, default)
+    def bits(self, number: int) -> int:
+        """`$number` as a mask; 0 if it is not reported."""
+        return int(self.settings.get(number, 0))
 
     def flag(self, number: int) -> bool | None:
         """Whether bit 0 of `$number` is set (grblHAL uses the others, too); None if it is not reported."""
-        value = self.settings.get(number)
-        return None if value is None else bool(int(value) & 1)
+        return bool(self.bits(number) & 1) if number in self.settings else None
 
     @property
     def moves_unhomed(self) -> bool:
         """Whether it may move after power-up before homing: grblHAL, which alone has $44, unless $22 has 4."""
-        return self.setting(44) is not None and not int(self.setting(22) or 0) & HOME_FIRST
+        return 44 in self.settings and not self.bits(22) & HOME_FIRST
 
-    def positive(self, number: int, default: float | None = None) -> float | None:
+    def positive(self, number: int, default: Default) -> float | Default:
         """`$number` if it is above 0, else `default`."""
-        value = self.settings.get(number)
-        return value if value else default
+        return self.settings.get(number) or default
 
     def margins(self, index: int) -> tuple[float, float]:
         """Clearance at both ends of `space`: with hard limits, a switch at an end would raise an alarm.
 
         If homing sets the origin, zero already has that clearance from the switch, and the other end is nearer by it.
         """
-        off = (self.setting(27) or 0.0) if self.flag(21) else 0.0
+        off = self.positive(27, 0.0) if self.flag(21) else 0.0
         if not self.sets_origin(index):
             return off, off
         return (0.0, 2 * off) if self.homes_down(index) else (2 * off, 0.0)
 
     def homes_down(self, index: int) -> bool:
         """Whether the axis homes to the switch at its low end."""
-        return bool(int(self.setting(23) or 0) >> index & 1)
+        return bool(self.bits(23) >> index & 1)
 
     def space(self, index: int, length: float) -> tuple[float, float]:
         """Both ends of an axis in machine coordinates."""
@@ -260,7 +260,7 @@ class Controls:
     def sets_origin(self, index: int) -> bool:
         """Whether the position after homing becomes zero; FluidNC reports its ends instead."""
         known = self.spaces is not None and index in self.spaces
-        return not known and ("Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN))
+        return not known and ("Z" in self.options or bool(self.bits(22) & FORCE_ORIGIN))
 
     def homing_limit_s(self, lengths: Mapping[int, float]) -> float:
         """Time limit for homing axes of these lengths: twice the fast distance, and the slow one, for each cycle.
@@ -268,18 +268,18 @@ class Controls:
         Axes of one cycle move as far as the longest of them and, on one line, as fast as the slowest.
         Source: gnea/grbl limits.c, grblHAL/core machine_limits.c.
         """
-        seek, feed = self.positive(25, 500.0) or 500.0, self.positive(24, 25.0) or 25.0
-        slow_way = (self.positive(43, 1.0) or 1.0) * SEARCH_AGAIN * (self.positive(27, 1.0) or 1.0)
+        seek, feed = self.positive(25, 500.0), self.positive(24, 25.0)
+        slow_way = self.positive(43, 1.0) * SEARCH_AGAIN * self.positive(27, 1.0)
         minutes = 0.0
         for together in self._homing_cycles(lengths):
-            rate = min(self.positive(110 + i, seek) or seek for i in together)
+            rate = min(self.positive(110 + i, seek) for i in together)
             longest = max(lengths[i] for i in together)
             minutes += 2 * SEARCH_AND_BACK * longest / min(seek, rate) + slow_way / min(feed, rate)
         return 10.0 + 60 * minutes
 
     def _homing_cycles(self, axes: Iterable[int]) -> list[list[int]]:
         """Axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others."""
-        masks = [int(self.setting(44 + i) or 0) for i in range(6)]
+        masks = [self.bits(44 + i) for i in range(6)]
         masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
         groups = [[i for i in axes if mask >> i & 1] for mask in masks]
         return [together for together in groups if together]
@@ -329,8 +329,10 @@ def envelope(axis: GrblAxis, index: int, controls: Controls) -> GrblEnvelope | N
     space = axis.space or (None if length is None else controls.space(index, length))
     if space is None:
         return None
-    rate = controls.positive(110 + index, axis.feed_per_min) or axis.feed_per_min
-    acceleration = controls.positive(120 + index, 10.0) or 10.0
-    steps = controls.positive(100 + index, 250.0) or 250.0
     low, high = sorted(space)
-    return GrblEnvelope(axis, index, low, high, controls.margins(index), rate, acceleration, max(1 / steps, 0.001))
+    return GrblEnvelope(
+        axis, index, low, high, controls.margins(index),
+        rate_per_min=controls.positive(110 + index, axis.feed_per_min),
+        acceleration_per_s2=controls.positive(120 + index, 10.0),
+        resolution=max(1 / controls.positive(100 + index, 250.0), 0.001),
+    )  # fmt: skip

@@ -77,7 +77,7 @@ def plan(estimate: Estimator) -> Plan:
             *(begin.step(name) for name in BEFORE),
             Step(
                 "places", "Places", "Choose how many places of the frame to measure.", places, drawings.TOUR,
-                places_summary,
+                "{places:.0f} places",
             ),
             Step("tour", "Tour", "One photograph of the chart at each place.", (Tour(stops),), drawings.TOUR),
             Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
@@ -86,12 +86,6 @@ def plan(estimate: Estimator) -> Plan:
         subject="frame",
         facts=FieldFacts,
     )  # fmt: skip
-
-
-def places_summary(facts: Facts) -> str:
-    """The chosen number of positions."""
-    places = facts_as(FieldFacts, facts).places
-    return "" if places is None else f"{places:.0f} places"
 
 
 # --- start of the tour ---

@@ -214,6 +214,8 @@ class AdjustmentProblem:
             if extra:
                 J = np.concatenate([J, extra[i]], axis=-1)
             places = np.r_[self.places(state, i), p + q + poses : p + q + poses + k]
+            used = J.any(axis=(0, 1))  # a view shows few control points of a spline
+            J, places = np.compress(used, J, axis=-1), places[used]
             add_view(J, E, r, view.whitening, view.index, places, V, v, W)
             flat = J.reshape(-1, J.shape[-1])
             U[np.ix_(places, places)] += flat.T @ flat
@@ -322,10 +324,11 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
     return _concluded(adjusted(start, problem), problem)
 
 
-def adjusted(start: AdjustmentState, problem: AdjustmentProblem) -> AdjustmentState:
+def adjusted(
+    start: AdjustmentState, problem: AdjustmentProblem, tolerance: float = CONVERGENCE_TOLERANCE
+) -> AdjustmentState:
     """The state of the adjustment, without covariances. Raises NotConverged if the minimum is not reached."""
-    tolerance = CONVERGENCE_TOLERANCE / sum(2 * len(view) for view in problem.views)
-    fit = minimise(problem, start, tolerance=tolerance)
+    fit = minimise(problem, start, tolerance=tolerance / sum(2 * len(view) for view in problem.views))
     if not fit.converged:
         raise NotConverged(
             f"the adjustment of camera and poses must converge; with {start.camera.model} it did not in "

@@ -78,7 +78,7 @@ def plan() -> Plan:
             *(begin.step(name) for name in BEFORE),
             Step(
                 "start", "Start", "Choose how many views to take, the chart in the middle.", START,
-                drawings.TOUR, views_chosen,
+                drawings.TOUR, "{views:.0f} views",
             ),
             Step(
                 "views", "Views", "One photograph of the chart in each pose.", (Tour(stops),),
@@ -90,12 +90,6 @@ def plan() -> Plan:
         subject="frame",
         facts=GeometryFacts,
     )  # fmt: skip
-
-
-def views_chosen(facts: Facts) -> str:
-    """Number of views chosen."""
-    views = facts_as(GeometryFacts, facts).views
-    return "" if views is None else f"{views:.0f} views"
 
 
 def views_taken(facts: Facts) -> str:

@@ -34,6 +34,8 @@ terms over the frame, the last anything."""
 FINER = (0.2, 0.6, 1.8)
 """Candidates of a finer grid, relative to the best of the coarser one: the same function has third differences smaller
 by the cube of the spacing."""
+TRIAL_TOLERANCE = 0.03
+"""Convergence of a trial: a sixth of a standard uncertainty changes predictions by 1e-5 of their residual."""
 WORTHWHILE = 0.001
 """Relative decrease of the predicted residual that is worth a finer grid, which takes four times as long."""
 FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
@@ -113,7 +115,9 @@ def _trials(
     for one in roughness_px:
         try:
             states = [
-                adjusted(replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half)
+                adjusted(
+                    replace(state, camera=SplineCamera(model, state.camera.params, *size, one)), half, TRIAL_TOLERANCE
+                )
                 for state, half in zip(states, halves, strict=True)
             ]
             squares = [

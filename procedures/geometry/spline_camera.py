@@ -19,6 +19,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
+from procedures.geometry.node_kernels import add_spline_weights, spline_at
 
 Array = npt.NDArray[np.float64]
 
@@ -29,8 +30,6 @@ ROUGH_PX = 1.0
 """Standard deviation of third differences of control points that leaves the spline free."""
 LONG_SIDES = (12, 18)
 """Numbers of control points along the longer side; the spacing along the shorter side is the same."""
-CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
-"""Coefficients of the powers 0 to 3 of the place between two knots, of the four B-splines that are not 0 there."""
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
 """Limits of the fixed-point iteration that inverts the spline; each iteration reduces the error about a hundredfold."""
 
@@ -105,44 +104,35 @@ class SplineCamera(CameraModel):
 
     def by_params(self, points: Array) -> Array:
         """Derivative (n, 2, p) of the projection of points (n, 3) by the parameters."""
-        places = self.base.project(points)
-        (X, _), (Y, _) = self._weights(places)
-        weights = (Y[:, :, None] * X[:, None, :]).reshape(len(points), -1)
-        derivative = np.zeros((len(points), 2, len(self.params)))
-        derivative[..., : self.plain] = self._stretched(places) @ self.base.by_params(points)
-        derivative[:, 0, self.plain :: 2] = derivative[:, 1, self.plain + 1 :: 2] = weights
+        places, derivative = self.base.project(points), np.zeros((len(points), 2, len(self.params)))
+        derivative[..., : self.plain] = self._displaced(places)[1] @ self.base.by_params(points)
+        add_spline_weights(places, self._last, *split_model(self.model)[1], derivative[..., self.plain :])
         return derivative
 
     def by_points(self, points: Array) -> Array:
         """Derivative (n, 2, 3) of the projection of points (n, 3) by the points."""
-        return np.asarray(self._stretched(self.base.project(points)) @ self.base.by_points(points))
+        return np.asarray(self._displaced(self.base.project(points))[1] @ self.base.by_points(points))
 
     def correction(self, places: Array) -> Array:
         """Displacement (n, 2) by the spline at places (n, 2) of the frame, in pixels; constant beyond the frame."""
-        (X, _), (Y, _) = self._weights(places)
-        return self._summed(X, Y)
+        return self._displaced(places)[0]
 
-    def _summed(self, X: Array, Y: Array) -> Array:
-        """Sum (n, 2) of the control points with weights (n, nx) along x and (n, ny) along y."""
-        ny, nx, _ = self._controls.shape
-        rows = (Y @ self._controls.reshape(ny, -1)).reshape(-1, nx, 2)
-        return np.asarray((X[:, None, :] @ rows)[:, 0])
+    def _displaced(self, places: Array) -> tuple[Array, Array]:
+        """Displacement (n, 2), and derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
+        moved, stretched = np.empty_like(places), np.empty((len(places), 2, 2))
+        spline_at(places, self._last, self._controls, moved, stretched)
+        return moved, stretched
 
-    def _stretched(self, places: Array) -> Array:
-        """Derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
-        (X, Xs), (Y, Ys) = self._weights(places)
-        return np.asarray(np.eye(2) + np.stack([self._summed(Xs, Y), self._summed(X, Ys)], axis=-1))
+    @property
+    def _last(self) -> Array:
+        """The last pixel of the frame, (x, y)."""
+        return np.array([self.columns - 1.0, self.rows - 1.0])
 
     @property
     def _controls(self) -> Array:
         """The control points, (ny, nx, 2)."""
         nx, ny = split_model(self.model)[1]
         return self.params[self.plain :].reshape(ny, nx, 2)
-
-    def _weights(self, places: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Weights of the control points at places (n, 2) with their slopes per pixel: along x (n, nx), y (n, ny)."""
-        nx, ny = split_model(self.model)[1]
-        return _splines(places[:, 0], self.columns - 1, nx), _splines(places[:, 1], self.rows - 1, ny)
 
 
 @lru_cache(maxsize=8)
@@ -152,17 +142,3 @@ def _smoothness(nx: int, ny: int, spread_px: float, roughness_px: float) -> tupl
     third = [np.sqrt(comb(3, n)) / roughness_px * np.kron(down[n], along[3 - n]) for n in range(4)]
     one = np.vstack([np.eye(nx * ny) / (spread_px * np.sqrt(nx * ny)), *third])
     return np.kron(one, np.eye(2)), np.kron(one.T @ one, np.eye(2))
-
-
-def _splines(at: Array, length: int, count: int) -> tuple[Array, Array]:
-    """Values and slopes (n, count) of the cubic B-splines at places (n,) of a side; constant beyond, NaN at NaN."""
-    per_px = (count - 3) / length
-    t = np.clip(at * per_px, 0.0, count - 3)
-    first = np.minimum(np.nan_to_num(t).astype(np.int64), count - 4)
-    powers = (t - first)[:, None] ** np.arange(4)
-    values, slopes = np.zeros((2, len(at), count))
-    places = np.arange(len(at))[:, None], first[:, None] + np.arange(4)
-    values[places] = powers @ CUBIC
-    slopes[places] = powers[:, :3] @ (CUBIC[1:] * np.array([[1.0], [2.0], [3.0]])) * per_px
-    slopes[(at < 0) | (at > length)] = 0.0
-    return values, slopes

@@ -19,14 +19,11 @@ from procedures.numerics.arrays import Array, Array32
 __all__ = ["fft2", "fftfreq", "ifft", "irfft2", "irfft_rows", "next_fast_len", "rfft2"]
 
 
-def fft2(picture: npt.NDArray[np.inexact[Any]]) -> npt.NDArray[np.complexfloating]:
-    """The transform of a picture (rows, columns), real or complex."""
+def fft2(picture: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.complexfloating]:
+    """The transform of a real picture (rows, columns)."""
     if picture.dtype == np.float32:
         real = np.ascontiguousarray(picture)
         return np.asarray(cv2.dft(real, flags=cv2.DFT_COMPLEX_OUTPUT)).view(np.complex64)[..., 0]
-    if picture.dtype == np.complex64:
-        pairs = np.ascontiguousarray(picture).view(np.float32).reshape(*picture.shape, 2)
-        return np.asarray(cv2.dft(pairs)).view(np.complex64)[..., 0]
     return np.asarray(np.fft.fft2(picture))
 
 

@@ -1,15 +1,12 @@
 """Encoding of the chart as a file, by its suffix."""
 
 import io
-import struct
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from reportlab.lib.units import mm
@@ -127,8 +124,6 @@ CELL_PIXELS = 8
 EDGE_BLOCKS = 2
 """Blocks of white and black beyond the margin, on the right and below, for slanted edges."""
 LARGEST_CELL_PIXELS = 32
-PNG_HEADER = 8 + 25
-"""Bytes of a PNG's signature and IHDR, after which other chunks may follow."""
 
 
 def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
@@ -178,19 +173,15 @@ def _x_corner(block: int) -> Bitmap:
 
 def png(image: Bitmap, source: Source, size: Size) -> bytes:
     """Encode a bitmap as PNG of one bit per pixel, with its resolution, so that it prints at true size."""
-    done, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_BILEVEL, 1])
-    if not done:
-        raise RuntimeError("OpenCV could not write a PNG")
-    data = encoded.tobytes()
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
     blocks = BLOCKS + 2 * QUIET_BLOCKS + (EDGE_BLOCKS if source.chart.edges else 0)
-    per_metre = round(1000 * image.shape[0] / (blocks * BLOCK * size.cell_mm))
-    chunks = _chunk(b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
-    chunks += _chunk(b"tEXt", b"Description\0" + _words(source, size).encode("latin-1"))
-    return data[:PNG_HEADER] + chunks + data[PNG_HEADER:]
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    per_inch = 25.4 * image.shape[0] / (blocks * BLOCK * size.cell_mm)
+    file, words = io.BytesIO(), PngInfo()
+    words.add_text("Description", _words(source, size))
+    Image.fromarray(image > 0).save(file, "PNG", dpi=(per_inch, per_inch), pnginfo=words)
+    return file.getvalue()
 
 
 def pgm(image: Bitmap, source: Source, size: Size) -> bytes:

@@ -5,9 +5,10 @@ Source: Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chap
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +58,15 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import SharedErrors, Solution, solution
-from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit, is_structured
+from procedures.pattern_psf.trust import (
+    VerdictInputs,
+    check_cells,
+    check_light,
+    checks_of,
+    is_misfit,
+    is_structured,
+    refusing_checks,
+)
 from procedures.psf import Psf, Sampling
 from procedures.psf_origin import Origin
 from procedures.quality import PRINT_BLUR, Diffraction, Quality, assess, beyond_diffraction
@@ -66,6 +75,7 @@ from procedures.raw import Plane, PlaneLike, as_plane
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+T = TypeVar("T")
 
 CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 """Numbers checked for variation over the chart."""
@@ -226,8 +236,27 @@ def estimate_psf(
     """
     plane, parameters = as_plane(plane), parameters or PatternParameters()
     checked_type(chart, Chart, "pass Chart.from_seed() for the chart of `station pattern`")
+    with_limits = partial(_estimate, diffraction=diffraction, sensor=sensor)
+    return _outcome(with_limits, plane, chart, parameters, sighting)
+
+
+def locate_bins(
+    plane: Plane, chart: Chart, parameters: PatternParameters, sighting: ChartSighting
+) -> Outcome[tuple[Registration, Correspondences]]:
+    """The map and the bins of a chart without its PSF, unless this would be refused; see `estimate_psf`."""
+    return _outcome(_locate, plane, chart, parameters, sighting)
+
+
+def _outcome(
+    estimate: Callable[[Plane, Chart, PatternParameters, ChartSighting | None], Outcome[T]],
+    plane: Plane,
+    chart: Chart,
+    parameters: PatternParameters,
+    sighting: ChartSighting | None,
+) -> Outcome[T]:
+    """The outcome of an estimate, refused where it raises."""
     try:
-        return _estimate(plane, chart, parameters, diffraction, sighting, sensor)
+        return estimate(plane, chart, parameters, sighting)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -244,16 +273,31 @@ def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
     return int(np.clip(np.floor(most / cell_px + 1e-9), 2, FINEST))
 
 
-def _estimate(
+@dataclass(frozen=True)
+class _Solved:
+    """The joint fit at the chosen s and k, the trials, and what it began with."""
+
+    final: _Attempt
+    tried: tuple[Trial, ...]
+    light: LightLevels
+    corners: Array
+    marks_map: Registration
+    tail: TailPrior | None
+
+    def refusing_checks(self, *, raw: bool) -> list[Check]:
+        """Checks that refuse the PSF."""
+        return refusing_checks(self.final.fit, self.final.solution.psf, self.light, self.corners, raw=raw)
+
+
+def _solve(
     plane: Plane,
     chart: Chart,
     parameters: PatternParameters,
-    diffraction: Diffraction | None,
     sighting: ChartSighting | None,
-    sensor: SensorModel | None,
-) -> Outcome[PatternPsf]:
-    """Run the estimation; raises Refused."""
-    plane = plane if sensor is None else straighten(plane, sensor)
+    diffraction: Diffraction | None = None,
+    sensor: SensorModel | None = None,
+) -> _Solved:
+    """The joint fit; raises Refused."""
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
@@ -279,6 +323,30 @@ def _estimate(
     final, tried = choose(
         attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
+    return _Solved(final, tried, light, corners, marks_map, known.tail)
+
+
+def _locate(
+    plane: Plane, chart: Chart, parameters: PatternParameters, sighting: ChartSighting | None
+) -> Outcome[tuple[Registration, Correspondences]]:
+    """Run `locate_bins`; raises Refused."""
+    solved = _solve(plane, chart, parameters, sighting)
+    fit = solved.final.fit
+    return verdict_of(solved.refusing_checks(raw=plane.raw), (fit.registration, correspondences(fit)))
+
+
+def _estimate(
+    plane: Plane,
+    chart: Chart,
+    parameters: PatternParameters,
+    sighting: ChartSighting | None,
+    diffraction: Diffraction | None,
+    sensor: SensorModel | None,
+) -> Outcome[PatternPsf]:
+    """Run `estimate_psf`; raises Refused."""
+    plane = plane if sensor is None else straighten(plane, sensor)
+    samples, solved = plane.samples, _solve(plane, chart, parameters, sighting, diffraction, sensor)
+    final, tried, light, corners = solved.final, solved.tried, solved.light, solved.corners
     psf = final.solution.psf
     unconverged = remaining_change(tried)
     quality = assess(
@@ -293,15 +361,16 @@ def _estimate(
     curve = quality.frequencies, quality.mtf_radial
     evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
     diagnostics = diagnose(
-        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise, evidence.fine
-    )
+        final.fit, psf, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
+        evidence.fine,
+    )  # fmt: skip
     print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
     modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
     quality = with_modes(quality, psf, modes)
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
     corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
-    checks = [*checks_of(diagnostics, final.fit, inputs), *corrupted]
+    checks = [*solved.refusing_checks(raw=plane.raw), *checks_of(diagnostics, final.fit, inputs), *corrupted]
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
     return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))
 

@@ -209,8 +209,8 @@ class WholeChart:
         corner = np.zeros((BLOCKS, BLOCKS), dtype=bool)
         corner[tuple(np.array(X_CORNER_BLOCKS).T)] = True
         touched = np.zeros(noise.shape, dtype=bool)
-        for x in (-near, 0.0, near):
-            for y in (-near, 0.0, near):
+        for x in (-near, near):  # a block is wider than both
+            for y in (-near, near):
                 at = np.clip(np.floor((self.cells + np.array([x, y])) / BLOCK + 1).astype(int), 0, BLOCKS - 1)
                 touched |= corner[at[..., 0], at[..., 1]]
         return np.asarray(inside & ~noise & ~touched)

@@ -1,7 +1,7 @@
 """Plan of the pattern PSF: questions, checks and choices from the print to the verdict."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import ceil, inf
@@ -59,6 +59,8 @@ from procedures.plan import (
     axes_of,
     facts_as,
     required,
+    ring_places,
+    say_ring,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -69,8 +71,6 @@ TARGET_UNCERTAINTY = 0.002
 """Default target of MTF50's standard uncertainty in every plane, in cycles/pixel."""
 S_OVER_T = f"s/t near {RATIO:g}. s/t is the number of samples of the PSF across one cell of the chart."
 SHARPNESS = "MTF50 in cycles/pixel"
-RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Steps of the focus ring about the initial focus; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
 """Positions on the rail about the initial one, in depths of focus."""
 
@@ -83,43 +83,33 @@ def plan() -> Plan:
         (
             Step(
                 "print", "Print", "Print the chart at its true size, and measure the print.", PRINT,
-                drawings.PRINT, result_text(lambda known: known.chart_width_mm, "{:g} mm"),
+                drawings.PRINT, "{chart_width_mm:g} mm",
             ),
             Step(
                 "mount", "Mount and light", "Mount the chart flat, light it evenly, and set the exposure.", MOUNT,
-                drawings.MOUNT, result_text(lambda known: known.white_percent, "{:.0f} %"),
+                drawings.MOUNT, "{white_percent:.0f} %",
             ),
             Step(
                 "distance", "Distance", f"Set the distance at which the PSF has the least noise: {S_OVER_T}", DISTANCE,
-                drawings.DISTANCE, result_text(lambda known: known.s_over_t, "s/t {:.2f}"),
+                drawings.DISTANCE, "s/t {s_over_t:.2f}",
             ),
             Step(
                 "square", "Square up", "Square the chart to the camera.", SQUARE,
-                drawings.SQUARE, result_text(lambda known: known.tilt_deg, "{:.1f}°"),
+                drawings.SQUARE, "{tilt_deg:.1f}°",
             ),
             Step(
                 "focus", "Focus", "Find the sharpest focus.", FOCUS,
-                drawings.FOCUS, result_text(lambda known: known.focus_mtf50, "MTF50 {:.2f}"),
+                drawings.FOCUS, "MTF50 {focus_mtf50:.2f}",
             ),
             Step(
                 "shots", "Shots", "Take shots until the uncertainty reaches its target.", SHOTS,
-                drawings.SHOTS, result_text(lambda known: known.mtf50_uncertainty, "±{:.4f}"),
+                drawings.SHOTS, "±{mtf50_uncertainty:.4f}",
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
         ),
         facts=PatternFacts,
     )  # fmt: skip
-
-
-def result_text(number: Callable[[PatternFacts], float | None], words: str) -> Callable[[Facts], str]:
-    """Function from the facts to the text that a step shows of its result."""
-
-    def text(facts: Facts) -> str:
-        value = number(facts_as(PatternFacts, facts))
-        return "" if value is None else words.format(value)
-
-    return text
 
 
 def chart_page(facts: Facts) -> bytes:
@@ -244,11 +234,6 @@ DISTANCE = (
 SQUARE = (Look("square", check_square, tries=10),)
 
 
-def ring_places(facts: Facts) -> Sequence[float]:
-    """Steps of the focus ring, if the operator focuses by it."""
-    return RING if facts_as(PatternFacts, facts).focus_by == "ring" else ()
-
-
 def rail_places(facts: Facts) -> Sequence[float]:
     """Positions of the rail about the current one in its travel, if it focuses; a step dz widens the circle of
     confusion f^2 dz / (N z^2) by a pixel of the plane: Smith, 6.8."""
@@ -261,14 +246,6 @@ def rail_places(facts: Facts) -> Sequence[float]:
     pixel_mm, z = optics.plane_pitch_um / 1000, known.wanted_distance_mm()
     depth = pixel_mm * f_number * (z / optics.focal_length_mm) ** 2
     return [here + step * depth for step in RAIL if rail.holds(here + step * depth)]
-
-
-def say_ring(change: float) -> str:
-    """Instruction for the focus ring."""
-    way = "infinity" if change > 0 else "near"
-    count = abs(change)
-    turns = "one small step" if count == 1 else f"{count:.1f} small steps".replace(".0 ", " ")
-    return f"Turn the focus ring {turns} towards {way}."
 
 
 def choose_focus(axis: str, unit: str) -> Any:

@@ -8,13 +8,15 @@ import numpy as np
 from procedures.choice import OPEN, Trial
 from procedures.clipping import SensorModel
 from procedures.corruption.family import threshold
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
-from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
+from procedures.pattern_psf.diagnostics import Diagnostics, relative_uncertainty, unexplained
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import ChartFit
-from procedures.psf import Sampling
+from procedures.pattern_psf.registration import mark_residuals
+from procedures.psf import Psf, Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
 MIN_AGREEMENT = 0.3
@@ -123,37 +125,39 @@ def is_misfit(fit: ChartFit) -> bool:
 
 
 def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Check]:
-    """All checks on a PSF."""
+    """All checks on a PSF but those that refuse it."""
     return [
-        *_refusing_checks(d, inputs.raw), *_doubtful_checks(d, fit), *_truncation_checks(inputs, d.unexplained),
+        *_doubtful_checks(d, fit), *_truncation_checks(inputs, d.unexplained),
         *_processing_checks(d, inputs), *_noise_checks(d, inputs.sensor, inputs.raw),
         *_model_checks(d, inputs.raw), *inputs.contradicted,
         *_variation_checks(inputs.variations),
     ]  # fmt: skip
 
 
-def _refusing_checks(d: Diagnostics, raw: bool) -> list[Check]:
-    """Checks that refuse a PSF."""
-    refused = Verdict.REFUSED
+def refusing_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, *, raw: bool) -> list[Check]:
+    """Checks that refuse a normalised PSF; `corners` (12, 2) are the detected marks."""
+    refused, left, correlation = Verdict.REFUSED, unexplained(fit), light.noise_correlation
+    uncertainty = relative_uncertainty(psf)
+    offset_px = float(np.linalg.norm(mark_residuals(fit.registration, corners).mean(axis=0)))
     return [
-        *_cell_checks(d.agreement, d.unexplained),
-        Check("noise correlation", abs(d.noise_correlation), MAX_NOISE_CORRELATION, refused,
-              f"{d.unexplained:.0%} of the noise region's variance is neither chart nor noise, and the noise of "
-              f"neighbouring samples is correlated by {d.noise_correlation:.2f}: "
+        *_cell_checks(fit.agreement, left),
+        Check("noise correlation", abs(correlation), MAX_NOISE_CORRELATION, refused,
+              f"{left:.0%} of the noise region's variance is neither chart nor noise, and the noise of "
+              f"neighbouring samples is correlated by {correlation:.2f}: "
               + (IN_RAW if raw else "the picture was demosaiced, smoothed, rotated or resized"),
-              unprocessed(raw, "use the RAW file"), given=d.unexplained > MAX_UNEXPLAINED, prior=_processing(raw)),
-        Check("unexplained", d.unexplained, MAX_UNEXPLAINED, refused,
-              f"{d.unexplained:.0%} of the noise region's variance is neither chart nor noise: the registration "
+              unprocessed(raw, "use the RAW file"), given=left > MAX_UNEXPLAINED, prior=_processing(raw)),
+        Check("unexplained", left, MAX_UNEXPLAINED, refused,
+              f"{left:.0%} of the noise region's variance is neither chart nor noise: the registration "
               "failed, or something covers the chart",
               "flatten the chart, keep all its marks visible and free of reflections, and photograph it again",
               prior=SYMPTOM),
-        Check("support", d.support_cut, 0.3, refused,
-              f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
-        Check("uncertainty", d.relative_uncertainty, 1.0, refused,
-              f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
+        Check("support", fit.cut, 0.3, refused,
+              f"about {fit.cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
+        Check("uncertainty", uncertainty, 1.0, refused,
+              f"the PSF's uncertainty is {uncertainty:.0%} of the PSF",
               "expose longer, or lower s or k"),
-        Check("marks", d.marks_offset_px, 0.75, refused,
-              f"the PSF's centre is not determined: the marks lie {d.marks_offset_px:.2f} px from their positions by "
+        Check("marks", offset_px, 0.75, refused,
+              f"the PSF's centre is not determined: the marks lie {offset_px:.2f} px from their positions by "
               "the cells",
               "keep the marks free of reflections and shadows"),
     ]  # fmt: skip

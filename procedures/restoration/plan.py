@@ -89,7 +89,7 @@ def plan(read_shape: ReadShape = named_shape) -> Plan:
             ),
             Step(
                 "first", "First", "Take the first photograph.", shots("first", FIRST, check),
-                drawings.FIRST, first_summary,
+                drawings.FIRST, "mean {first_level:.0%}",
             ),
             Step(
                 "second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND, check),
@@ -109,12 +109,6 @@ def plan(read_shape: ReadShape = named_shape) -> Plan:
         subject="depth",
         facts=RestorationFacts,
     )  # fmt: skip
-
-
-def first_summary(facts: Facts) -> str:
-    """Brightness of the first photograph."""
-    level = facts_as(RestorationFacts, facts).first_level
-    return "" if level is None else f"mean {100 * level:.0f} %"
 
 
 def light_summary(which: str, facts: Facts) -> str:

@@ -39,6 +39,8 @@ from procedures.plan import (
     TourStop,
     facts_as,
     required,
+    ring_places,
+    say_ring,
 )
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.distances import (
@@ -68,8 +70,6 @@ TEXTURE = 5.0  # minimum contrast of the wall's detail, relative to the noise
 DETAIL_PX = 8.0  # slower variation than this is light, not detail
 SAME_LIGHT = 0.25  # accepted relative change of the wall's level between the distances
 FRAMES = 2  # photographs at either distance, which are averaged
-RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Small turns of the focus ring relative to autofocus or the eye; positive towards infinity."""
 
 
 def plan() -> Plan:
@@ -84,15 +84,15 @@ def plan() -> Plan:
             ),
             Step(
                 "near", "Near", "Photograph the wall from nearby.", (*focus("near"), shoot("near")), drawings.NEAR,
-                near_summary,
+                "mean {near_level:.0%}",
             ),
             Step(
                 "far", "Far", "Move back, focus again, change nothing else.",
-                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, far_summary,
+                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+z.0f} %",
             ),
             Step(
                 "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
-                (Show(predicted), FARTHER, Tour(farther_stops)), drawings.FAR, farther_summary,
+                (Show(predicted), FARTHER, Tour(farther_stops)), drawings.FAR, "{farther:.0f} further",
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
@@ -106,24 +106,6 @@ def wall_summary(facts: Facts) -> str:
     """The two distances."""
     known = facts_as(TwoPhotoFacts, facts)
     return "" if known.near_mm is None else f"{known.near_mm / 1000:.2f} m x {known.ratio:g}"
-
-
-def near_summary(facts: Facts) -> str:
-    """Level of the near photograph."""
-    level = facts_as(TwoPhotoFacts, facts).near_level
-    return "" if level is None else f"mean {100 * level:.0f} %"
-
-
-def far_summary(facts: Facts) -> str:
-    """Relative change of the light in the far photograph."""
-    change = facts_as(TwoPhotoFacts, facts).far_light_percent
-    return "" if change is None else f"light {change:+z.0f} %"
-
-
-def farther_summary(facts: Facts) -> str:
-    """Number of further distances."""
-    count = facts_as(TwoPhotoFacts, facts).farther
-    return f"{count:.0f} further" if count else ""
 
 
 # --- wall and distances ---
@@ -292,17 +274,6 @@ def sharpness(frame: RawFrame, facts: Facts) -> float:
     """Fine over coarse contrast of the frame's middle, for comparison of focus positions at one wall."""
     plane = frame.guide
     return fineness(middle(plane.samples, 0.5), noise_at_most(plane.samples))
-
-
-def ring_places(facts: Facts) -> Sequence[float]:
-    """Turns of the focus ring, where the operator brackets the focus."""
-    return RING if facts_as(TwoPhotoFacts, facts).focus_by == "ring" else ()
-
-
-def say_ring(change: float) -> str:
-    """Instruction to turn the focus ring."""
-    steps = "one small step" if abs(change) == 1 else f"{abs(change):g} small steps"
-    return f"Turn the focus ring {steps} towards {'infinity' if change > 0 else 'near'}."
 
 
 def choose_focus(places: Sequence[float], scores: Sequence[float]) -> Advice:

@@ -76,8 +76,8 @@ def run_batch(
     such cluster.
 
     jobs : processes at a time
-    cluster : the address of a Dask cluster, or "local" for one of `jobs` processes here
-    allowance : limits of each item; by default its share of this machine's memory, and an hour
+    cluster : the address of a Dask cluster
+    allowance : limits of each item; by default its share of this machine's memory, and an hour; a cluster has its own
     tls : authority, certificate and key for a cluster at tls://...
     stop : request to stop from a signal or another thread
     report : called with every row when it is finished
@@ -104,13 +104,12 @@ def _answers(
     items: Sequence[Item], job: Job, jobs: int, cluster: str | None, allowance: Allowance | None, tls: Tls,
     stop: Stop, function: Work,
 ) -> Generator[tuple[int, ItemRow | Lost], None, None]:  # fmt: skip
-    jobs = min(jobs, len(items))
-    allowance = allowance or Allowance.fair(jobs)
     if cluster is None:
-        return run_in_processes(function, job, items, jobs, stop, allowance)
+        jobs = min(jobs, len(items))
+        return run_in_processes(function, job, items, jobs, stop, allowance or Allowance.fair(jobs))
     from station.batch.dask_pool import run_on_cluster
 
-    return run_on_cluster(function, job, items, jobs, stop, cluster, allowance, tls)
+    return run_on_cluster(function, job, items, stop, cluster, tls)
 
 
 def _lost(item: Item, lost: Lost) -> ItemRow:

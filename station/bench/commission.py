@@ -62,11 +62,11 @@ def settings_text(stage: Stage) -> list[str]:
         return []
     controls = stage.link.controls
     switches = "hard limits on" if controls.flag(21) else "hard limits off"
-    lines = [f"homing on, soft limits on, {switches}, pull-off {controls.setting(27) or 0.0:g} mm"]
+    lines = [f"homing on, soft limits on, {switches}, pull-off {controls.positive(27, 0.0):g} mm"]
     for name, axis in stage.envelopes.items():
         lines.append(
             f"{name}: machine space {axis.low:g} .. {axis.high:g}, {axis.rate_per_min:g} per min, "
-            f"{axis.acceleration_per_s2:g} per s^2, {controls.setting(100 + axis.index) or 0.0:g} steps per unit"
+            f"{axis.acceleration_per_s2:g} per s^2, {controls.positive(100 + axis.index, 0.0):g} steps per unit"
         )
     return lines
 
@@ -92,7 +92,7 @@ def settings_findings(stage: Stage) -> list[Recommendation]:
 def _moves_unhomed(controls: Controls) -> Recommendation | None:
     if not controls.moves_unhomed:
         return None
-    flags = int(controls.setting(22) or 0)
+    flags = controls.bits(22)
     reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
     return Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
 

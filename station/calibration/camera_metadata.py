@@ -6,19 +6,14 @@ Source: TIFF 6.0, section 2; EXIF 2.32, section 4.6.
 """
 
 import struct
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from fractions import Fraction
 
 import numpy as np
 
+from drivers.tiff import EXIF, Entry, rational, short, text
 from procedures.raw import Exposure, RawFrame
 
-Entry = tuple[int, int, bytes]
-"""Type, count, and the values' bytes, little-endian."""
-
-ASCII, SHORT, LONG, RATIONAL, SRATIONAL = 2, 3, 4, 5, 10
 SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8}
 """Bytes of a number of each type; types 5 and 10 are two."""
 PAIRS = (5, 10)
@@ -28,7 +23,6 @@ COLOUR = (50708, 50721, 50722, 50727, 50728, 50730, 50735, 50778, 50779, 50931, 
 """Tags of a DNG: camera name, colour matrices, balance, exposure, serial number, illuminants, profile."""
 EXCLUDED = (37500, 40965)
 """Tags of EXIF: makers' notes and the interoperability directory."""
-EXIF = 34665
 MAX_BYTES = 1 << 16
 
 
@@ -109,28 +103,3 @@ def _of_exposure(exposure: Exposure) -> dict[int, Entry]:
     if exposure.captured_at:
         entries[36867] = text(exposure.captured_at.replace("-", ":").replace("T", " "))
     return entries
-
-
-def text(value: str) -> Entry:
-    """An entry of text."""
-    raw = value.encode("ascii", "replace") + b"\0"
-    return ASCII, len(raw), raw
-
-
-def short(*values: int) -> Entry:
-    """An entry of 16-bit numbers."""
-    return SHORT, len(values), struct.pack(f"<{len(values)}H", *values)
-
-
-def long(*values: int) -> Entry:
-    """An entry of 32-bit numbers."""
-    return LONG, len(values), struct.pack(f"<{len(values)}I", *values)
-
-
-def rational(*values: float, signed: bool = False) -> Entry:
-    """An entry of fractions with denominators up to a million."""
-    parts = [Fraction(value).limit_denominator(1_000_000) for value in values]
-    code = "<2i" if signed else "<2I"
-    most = sys.maxsize if signed else 2**32 - 1
-    raw = b"".join(struct.pack(code, min(one.numerator, most), one.denominator) for one in parts)
-    return (SRATIONAL if signed else RATIONAL), len(values), raw

@@ -40,7 +40,7 @@ MOST_NAMED = 40
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @jobs_option
-@click.option("--cluster", metavar="ADDRESS|local", help="Distribute the work by Dask (extra `cluster`).")
+@click.option("--cluster", metavar="ADDRESS", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
     "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=click.Path(path_type=Path),
     help="Files for a cluster at tls://... : authority, own certificate, own key.",
@@ -72,7 +72,6 @@ def batch(
 
     if cluster is not None:  # its workers may run in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
-    _warn_of_open_cluster(cluster)
     procedure = read_procedure(file)
     limits = {} if memory_mb is None else {"memory_bytes": memory_mb * 1_000_000}
     carry_out(
@@ -137,13 +136,6 @@ def _summarise(done: Batch) -> None:
         log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
     for line in summary.lines:
         log(procedure.name, line)
-
-
-def _warn_of_open_cluster(cluster: str | None) -> None:
-    from station.batch.dask_pool import LOCAL, OPEN, has_tls
-
-    if cluster == LOCAL and not has_tls():
-        log("cluster", OPEN, level="warning", remedy="install the package cryptography, or leave --cluster out")
 
 
 def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[Item]:

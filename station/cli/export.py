@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from station.cli.terminal.command import FiniteNumber, command
 from station.common.errors import log
 
 if TYPE_CHECKING:
+    from station.calibration.exports import Export
     from station.calibration.exports.lensfun import GivenNames
 
 CAMERAS = ("opencv", "ros", "kalibr", "colmap", "mrcal")
@@ -52,53 +52,40 @@ def export(
     (photutils), psfex and deepinv. The error of the conversion is reported: for a camera in pixels over the measured
     part of the frame, for light and PSF as a fraction.
     """
+    from station.calibration.exports.geometry import export_camera
     from station.calibration.exports.lensfun import GivenNames
+    from station.calibration.exports.psf import PSF_FORMATS, read_plane
+    from station.calibration.stored_cameras import read_camera
 
     if form in PSFS:
-        _export_field(result, form, plane, out)
+        made = PSF_FORMATS[form](read_plane(result, plane))
     elif form == "lensfun":
         given = GivenNames(maker, camera, lens, focal_length_mm, f_number, pixel_pitch_um)
-        _export_lensfun(result, plane, field, vignetting, given, out)
+        made = _lensfun(result, plane, field, vignetting, given)
     elif form == "dng":
-        _export_dng(result, plane, vignetting, photo, out, gain_map=gain_map)
+        made = _dng(result, plane, vignetting, photo, out, gain_map=gain_map)
     else:
-        _export_camera(result, form, plane, out)
+        made = export_camera(read_camera(result, plane), form)
+    write_export(made, out)
+
+
+def write_export(made: Export, out: Path) -> None:
+    """Write the file, and report what it does not represent."""
+    from station.common.durable_files import write_whole
+
+    write_whole(out, made.data)
+    for one in made.lost:
+        log("lost", one)
     log("written", f"wrote {out}", path=str(out))
 
 
-def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> None:
-    from station.calibration.exports.geometry import export_camera
-    from station.calibration.stored_cameras import read_camera
-    from station.common.durable_files import write_whole
-
-    export = export_camera(read_camera(result, plane), form)
-    write_whole(out, export.text.encode())
-    lost = export.difference
-    if lost is not None:
-        words = f"{form} does not represent this camera exactly: {lost.rms_px:.4f} pixel rms, {lost.max_px:.4f} at most"
-        log("lost", words, level="warning", rms_px=lost.rms_px, max_px=lost.max_px)
-
-
-def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None:
-    from station.calibration.exports.psf import export_field, read_plane
-    from station.common.durable_files import write_whole
-
-    field = read_plane(result, plane)
-    export = export_field(field, form)
-    write_whole(out, export.data)
-    _log_errors([f"{form}, plane {field.plane}: {export.lost}"] if export.lost else [])
-
-
-def _export_lensfun(
-    result: Path, plane: str | None, field: Path | None, vignetting: Path | None, given: GivenNames, out: Path
-) -> None:
+def _lensfun(result: Path, plane: str | None, field: Path | None, vignetting: Path | None, given: GivenNames) -> Export:
     from procedures.field.field_file import read_camera as read_exposure
     from procedures.field.field_file import read_colours
     from station.calibration.exports.lensfun import export_lensfun
     from station.calibration.exports.psf import field_path
     from station.calibration.stored_cameras import read_camera
     from station.calibration.vignetting import green_of, read_vignetting
-    from station.common.durable_files import write_whole
 
     stored = read_camera(result, plane)
     path = field_path(field) if field is not None else None
@@ -106,14 +93,12 @@ def _export_lensfun(
     names = given.completed(exposure, stored.camera.focal_px[0], with_light=vignetting is not None)
     colours = read_colours(path) if path is not None else None
     light = green_of(read_vignetting(vignetting)).light if vignetting is not None else None
-    export = export_lensfun(stored, names, colours, light)
-    write_whole(out, export.text.encode())
-    _log_errors(export.lost)
+    return export_lensfun(stored, names, colours, light)
 
 
-def _export_dng(
+def _dng(
     result: Path, plane: str | None, vignetting: Path | None, photo: Path | None, out: Path, *, gain_map: bool
-) -> None:
+) -> Export:
     from procedures.outcome import BadParameter
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
@@ -121,7 +106,6 @@ def _export_dng(
     from station.calibration.stored_cameras import read_camera
     from station.calibration.stored_results import procedure_of
     from station.calibration.vignetting import green_of, read_vignetting
-    from station.common.durable_files import write_whole
 
     if photo is None:
         raise BadParameter(
@@ -147,11 +131,4 @@ def _export_dng(
                 "give the result of station vignetting, of RAW files of this camera",
             )
         shading = {name: (lights[name], one.origin) for name, one in frame.planes.items()}
-    export = export_dng(data, photo.name, stored, green, (columns, rows), shading)
-    write_whole(out, export.data)
-    _log_errors(export.lost)
-
-
-def _log_errors(sentences: Sequence[str]) -> None:
-    for one in sentences:
-        log("lost", one)
+    return export_dng(data, photo.name, stored, green, (columns, rows), shading)

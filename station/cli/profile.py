@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.export import write_export
 from station.cli.terminal.command import FiniteNumber, columns, command, options
 from station.cli.terminal.lazy import LazyGroup
 from station.common.errors import log
@@ -124,7 +125,6 @@ def profile_export(result: Path, form: str, noise_gain: float, columns: int, out
     from procedures.field.field_file import read_camera, read_field
     from station.calibration.exports.kernels import export_kernels
     from station.calibration.exports.psf import field_path
-    from station.common.durable_files import write_whole
 
     path = field_path(result)
     exposure = read_camera(path)
@@ -132,7 +132,4 @@ def profile_export(result: Path, form: str, noise_gain: float, columns: int, out
         [] if exposure is None else [exposure.camera, exposure.lens, exposure.f_number and f"f/{exposure.f_number:g}"]
     )
     tiles = kernel_tiles(read_field(path), noise_gain=noise_gain, columns=columns)
-    export = export_kernels(tiles, form, ", ".join(str(one) for one in known if one) or path.name)
-    write_whole(out, export.text.encode())
-    log("lost", f"{form}: {export.lost}")
-    log("written", f"wrote {out}", path=str(out))
+    write_export(export_kernels(tiles, form, ", ".join(str(one) for one in known if one) or path.name), out)

@@ -6,8 +6,6 @@ The output is reproducible byte by byte.
 import base64
 import io
 import re
-import struct
-import zlib
 from collections.abc import Sequence
 from html import unescape
 from typing import Any
@@ -20,6 +18,7 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogFormatterSciNotation, MaxNLocator
+from PIL import Image
 
 from station.drawing.colours import FAINT, INK
 
@@ -120,26 +119,10 @@ def smaller(png: bytes) -> bytes:
     colours, index = np.unique(flat, return_inverse=True)
     if len(colours) > COLOURS:
         return png
-    encoded = _encoded(index.reshape(flat.shape).astype(np.uint8), colours.view(np.uint8).reshape(-1, 4))
-    return encoded if len(encoded) < len(png) else png
-
-
-def _encoded(index: npt.NDArray[np.uint8], palette: npt.NDArray[np.uint8]) -> bytes:
-    """Source: PNG specification (ISO/IEC 15948), section 11: colour type 3, 8 bits, filter 0."""
-    rows, columns = index.shape
-    lines = np.concatenate([np.zeros((rows, 1), np.uint8), index], axis=1)
-    chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 3, 0, 0, 0)),
-        (b"PLTE", palette[:, :3].tobytes()),
-        (b"tRNS", palette[:, 3].tobytes()),
-        (b"IDAT", zlib.compress(lines.tobytes(), 9)),
-        (b"IEND", b""),
-    ]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, data) for kind, data in chunks)
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    image, encoded = Image.fromarray(index.reshape(flat.shape).astype(np.uint8)), io.BytesIO()
+    image.putpalette(colours.tobytes(), "RGBA")
+    image.save(encoded, "PNG", optimize=True)
+    return min(encoded.getvalue(), png, key=len)
 
 
 # --- Text on hover for figures of a page: strips of an axes with titles, without scripts ---

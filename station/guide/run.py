@@ -119,7 +119,7 @@ class Run:
 
     def _go_through(self) -> RunEnded:
         done = self._session.state.done
-        gave = {name: self.plan.step(name).gave(self._talk.facts) for name in done}
+        gave = {name: self.plan.step(name).value(self._talk.facts) for name in done}
         self._talk.notify(RunBegan(self.plan, self._session.folder, tuple(done), gave))
         try:
             self._report_notices()
@@ -253,7 +253,7 @@ class Run:
         except StepReopened:
             return
         self._session.finish_step(step.name)
-        self._talk.notify(StepEnded(step, step.gave(self._talk.facts)))
+        self._talk.notify(StepEnded(step, step.value(self._talk.facts)))
 
     def _do(self, request: Request) -> None:
         self._unless_skipped(lambda: self._carry(request))

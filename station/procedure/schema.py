@@ -68,11 +68,12 @@ def _definitions() -> dict[str, Any]:
             "budget": {"type": "object", "additionalProperties": NUMBER_OR_NULL},
         },
     }  # fmt: skip
-    limit = {"type": "object", "required": ["number", "min", "max"],
-             "properties": {"number": text, "min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}}  # fmt: skip
+    judged = {"enum": [*(str(one) for one in Compliance), None]}
+    bounds = {"min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}
+    limit = {"type": "object", "required": ["number", *bounds],
+             "properties": {"number": text, **bounds, "verdict": judged}}  # fmt: skip
     reading = {"type": "object", "required": ["value", "unit", "uncertainty", "min", "max", "n"],
                "properties": {"value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL}}  # fmt: skip
-    judged = {"enum": [*(str(one) for one in Compliance), None]}
     return {
         "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
         "input": {"type": "object", "required": ["path", "sha256"],

@@ -1,4 +1,4 @@
-"""400 photographs, 12 of them broken, through `station batch`: one process, two, a Dask cluster that loses a worker.
+"""400 photographs, 12 of them broken, through `station batch`: one process, two, and two that lose one.
 
 python -m tests.benchmarks.batch [photographs, default 400] [--keep FOLDER]
 """
@@ -174,7 +174,7 @@ def main() -> None:
 
 
 def measure(root: Path, broken: set[str], count: int) -> None:
-    """One process, two, the cluster, and the cluster and the pool with a killed worker."""
+    """One process, two, and two with a killed one."""
     frames, third = root / "frames", count // 3
     one, cpu, watch = run(frames, root / "one", "--jobs", "1")
     print(f"one process   {one:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; {check(root / 'one', broken, count)}")
@@ -187,9 +187,6 @@ def measure(root: Path, broken: set[str], count: int) -> None:
     took, cpu, watch = run(frames, root / "killed", "--jobs", "2", kill_after=third)
     same = rows(root / "killed") == rows(root / "one") == rows(root / "two")
     print(f"one killed    {took:6.1f} s, processor {cpu:6.1f} s; process {watch.killed} killed; same results: {same}")
-    took, cpu, watch = run(frames, root / "dask", "--jobs", "2", "--cluster", "local", kill_after=third)
-    same = rows(root / "dask") == rows(root / "one")
-    print(f"Dask, killed  {took:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; killed {watch.killed}; same: {same}")
 
 
 if __name__ == "__main__":

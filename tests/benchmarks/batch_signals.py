@@ -1,6 +1,6 @@
 """Disturbs batches with signals at random moments, resumes them, and holds their rows against an undisturbed batch's.
 
-    python -m tests.benchmarks.batch_signals [--batches 200] [--seed 1] [--kinds pool,local]
+    python -m tests.benchmarks.batch_signals [--batches 200] [--seed 1]
 
 Each batch is `station batch` over a few small photographs, in a group of processes of its own: mostly a fork with the
 program loaded, at times an interpreter that begins from nothing. At a random moment the parent, one of its children or
@@ -19,7 +19,6 @@ import sys
 import tempfile
 import time
 import traceback
-from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
@@ -49,9 +48,8 @@ def write_photographs(folder: Path) -> None:
 class Started:
     """A batch in a group of processes of its own; `from_nothing`, with the interpreter's start."""
 
-    def __init__(self, folder: Path, out: Path, kind: str, *, from_nothing: bool = False) -> None:
+    def __init__(self, folder: Path, out: Path, *, from_nothing: bool = False) -> None:
         words = ["batch", folder / "in", "--procedure", folder / "p.toml", "--out", out, "--jobs", str(JOBS)]
-        words += ["--cluster", "local"] if kind == "local" else []
         self._code: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
@@ -99,8 +97,8 @@ def _run(words: list[str], *, from_nothing: bool) -> NoReturn:
 
 def load() -> None:
     """What every batch would load."""
-    for name in ("station.cli.batch", "station.batch.run", "station.batch.item", "station.batch.dask_pool",
-                 "station.calibration.planes", "station.calibration.folder_photographs", "distributed"):  # fmt: skip
+    for name in ("station.cli.batch", "station.batch.run", "station.batch.item",
+                 "station.calibration.planes", "station.calibration.folder_photographs"):  # fmt: skip
         importlib.import_module(name)
 
 
@@ -145,10 +143,10 @@ def end_of(batch: Started, within_s: float) -> float | None:
     return None
 
 
-def disturbed(folder: Path, out: Path, kind: str, length_s: float, rng: random.Random) -> tuple[str, float]:
+def disturbed(folder: Path, out: Path, length_s: float, rng: random.Random) -> tuple[str, float]:
     """What was done to one run, "" first where it ended as it must, and how long its end took."""
     target, name = rng.choice(TARGETS), rng.choice(SIGNALS)
-    batch = Started(folder, out, kind, from_nothing=rng.random() < FROM_NOTHING)
+    batch = Started(folder, out, from_nothing=rng.random() < FROM_NOTHING)
     time.sleep(rng.uniform(0.1, length_s))
     disturb(batch, target, name, rng)
     if name == "STOP":  # whoever stops a parent lets it go on, also where it was stopped in place of a worker
@@ -164,12 +162,12 @@ def disturbed(folder: Path, out: Path, kind: str, length_s: float, rng: random.R
     return ("" if took is not None else f"{name} to {target}: not ended"), (took or 0.0) if asked else 0.0
 
 
-def once(folder: Path, mark: str, kind: str, length_s: float, expected: list[Row]) -> tuple[int, list[str], float]:
+def once(folder: Path, mark: str, length_s: float, expected: list[Row]) -> tuple[int, list[str], float]:
     """How often one batch was disturbed, what went wrong, and how long the longest end took."""
     rng, out = random.Random(mark), folder / "out" / mark.replace("/", "-")
-    found = [disturbed(folder, out, kind, length_s, rng) for _ in range(rng.randint(1, 3))]
+    found = [disturbed(folder, out, length_s, rng) for _ in range(rng.randint(1, 3))]
     wrong = [f"{mark}: {problem}" for problem, _ in found if problem]
-    code = Started(folder, out, kind).wait()
+    code = Started(folder, out).wait()
     if code not in (0, 1) or rows(out) != expected:
         wrong.append(f"{mark}: other rows after resuming, exit code {code}")
     return len(found), wrong, max(took for _, took in found)
@@ -177,26 +175,22 @@ def once(folder: Path, mark: str, kind: str, length_s: float, expected: list[Row
 
 def main() -> None:
     """Disturb, resume, compare."""
-    given = options(__doc__, batches=200, seed=1, kinds="pool,local")
+    given = options(__doc__, batches=200, seed=1)
     load()
-    kinds = given.kinds.split(",")
     with tempfile.TemporaryDirectory(prefix="signals-") as raw:
         folder = Path(raw)
         write_photographs(folder / "in")
         (folder / "p.toml").write_text("")
-        wrong, done, longest = [], Counter[str](), 0.0
-        for kind in kinds:
-            begin = time.monotonic()
-            if Started(folder, folder / "out" / kind, kind).wait() not in (0, 1):
-                raise SystemExit((folder / "log").read_text())
-            length_s, expected, n = time.monotonic() - begin, rows(folder / "out" / kind), 0
-            while done[kind] < given.batches // len(kinds):
-                many, problems, took = once(folder, f"{given.seed}/{kind}/{n}", kind, length_s, expected)
-                n, longest, wrong = n + 1, max(longest, took), wrong + problems
-                done[kind] += many
-                print(f"{kind} {done[kind]}: {problems or 'same rows'} ({took:.1f} s, load {os.getloadavg()[0]:.1f})",
-                      flush=True)  # fmt: skip
-    print(f"{dict(done)} batches disturbed, longest end {longest:.1f} s, {len(wrong)} wrong")
+        wrong, done, longest, begin = [], 0, 0.0, time.monotonic()
+        if Started(folder, folder / "out" / "plain").wait() not in (0, 1):
+            raise SystemExit((folder / "log").read_text())
+        length_s, expected, n = time.monotonic() - begin, rows(folder / "out" / "plain"), 0
+        while done < given.batches:
+            many, problems, took = once(folder, f"{given.seed}/{n}", length_s, expected)
+            n, longest, wrong = n + 1, max(longest, took), wrong + problems
+            done += many
+            print(f"{done}: {problems or 'same rows'} ({took:.1f} s, load {os.getloadavg()[0]:.1f})", flush=True)
+    print(f"{done} batches disturbed, longest end {longest:.1f} s, {len(wrong)} wrong")
     print("\n".join(wrong))
     sys.exit(bool(wrong))
 

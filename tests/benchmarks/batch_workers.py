@@ -12,7 +12,11 @@ import platform
 import resource
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+
+from distributed import LocalCluster
 
 from station.batch.item import ItemRow, Job
 from station.batch.procedure_file import read_procedure
@@ -38,13 +42,21 @@ def processor_s() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
+@contextmanager
+def cluster(workers: int) -> Iterator[str]:
+    """The address of a cluster on this machine."""
+    with LocalCluster(workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as running:
+        yield running.scheduler_address
+
+
 def measure(folder: Path, engine: str, workers: int, count: int) -> tuple[float, float]:
     """Seconds on the clock and of the processor of one batch."""
     out = folder / f"{engine}-{workers}-{count}"
     job = Job(read_procedure(folder / "p.toml"), out)
     items = singly(sorted((folder / "in").iterdir())[:count])
     start_s, before_s = time.monotonic(), processor_s()
-    batch, _ = run_batch(items, job, jobs=workers, cluster="local" if engine == "dask" else None, function=spend)
+    with cluster(workers) if engine == "dask" else nullcontext() as address:
+        batch, _ = run_batch(items, job, jobs=workers, cluster=address, function=spend)
     assert batch.counts == {"pass": count}
     return time.monotonic() - start_s, processor_s() - before_s
 

@@ -50,7 +50,7 @@ from procedures.restoration.unknown_motion.recorded_paths import read_path, reco
 from procedures.slanted_edge.estimate import estimate_edges
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
-from station.calibration.exports.geometry import FORMATS, export_camera
+from station.calibration.exports.geometry import CAMERA_FORMATS, export_camera
 from station.calibration.field_photographs import focus_positions
 from station.calibration.restoration.inputs import (
     COLUMNS,
@@ -214,7 +214,7 @@ def _camera(path: Path) -> None:
 
 def _exports(path: Path) -> None:
     stored = read_camera(path)
-    for form in FORMATS:
+    for form in CAMERA_FORMATS:
         export_camera(stored, form)
 
 

@@ -1,18 +1,19 @@
 """Mutation testing: random small changes of the sources, and whether the tests notice them.
 
-    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick]
+    python mutants.py [AREA ...] [--count 25] [--seed N] [--keep FOLDER] [--quick] [--without-golden]
 
 The tests of an area run once under coverage.py, so that the tests of each line are known. Each mutant is then written
-into a copy of the sources, and the tests of its line run, the fastest first, until one fails. Machine code and other
-processes are invisible to coverage: a file with compiled loops is tried with all tests, a line without a test with the
-tests of its file, and every line with the tests of its file's name. A mutant is killed too if a test takes more than
-ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson), the survivors as a
-difference, and what was too slow.
+into a copy of the sources, and the tests of its line run, the likeliest and fastest first, until one fails. Machine
+code and other processes are invisible to coverage: a file with compiled loops is tried with all tests, a line without a
+test with the tests of its file, and every line with the tests of its file's name. A mutant is killed too if a test
+takes more than ten times as long as before. Printed are the share killed with its 95 % interval (Clopper-Pearson), the
+survivors as a difference, and what was too slow.
 
 With --keep, a later run of an area records only the files of tests that changed, and tries only the mutants that
 survived and whose rows still stand.
 
-With --quick, tests marked slow are left out, which leaves more mutants alive.
+With --quick, tests marked slow are left out, with --without-golden those of frozen records, which leaves more mutants
+alive.
 
 Needs coverage (`pip install coverage`).
 """
@@ -39,6 +40,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +56,12 @@ PRELOADED = (
 PROCEDURE = ("base", "psf", "schema")
 GOLDEN = ("tests/golden",)
 """Records and pages of every procedure, which all areas of procedures change."""
+FIRST = (
+    "tests/golden/test_intermediates.py",
+    "tests/golden/test_plans.py",
+    "tests/golden/test_golden.py::test_records",
+)
+"""Tests that notice most."""
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf", *GOLDEN)),
     "two_photo": (("procedures/two_photo",), ("tests/procedures/two_photo", *GOLDEN)),
@@ -64,7 +72,10 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "geometry": (("procedures/geometry",), ("tests/procedures/geometry", *GOLDEN)),
     "numerics": (("procedures/numerics",), ("tests/procedures/numerics", *GOLDEN)),
     "slanted_edge": (("procedures/slanted_edge",), ("tests/procedures/slanted_edge", *GOLDEN)),
-    "sessions": (("station/sessions",), ("tests/station/sessions",)),
+    "sessions": (
+        ("station/sessions",),
+        ("tests/station/sessions", "tests/station/cli/test_session.py", "tests/station/service/test_sessions.py"),
+    ),
     "batch": (("station/batch",), ("tests/station/batch", *GOLDEN)),
     "stop path": (
         (
@@ -72,11 +83,21 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "station/bench/motions.py", "drivers/transport.py", "drivers/grbl.py", "drivers/protocols/grbl.py",
             "drivers/move_checks.py", "drivers/watchdog.py", "drivers/zaber.py",
         ),
-        ("tests/station/bench", "tests/drivers", "tests/conformance"),
+        (
+            *(f"tests/station/bench/test_{one}.py" for one in ("commission", "opening", "stage_watch")),
+            "tests/drivers/grbl",
+            *(f"tests/drivers/test_{one}.py" for one in ("parsers", "transport", "watchdog", "wire_journals", "zaber")),
+            *(f"tests/conformance/test_{one}.py" for one in ("grbl_machine", "grbl_transcript", "stage")),
+            "tests/conformance/test_zaber_motion.py",
+        ),
     ),
     "measurement": (
         ("station/results", *(f"station/procedure/{one}.py" for one in PROCEDURE)),
-        ("tests/station/results", "tests/station/procedure", "tests/station/cli/test_typed_settings.py", *GOLDEN),
+        (
+            "tests/station/results", "tests/station/procedure", "tests/station/reports/test_certificate.py",
+            "tests/station/batch/test_registry.py", *GOLDEN,
+            *(f"tests/station/cli/test_{one}.py" for one in ("explain", "profile", "typed_settings", "verify")),
+        ),
     ),
     "corruption": (
         ("procedures/corruption", "procedures/slanted_edge/corruptions.py", "procedures/slanted_edge/evidence.py"),
@@ -92,10 +113,14 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Break: ast.Continue, ast.Continue: ast.Break,
 }  # fmt: skip
 USES_LOOPS = b"numerics.compiled import"
+COMPILED = "compiled"
+"""Folder of machine code."""
 SLOWER = 10.0
 GRACE_S = 20.0
 MOST_TESTS_S = 30.0
 """Tests of one mutant take at most so much processor time by the first run; further ones are not tried."""
+QUICK_S = 4.0
+"""Processor time of the tests that are run before all others."""
 AGAIN = 3
 """As many times longer for a mutant that is tried again, then also tests that do not execute its line themselves."""
 
@@ -231,10 +256,11 @@ class Announcer:
 class Area:
     """The sources and tests of an area in a copy of the checkout."""
 
-    def __init__(self, name: str, folder: Path, quick: bool = False) -> None:
+    def __init__(self, name: str, folder: Path, quick: bool = False, golden: bool = True) -> None:
         self.name, self.folder, self.again, self.quick = name, folder, False, quick
         self.too_slow: list[Mutant] = []
-        self.sources, self.tests = AREAS[name]
+        self.sources, tests = AREAS[name]
+        self.tests = tests if golden else tuple(one for one in tests if one not in GOLDEN)
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
         record: dict[str, Any] = {"digests": {}, "seconds": {}, "lines": {}, "sources": {}}
@@ -263,7 +289,11 @@ class Area:
 
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
-        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), self.folder / "recording.log"))
+        log = self.folder / "recording.log"
+        out.unlink(missing_ok=True)
+        _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
+        if not out.exists():
+            sys.exit(f"{self.name}: the tests cannot be recorded, see {log}")
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -274,7 +304,7 @@ class Area:
                 rows[row] = [test for test in rows.get(row, []) if not old(test)] + more.get(row, [])
         return now
 
-    def _fork(self, run: Callable[[], int], log: Path) -> int:
+    def _fork(self, run: Callable[[], int], log: Path, compiled: Path) -> int:
         """Fork a process group that runs this in the copy: its id."""
         child = os.fork()
         if child:
@@ -288,7 +318,7 @@ class Area:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
             os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1",
-                           "NUMBA_CACHE_DIR": str(self.folder / "compiled"),
+                           "NUMBA_CACHE_DIR": str(compiled),
                            "STATION_SHARED_DATA": str(ROOT.parent / "shared" / "data")}  # fmt: skip
             sys.dont_write_bytecode = True
             sys.path[:] = [str(self.folder), *(one for one in sys.path if not Path(one).is_relative_to(ROOT))]
@@ -306,17 +336,21 @@ class Area:
         return rng.sample(all_of, min(count, len(all_of)))
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """The tests that execute its line, or its file where none does, and those of its name; the fastest first."""
+        """The tests of its name, then those that execute its line, or its file where none does; the fastest first."""
         lines = self.lines.get(mutant.file, {})
         tests = {test for test in lines.get(str(mutant.line), []) if test in self.seconds}
         if USES_LOOPS in (self.folder / mutant.file).read_bytes():
             tests = set(self.seconds)
         tests = tests or {test for line in lines.values() for test in line if test in self.seconds}
-        named = f"/test_{Path(mutant.file).stem}.py::"  # they may start a program, which executes the line
-        tests |= {test for test in self.seconds if named in test}
+        # they may start a program, which executes the line
+        parts = Path(mutant.file).with_suffix("").parts
+        named = {test for test in self.seconds if Path(test.partition("::")[0]).stem.removeprefix("test_") in parts}
         chosen, total_s = [], 0.0
-        all_of = self.seconds if self.again or not tests else tests
-        for test in sorted(all_of, key=lambda test: (test not in tests, self.seconds[test])):
+        all_of = self.seconds if self.again or not tests else {*tests, *named}
+        later = {
+            test: not test.startswith(FIRST) and (test not in named or self.seconds[test] > QUICK_S) for test in all_of
+        }
+        for test in sorted(all_of, key=lambda test: (test not in tests | named, later[test], self.seconds[test])):
             total_s += self.seconds[test]
             if chosen and total_s > MOST_TESTS_S * (AGAIN if self.again else 1):
                 break
@@ -328,32 +362,48 @@ class Area:
         file = self.folder / mutant.file
         original, status = file.read_bytes(), file.stat()
         has_loops = USES_LOOPS in original
+        compiled = self.folder / ("changed" if has_loops else COMPILED)
+        if has_loops:  # Numba compiles the changed file anew; no loop calls one of another file
+            shutil.copytree(self.folder / COMPILED, compiled, copy_function=os.link)
         file.write_bytes(mutant.apply(original))
-        (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
+        tests = self.tests_of(mutant)
+        quick = sum(total_s < QUICK_S for total_s in accumulate(self.seconds[test] for test in tests))
+        try:
+            # the first ones alone: others may import much
+            return any(self._fail(part, compiled, mutant) for part in (tests[:quick], tests[quick:]) if part)
+        finally:
+            if has_loops:
+                shutil.rmtree(compiled)
+            file.write_bytes(original)
+            os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+    def _fail(self, tests: Sequence[str], compiled: Path, mutant: Mutant) -> bool:
+        """Whether one of these tests fails now, or takes far longer."""
+        (self.folder / "chosen.txt").write_text("\n".join(tests))
         listen, announce = os.pipe()
         words = ["-x", "--nightly", "@chosen.txt"]
-        child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
+        child = self._fork(lambda: _pytest(words, Announcer(announce)), self.folder / "mutant.log", compiled)
         os.close(announce)
         try:
             # a test may have to make what another one made in the first run
-            if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
+            grace_s = 3 * max(self.seconds.values()) + (GRACE_S if compiled.name == COMPILED else 3 * GRACE_S)
+            if not self._in_time(listen, grace_s):
                 self.too_slow.append(mutant)
                 return True
             return _wait(child) != 0
         finally:
             _end(child)
             os.close(listen)
-            file.write_bytes(original)
-            os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
 
     def _in_time(self, announcements: int, grace_s: float) -> bool:
         """Follow the tests until the pipe is closed: whether none took too long."""
-        limit_s = 6 * GRACE_S  # tests are collected
+        load = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        limit_s = 6 * GRACE_S * load  # tests are collected
         while select.select([announcements], [], [], limit_s)[0]:
             names = os.read(announcements, 1 << 16).decode().split("\n")[:-1]
             if not names:
                 return True
-            limit_s = SLOWER * self.seconds.get(names[-1], 1.0) + grace_s
+            limit_s = (SLOWER * self.seconds.get(names[-1], 1.0) + grace_s) * load
         return False
 
 
@@ -389,21 +439,23 @@ def _files_of(folder: Path, places: Sequence[str], pattern: str) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
-def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> int:
-    """Run tests; loops compiled before are taken again if nothing changed in them."""
+def _pytest(words: Sequence[str], plugin: object) -> int:
+    """Run tests; loops compiled before are taken again if nothing changed in their file."""
     import pytest
 
-    if same_loops:
-        compiled = importlib.import_module("procedures.numerics.compiled")
-        compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
+    compiled = importlib.import_module("procedures.numerics.compiled")
+    compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
     quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
-    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
+    alone = ("-k", "not on_paper")  # a browser notices no number
+    return int(pytest.main(["-q", "-n", "0", *quiet, *alone, *words], plugins=[plugin]))
 
 
 def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool) -> int:
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
     code = _pytest([*tests, *(("-m", "not slow") if quick else ())], recorder)
+    if code > 1:  # no test ran
+        return code
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
@@ -429,10 +481,10 @@ def described(mutant: Mutant, folder: Path) -> str:
     return f"{mutant.file}:{mutant.line}\n    - {before.strip()}\n    + {after.strip()}"
 
 
-def tried(name: str, count: int, seed: int, folder: Path, quick: bool = False) -> None:
+def tried(name: str, count: int, seed: int, folder: Path, quick: bool = False, golden: bool = True) -> None:
     """Try random mutants of an area, or those that survived in a kept folder, and print what survives."""
     begin = time.monotonic()
-    area = Area(name, folder, quick)
+    area = Area(name, folder, quick, golden)
     kept = folder / f"{name}-mutants.json"
     if kept.exists():
         state = json.loads(kept.read_text())
@@ -469,6 +521,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copies, records and survivors; by default none")
     parser.add_argument("--quick", action="store_true", help="without the tests marked slow")
+    parser.add_argument("--without-golden", action="store_true", help="without frozen records")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # no mutant stays in a kept copy
@@ -478,7 +531,7 @@ def main() -> int:
         folder = (options.keep or Path(passing)).resolve()
         copy_checkout(folder)
         for name in options.areas or AREAS:
-            tried(name, options.count, options.seed, folder, options.quick)
+            tried(name, options.count, options.seed, folder, options.quick, not options.without_golden)
     return 0
 
 

@@ -127,6 +127,10 @@ def test_answers_without_checksum_once_they_are_on_are_those_of_a_device_that_wa
     with pytest.raises(WasReset, match=r"device 1 at .* was switched off and on"):
         homed.position()
     assert not homed.condition().usable
+    homed.close()
+    homed.connect()
+    homed.home()
+    homed.move_to(pan_deg=10.0)
 
 
 def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):

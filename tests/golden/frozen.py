@@ -1,11 +1,22 @@
 """Frozen records and pages: what differs from run to run is removed, numbers are compared within a tolerance."""
 
+import csv
 import json
+import math
 import re
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+FROZEN = Path(__file__).with_name("frozen")
+WHOLE = 16
+"""Arrays of more numbers are frozen as their size and three sums."""
 
 PASSING = ("arguments", "settings", "duration_s", "seconds", "software", "seal", "sha256", "record_sha256")
 """Entries of a record that say how, when, where and with what it was made."""
@@ -21,6 +32,30 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 def frozen_record(path: Path, folder: Path) -> Any:
     """A record without what differs from run to run; the names of its files are kept, their hashes are not."""
     return _frozen(json.loads(path.read_text(encoding="utf-8")), str(folder))
+
+
+def frozen_file(path: Path, folder: Path) -> Any:
+    """What a table or an array holds: its size, sums of its numbers, also weighted by their place, and one row."""
+    if path.suffix == ".csv":
+        head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+        columns = {name: [_value(row[i]) for row in rows] for i, name in enumerate(head)}
+        numeric = {one: column for one, column in columns.items() if column and all(map(_is_number, column))}
+        middle = [column[len(rows) // 2] for column in columns.values() if rows]
+        return {"columns": head, "rows": len(rows), "middle": _frozen(middle, str(folder)),
+                "sums": {one: _sums(np.array(column)) for one, column in numeric.items()}}  # fmt: skip
+    array = np.load(path) if path.suffix == ".npy" else cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return {"kind": str(array.dtype), "sums": _sums(array)}
+
+
+def _value(cell: str) -> float | str:
+    try:
+        return float(f"{float(cell):.6g}")
+    except ValueError:
+        return cell
+
+
+def _is_number(value: float | str) -> bool:
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def without_hashes(text: str) -> str:
@@ -117,3 +152,38 @@ def page_text(path: Path, folder: Path) -> list[str]:
     lines = (re.sub(r"\s+", " ", line).strip(" |") for line in parser.lines)
     told = (re.sub(r"\b[0-9a-f]{12,64}\b", "SHA256", line.replace(str(folder), "DIR")) for line in lines)
     return [line for line in told if line and not line.startswith(PASSING_LINES)]
+
+
+def plain(value: Any) -> Any:
+    """Any result as JSON has it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {one.name: plain(getattr(value, one.name)) for one in fields(value) if not one.name.startswith("_")}
+    if isinstance(value, dict):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(one) for one in value] if value.size <= WHOLE else _sums(value)
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.8g}") if np.isfinite(value) else str(value)
+    if isinstance(value, bool | np.bool_ | int | np.integer):
+        return int(value)
+    return str(value) if value is None or isinstance(value, str) else type(value).__name__
+
+
+def _sums(array: Any) -> list[Any]:
+    """Size of an array, number of its NaN, root of its mean square, and two sums that notice an exchange."""
+    known = np.nan_to_num(np.abs(array) * np.exp(1j * np.angle(array))).ravel()
+    whole = np.sqrt(np.mean(np.abs(known) ** 2)) or 1.0
+    waves = [np.exp(1j * 2.4 * np.arange(known.size) ** power) for power in (0.9, 1.1)]
+    sums = [float(np.abs(known @ one)) / known.size**0.5 for one in waves]
+    # a sum far below the whole is a difference of large numbers: added to the whole, it is compared with it
+    return [*array.shape, int(np.isnan(array).sum()), *(plain(float(whole + one)) for one in (0.0, *sums))]
+
+
+def check_frozen(request: pytest.FixtureRequest, name: str, result: Any) -> None:
+    """Compare a result with the kept one, or keep it."""
+    found, kept = plain(result), FROZEN / f"{name}.json"
+    if request.config.getoption("--freeze"):
+        kept.write_text(json.dumps(found, ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8")
+    assert list(differences(json.loads(kept.read_text(encoding="utf-8")), found)) == []

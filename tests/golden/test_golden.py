@@ -12,10 +12,9 @@ from station.procedure.schema import procedure_named, schema_of
 from tests.printed import PAPERS, print_faults, screen_faults
 
 from .cases import CASES, OUT
-from .frozen import differences, frozen_record, page_text, same_text, without_hashes
+from .frozen import FROZEN, differences, frozen_file, frozen_record, page_text, same_text, without_hashes
 
 pytestmark = pytest.mark.slow
-FROZEN = Path(__file__).with_name("frozen")
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -44,6 +43,16 @@ def test_records_are_as_they_were(made, request):
     if request.config.getoption("--freeze"):
         kept.write_text(json.dumps(records, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     assert list(differences(json.loads(kept.read_text(encoding="utf-8")), records)) == []
+
+
+def test_tables_and_arrays_are_as_they_were(made, request):
+    name, folder = made
+    files = [one for suffix in (".csv", ".npy", ".tiff") for one in files_of(folder, suffix)]
+    found = {without_hashes(str(one.relative_to(folder))): frozen_file(one, folder) for one in files}
+    kept = FROZEN / f"{name}.tables.json"
+    if request.config.getoption("--freeze"):
+        kept.write_text(json.dumps(found, ensure_ascii=False) + "\n", encoding="utf-8")
+    assert list(differences(json.loads(kept.read_text(encoding="utf-8")), found)) == []
 
 
 def test_pages_are_as_they_were(made, request):

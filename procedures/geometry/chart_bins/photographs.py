@@ -14,7 +14,7 @@ from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest, locate_bins
 from procedures.raw import Plane, PlaneLike, as_plane
 
 Array32 = npt.NDArray[np.float32]
@@ -85,18 +85,20 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation
     check_usable(sighting, samples.shape)
     s = min(MAX_SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
     parameters = PatternParameters(s, SUPPORT_PX * s + 1, chosen=True)
-    psf = estimate_psf(replace(plane, samples=samples), chart, parameters, sighting=sighting)
-    if psf.value is None:
-        return psf.of_value(None)
-    bins, registration = psf.value.correspondences, psf.value.registration
+    if turned is None and factor == 1:
+        psf = estimate_psf(plane, chart, parameters, sighting=sighting)
+        return psf.of_value(None if psf.value is None else on_sensor(psf.value.correspondences, plane, source))
+    # doubts about the PSF of a picture that was reduced or turned do not concern the geometry
+    located = locate_bins(replace(plane, samples=samples), chart, parameters, sighting)
+    if located.value is None:
+        return located.of_value(None)
+    registration, bins = located.value
     if turned is not None:
         parts = [turned.registered(part) for part in quarters(bins)]
         bins = joined([refine_bins(plane.samples, chart, *part, turned.factor) for part in parts])
-    elif factor == 1:
-        return psf.of_value(on_sensor(bins, plane, source))
     else:
         bins = refine_bins(plane.samples, chart, registration, bins, factor)
-    return Outcome(on_sensor(bins, plane, source))  # doubts about the reduced PSF do not concern the geometry
+    return Outcome(on_sensor(bins, plane, source))
 
 
 def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str, Outcome[ChartView]]:

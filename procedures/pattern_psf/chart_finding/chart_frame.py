@@ -168,9 +168,9 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
     pairs = (light[:, :, None] * light[:, None]).reshape(len(cells), 9)
     normal = (weights @ pairs).reshape(-1, 3, 3)
     values -= np.linalg.solve(normal, ((weights * values) @ light)[..., None])[..., 0] @ light.T
-    centred = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0]
-    norms = np.sqrt((weights * values**2).sum(axis=1, keepdims=True) * (weights @ centred**2))
-    out: Array = (weights * values) @ centred / np.maximum(norms, np.finfo(np.float32).tiny)
+    centred, weighted = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0], weights * values
+    norms = np.sqrt(np.einsum("nm,nm->n", weighted, values)[:, None] * (weights @ centred**2))
+    out: Array = weighted @ centred / np.maximum(norms, np.finfo(np.float32).tiny)
     return out
 
 

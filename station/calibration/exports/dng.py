@@ -1,7 +1,6 @@
 """A DNG's opcodes from a calibration, by which RAW converters correct distortion and vignetting."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.surface import even_powers
+from station.calibration.exports import Export
 from station.calibration.exports.lensfun import PLACES, pitch_of
 from station.calibration.stored_cameras import StoredCamera
 from station.calibration.vignetting import StoredVignetting
@@ -17,18 +17,10 @@ from station.calibration.vignetting import StoredVignetting
 VIGNETTE_TERMS = 5
 
 
-@dataclass(frozen=True)
-class DngExport:
-    """The file's content, and sentences on the errors of its opcodes."""
-
-    data: bytes
-    lost: tuple[str, ...]
-
-
 def export_dng(
     data: bytes, name: str, stored: StoredCamera | None, vignetting: StoredVignetting | None, size: tuple[int, int],
     shading: Mapping[str, tuple[StoredVignetting, tuple[int, int]]] | None = None,
-) -> DngExport:  # fmt: skip
+) -> Export:  # fmt: skip
     """A copy of a DNG with the opcodes of a camera and of its vignetting.
 
     size : (columns, rows) of the photograph in the file; shading : instead of `vignetting`: a gain map for each plane
@@ -42,7 +34,7 @@ def export_dng(
         raise BadParameter("a DNG requires a geometry, a vignetting or both; got neither", "name one of their results")
     opcodes, gains = [one for one, _ in corrections], [one.opcode() for one, _ in maps]
     lost = (*(words for _, words in corrections), *(words for _, words in maps))
-    return DngExport(with_opcodes(data, opcodes, name, gains), lost)
+    return Export(with_opcodes(data, opcodes, name, gains), lost)
 
 
 def warp_opcode(stored: StoredCamera, size: tuple[int, int]) -> tuple[Opcode, str]:

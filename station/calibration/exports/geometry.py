@@ -1,7 +1,6 @@
 """A calibrated camera as files that other programs read: OpenCV, ROS, Kalibr, COLMAP, mrcal."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -9,34 +8,30 @@ import numpy as np
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, STEREOGRAPHIC, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_kalibr, as_model, as_opencv
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadParameter
 from procedures.reading.guard import decoding
+from station.calibration.exports import Export
 from station.calibration.exports.mrcal import cameramodel
 from station.calibration.stored_cameras import GIVE, StoredCamera
 
 Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
+Text = tuple[str, Difference | None]
+"""A file's text, and the error of its conversion."""
 
 EXACT = 1e-6
 """Error in pixels below which a conversion is exact."""
 
 
-@dataclass(frozen=True)
-class CameraExport:
-    """A file's text, and the error of its conversion; None for an exact one."""
-
-    text: str
-    difference: Difference | None
-
-
-def export_camera(stored: StoredCamera, form: str) -> CameraExport:
-    """The camera in a format. Raises BadParameter for an unknown format, BadInput for an invalid camera."""
-    if form not in FORMATS:
-        raise BadParameter(f"a camera is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
+def export_camera(stored: StoredCamera, form: str) -> Export:
+    """The camera in a format. Raises BadInput for an invalid camera."""
     with decoding(stored.source, "a camera that can be written", GIVE):  # the record may contain numbers of any size
-        return FORMATS[form](stored)
+        text, lost = CAMERA_FORMATS[form](stored)
+    if lost is None or lost.max_px < EXACT:
+        return Export(text.encode())
+    words = f"{form} does not represent this camera exactly: {lost.rms_px:.4f} pixel rms, {lost.max_px:.4f} at most"
+    return Export(text.encode(), (words,))
 
 
-def _opencv(stored: StoredCamera) -> CameraExport:
+def _opencv(stored: StoredCamera) -> Text:
     """OpenCV's FileStorage, YAML, with matrix and coefficients as from `calibrateCamera`."""
     camera = _by_opencv(stored, (4, 5, 8, 12))
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre
@@ -49,7 +44,7 @@ def _opencv(stored: StoredCamera) -> CameraExport:
         *_matrix("camera_matrix", K),
         *_matrix("distortion_coefficients", camera.distortion[None]),
     ]
-    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
+    return "\n".join(lines) + "\n", camera.difference
 
 
 def _matrix(name: str, values: Array) -> list[str]:
@@ -58,7 +53,7 @@ def _matrix(name: str, values: Array) -> list[str]:
             f"   data: {_list(values.ravel())}"]  # fmt: skip
 
 
-def _ros(stored: StoredCamera) -> CameraExport:
+def _ros(stored: StoredCamera) -> Text:
     """ROS camera_info, as camera_calibration_parsers read it."""
     camera = _by_opencv(stored, (5, 8))
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre
@@ -73,14 +68,14 @@ def _ros(stored: StoredCamera) -> CameraExport:
         *_ros_matrix("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
         *_ros_matrix("projection_matrix", 3, 4, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]),
     ]
-    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
+    return "\n".join(lines) + "\n", camera.difference
 
 
 def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> list[str]:
     return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {_list(data)}"]
 
 
-def _kalibr(stored: StoredCamera) -> CameraExport:
+def _kalibr(stored: StoredCamera) -> Text:
     """Kalibr's camera chain, by the most accurate of its camera and distortion models."""
     camera = as_kalibr(stored.camera, stored.region)
     lines = [
@@ -92,10 +87,10 @@ def _kalibr(stored: StoredCamera) -> CameraExport:
         f"  resolution: [{stored.camera.columns}, {stored.camera.rows}]",
         "  rostopic: /cam0/image_raw",
     ]
-    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
+    return "\n".join(lines) + "\n", camera.difference
 
 
-def _colmap(stored: StoredCamera) -> CameraExport:
+def _colmap(stored: StoredCamera) -> Text:
     """COLMAP's cameras.txt, with pixel centres at 0.5; others are converted to COLMAP's most accurate model."""
     camera, lost = stored.camera, None
     if any(split_model(camera.model)[1]) or camera.model == STEREOGRAPHIC:
@@ -109,13 +104,13 @@ def _colmap(stored: StoredCamera) -> CameraExport:
         "# Number of cameras: 1",
         f"1 {camera.model} {camera.columns} {camera.rows} {numbers}",
     ]
-    return CameraExport("\n".join(lines) + "\n", lost)
+    return "\n".join(lines) + "\n", lost
 
 
-def _mrcal(stored: StoredCamera) -> CameraExport:
+def _mrcal(stored: StoredCamera) -> Text:
     """mrcal's .cameramodel, with the part of the frame covered by charts as its valid region."""
     camera = _by_opencv(stored, (4, 5, 8, 12))
-    return CameraExport(cameramodel(stored, camera), _lost(camera.difference))
+    return cameramodel(stored, camera), camera.difference
 
 
 def _by_opencv(stored: StoredCamera, counts: Sequence[int]) -> OpenCvCamera:
@@ -133,15 +128,11 @@ def best_fit(fits: Iterable[Fit]) -> Fit:
     return min(tried, key=lambda fit: fit.difference.rms_px)
 
 
-def _lost(difference: Difference) -> Difference | None:
-    return difference if difference.max_px >= EXACT else None
-
-
 def _list(values: Sequence[float] | Array) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
-FORMATS: dict[str, Callable[[StoredCamera], CameraExport]] = {
+CAMERA_FORMATS: dict[str, Callable[[StoredCamera], Text]] = {
     "opencv": _opencv,
     "ros": _ros,
     "kalibr": _kalibr,

@@ -3,29 +3,19 @@
 import base64
 import io
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
 
 from procedures.correction.kernel_tiles import KernelTiles
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadParameter
+from station.calibration.exports import Export
 
 
-@dataclass(frozen=True)
-class KernelExport:
-    """A file's text, and a sentence on what it does not contain."""
-
-    text: str
-    lost: str
-
-
-def export_kernels(tiles: KernelTiles, form: str, source: str) -> KernelExport:
-    """The filters in a format; source : of the field, for the file's head. Raises BadParameter for another format."""
-    if form not in FORMATS:
-        raise BadParameter(f"filters are written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
-    return FORMATS[form](tiles, " ".join(source.split()))
+def export_kernels(tiles: KernelTiles, form: str, source: str) -> Export:
+    """The filters in a format; source : of the field, for the file's head."""
+    text, lost = FORMATS[form](tiles, " ".join(source.split()))
+    return Export(text.encode(), (lost,))
 
 
 def _cells(tiles: KernelTiles) -> Iterator[tuple[tuple[int, int], tuple[int, int, int, int]]]:
@@ -45,7 +35,7 @@ def _numbers(values: Array, separator: str = ",") -> str:
 # --- NumPy -----------------------------------------------------------------------------------------------------------
 
 
-def _python(tiles: KernelTiles, source: str) -> KernelExport:
+def _python(tiles: KernelTiles, source: str) -> tuple[str, str]:
     """The program beside this module with the filters in its last line."""
     file = io.BytesIO()
     np.savez_compressed(
@@ -56,7 +46,7 @@ def _python(tiles: KernelTiles, source: str) -> KernelExport:
     data = base64.b64encode(file.getvalue()).decode()
     for name, value in (("SOURCE", source), ("FILTERS", data)):
         program = program.replace(f'{name} = ""', f"{name} = {value!r}")
-    return KernelExport(program, "float32")
+    return (program, "the filters are in single precision")
 
 
 # --- ImageMagick -----------------------------------------------------------------------------------------------------
@@ -92,7 +82,7 @@ cell() {{ # number, four nodes, both crops, width, height, steps across and down
 """
 
 
-def _imagemagick(tiles: KernelTiles, source: str) -> KernelExport:
+def _imagemagick(tiles: KernelTiles, source: str) -> tuple[str, str]:
     """A shell script: `-morphology Convolve` with every filter, blended with masks.
 
     Source: ImageMagick's documentation, "User defined kernel" and "Composite operator of convert". Filters are written
@@ -124,7 +114,7 @@ def _imagemagick(tiles: KernelTiles, source: str) -> KernelExport:
         source=source, columns=columns, rows=rows, kernels="\n".join(kernels), channels=channels,
         cells="\n".join(cells), layout=" ".join(layout).replace("( ", r"\( ").replace(" )", r" \)") + " -append",
     )  # fmt: skip
-    return KernelExport(text, "five digits of each coefficient; ImageMagick without HDRI clips at black and white")
+    return (text, "five digits of each coefficient; ImageMagick without HDRI clips at black and white")
 
 
 def _by_node(tiles: KernelTiles) -> Iterator[tuple[tuple[int, int], Array]]:
@@ -162,7 +152,7 @@ CELL = """\
 """
 
 
-def _gmic(tiles: KernelTiles, source: str) -> KernelExport:
+def _gmic(tiles: KernelTiles, source: str) -> tuple[str, str]:
     """A command file: `convolve` with every filter, blended by an expression.
 
     Source: G'MIC's reference, `convolve` ("one-for-one channel mode"), `fill`, `image`, and `#@gui`.
@@ -185,7 +175,7 @@ def _gmic(tiles: KernelTiles, source: str) -> KernelExport:
     text = GMIC.format(
         source=source, columns=across, rows=rows, kernels="\n".join(kernels), cells="".join(cells).rstrip("\n")
     )
-    return KernelExport(text, "five digits of each coefficient")
+    return (text, "five digits of each coefficient")
 
 
 # --- RawTherapee -----------------------------------------------------------------------------------------------------
@@ -209,7 +199,7 @@ RADIUS = 0.4, 2.0
 """Range of the slider Radius; it and Corner boost together are limited to its end."""
 
 
-def _rawtherapee(tiles: KernelTiles, source: str) -> KernelExport:
+def _rawtherapee(tiles: KernelTiles, source: str) -> tuple[str, str]:
     """A partial processing profile: radius and corner boost of Capture Sharpening, Gaussians by the field.
 
     Capture Sharpening takes no kernel: its radius is the standard deviation of a Gaussian, which grows linearly from
@@ -223,14 +213,14 @@ def _rawtherapee(tiles: KernelTiles, source: str) -> KernelExport:
     radius = float(np.clip(centre, *RADIUS))
     offset = float(np.clip(growth, -0.5, RADIUS[1] - radius))
     differs = float(np.abs(radius + offset * r - tiles.sigma_px.ravel()).max())
-    return KernelExport(
+    return (
         PROFILE.format(radius=radius, offset=offset),
         f"the PSF is replaced by a round Gaussian of {radius:.2f} pixels at the centre and {radius + offset:.2f} in "
         f"the corners, up to {differs:.2f} pixels from the field's",
     )
 
 
-FORMATS: dict[str, Callable[[KernelTiles, str], KernelExport]] = {
+FORMATS: dict[str, Callable[[KernelTiles, str], tuple[str, str]]] = {
     "python": _python,
     "imagemagick": _imagemagick,
     "gmic": _gmic,

@@ -18,6 +18,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface, even_powers
+from station.calibration.exports import Export
 from station.calibration.exports.geometry import EXACT, best_fit
 from station.calibration.stored_cameras import StoredCamera
 
@@ -80,20 +81,12 @@ class GivenNames:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class LensfunExport:
-    """The database's text, and sentences on its errors."""
-
-    text: str
-    lost: tuple[str, ...]
-
-
 def export_lensfun(
     stored: StoredCamera,
     names: LensNames,
     colours: Mapping[str, LateralColour] | None = None,
     vignetting: LightSurface | None = None,
-) -> LensfunExport:
+) -> Export:
     """The entry of a calibrated camera. Raises BadParameter if a field or vignetting is of another frame.
 
     colours : of R and B; vignetting : of one plane, best green.
@@ -126,7 +119,7 @@ def export_lensfun(
     if vignetting is not None:
         lost += _add_vignetting(calibration, vignetting, np.array(radial.centre), camera.columns, camera.rows, names)
     ElementTree.indent(top, "    ")
-    return LensfunExport(ElementTree.tostring(top, encoding="unicode") + "\n", tuple(lost))
+    return Export(ElementTree.tostring(top) + b"\n", tuple(lost))
 
 
 def unit_px(columns: int, rows: int) -> float:

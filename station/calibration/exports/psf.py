@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from procedures.field.field_file import read_field
 from procedures.field.samplings import as_polynomial, grid_places, whole_psfs
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import PsfField, SpaceVariantBlur
+from station.calibration.exports import Export
 from station.results.exports import Cards, primary_image, table_of_one_cube
 
 STDPSF_SAMPLES = 4
@@ -23,14 +23,6 @@ ALLOWED = 0.002
 """Largest error of a polynomial relative to the norm of a PSF: several tenths of the uncertainty of a field."""
 FIRST = 1
 """Number of the first pixel in FITS and PSFEx."""
-
-
-@dataclass(frozen=True)
-class PsfExport:
-    """A file's content, and a sentence on its error; "" for an exact one."""
-
-    data: bytes
-    lost: str
 
 
 def field_path(result: Path) -> Path:
@@ -53,14 +45,7 @@ def read_plane(result: Path, plane: str | None) -> PsfField:
     return fields[name]
 
 
-def export_field(field: PsfField, form: str) -> PsfExport:
-    """The field in a format. Raises BadParameter for an unknown format, or one that does not support the sampling."""
-    if form not in FORMATS:
-        raise BadParameter(f"a PSF field is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
-    return FORMATS[form](field)
-
-
-def _stdpsf(field: PsfField) -> PsfExport:
+def _stdpsf(field: PsfField) -> Export:
     """Effective PSFs (with pixel response) on a grid of whole pixels.
 
     Source: `photutils.psf.stdpsf_reader`; Anderson & King 2000, PASP 112, 1360.
@@ -81,7 +66,7 @@ def _stdpsf(field: PsfField) -> PsfExport:
         ("PLANE", field.plane),
         ("COMMENT", "First row of the data: the upper one. Positions: pixels of the plane."),
     ]
-    return PsfExport(primary_image(psfs, cards), _grid_loss(field, x, y))
+    return Export(primary_image(psfs, cards), _grid_loss(field, x, y))
 
 
 def _count(field: PsfField, columns: int) -> int:
@@ -89,21 +74,21 @@ def _count(field: PsfField, columns: int) -> int:
     return len(x) * len(y)
 
 
-def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> str:
+def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> tuple[str, ...]:
     """Error of interpolation between the points of the grid at the centres of cells, where the field is known."""
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
     i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
     corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]
     known = np.all([field.inside(one) for one in corners], axis=0)
     if not known.any():
-        return ""
+        return ()
     between = np.mean([whole_psfs(field, one[known]) for one in corners], axis=0)
     true = whole_psfs(field, middle[known])
     lost = np.linalg.norm(between - true, axis=(1, 2)) / np.linalg.norm(true, axis=(1, 2))
-    return f"between the points of the grid linear interpolation errs by {lost.max():.2%} of the PSF's norm at most"
+    return (f"between the points of the grid linear interpolation errs by {lost.max():.2%} of the PSF's norm at most",)
 
 
-def _psfex(field: PsfField) -> PsfExport:
+def _psfex(field: PsfField) -> Export:
     """PSFEx's model: a polynomial over the field for every sample, with pixel response.
 
     Source: PSFEx manual, "The PSF model file"; as read by `galsim.des.DES_PSFEx`.
@@ -119,9 +104,9 @@ def _psfex(field: PsfField) -> PsfExport:
         ("PLANE", field.plane),
     ]  # fmt: skip
     data = table_of_one_cube("PSF_MASK", model.images.astype(np.float32), cards)
-    return PsfExport(
-        data, f"a polynomial of degree {model.degree} errs by {model.lost:.2%} of the PSF's norm at most; "
-        "beyond the charts the polynomial is extrapolated"
+    return Export(
+        data, (f"a polynomial of degree {model.degree} errs by {model.lost:.2%} of the PSF's norm at most; "
+        "beyond the charts the polynomial is extrapolated",)
     )  # fmt: skip
 
 
@@ -132,7 +117,7 @@ def _fwhm(field: PsfField) -> float:
     return float(2 * np.sqrt(np.count_nonzero(h > h.max() / 2) / np.pi) / field.s)
 
 
-def _deepinv(field: PsfField) -> PsfExport:
+def _deepinv(field: PsfField) -> Export:
     """Filters (1, 1, K, h, w) and multipliers (1, 1, K, rows, columns) on the plane's pixels, float32.
 
     The photograph is the sum over K of each filter's convolution with its multiplier times the scene, in this order.
@@ -143,7 +128,7 @@ def _deepinv(field: PsfField) -> PsfExport:
     np.savez_compressed(
         file, filters=filters[None, None].astype(np.float32), multipliers=multipliers[None, None].astype(np.float32)
     )
-    return PsfExport(file.getvalue(), "on the plane's pixels, frequencies beyond their sampling are filtered out")
+    return Export(file.getvalue(), ("on the plane's pixels, frequencies beyond their sampling are filtered out",))
 
 
-FORMATS: dict[str, Callable[[PsfField], PsfExport]] = {"stdpsf": _stdpsf, "psfex": _psfex, "deepinv": _deepinv}
+PSF_FORMATS: dict[str, Callable[[PsfField], Export]] = {"stdpsf": _stdpsf, "psfex": _psfex, "deepinv": _deepinv}

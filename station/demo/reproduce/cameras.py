@@ -13,7 +13,6 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.clipping import SensorModel
-from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
@@ -40,14 +39,10 @@ WALL_TEXEL_MM = 0.1
 EVEN = Illumination()
 
 
-def optics(f_number: float, plane: int = 2) -> Optics:
-    """Blurs of a grey sensor whose pixel is `plane` sensor pixels wide."""
-    blurs = (
-        CircularPupil(f_number),
-        PixelAperture(PHOTOSITE_PX / plane, PHOTOSITE_PX / plane),
-        FourSpots(FILTER_PX / plane),
-    )
-    return Optics(blurs, PITCH_UM * plane)
+def optics(f_number: float) -> Optics:
+    """Blurs of a green plane, whose pixel is two of the sensor wide."""
+    blurs = (CircularPupil(f_number), PixelAperture(PHOTOSITE_PX / 2, PHOTOSITE_PX / 2), FourSpots(FILTER_PX / 2))
+    return Optics(blurs, 2 * PITCH_UM)
 
 
 def _sensor(rows: int, columns: int, cfa: str | None) -> Sensor:
@@ -65,13 +60,11 @@ def green_camera(f_number: float = 5.6, side: int = 160, **lens: float) -> Simul
     )
 
 
-def mosaic_camera(f_number: float = 5.6, side: int = 320) -> SimulatedCamera:
+def mosaic_camera() -> SimulatedCamera:
     """The whole mosaic, with photosites that lack a corner, another one in red and blue than in green."""
-    blurs = (CircularPupil(f_number), LShapedAperture(), FourSpots(FILTER_PX))
-    camera = green_camera(f_number, side)
-    return replace(
-        camera, sensor=_sensor(side, side, "RGGB"), pitch_um=PITCH_UM, optics=Optics(blurs, PITCH_UM)
-    )  # fmt: skip
+    blurs = (CircularPupil(5.6), LShapedAperture(), FourSpots(FILTER_PX))
+    sensor = _sensor(320, 320, "RGGB")
+    return replace(green_camera(), sensor=sensor, pitch_um=PITCH_UM, optics=Optics(blurs, PITCH_UM))
 
 
 def exposure_s(camera: SimulatedCamera) -> float:
@@ -95,36 +88,33 @@ def plane_of(photograph: Photograph, name: str = "Y") -> Plane:
     return Plane(name, photograph.plane(name).astype(np.float32), step, photograph.pitch)
 
 
-def photograph_wall(camera: SimulatedCamera, distance_mm: float, seed: int, noise_seed: int) -> Plane:
+def photograph_wall(camera: SimulatedCamera, distance_mm: float, seed: int) -> Plane:
     """A wall of dead leaves, frontal, in focus."""
     side = camera.sensor.rows
-    wall = leaves((WALL_TEXELS, WALL_TEXELS), np.random.default_rng(seed), largest=300.0)
+    wall = leaves((WALL_TEXELS, WALL_TEXELS), np.random.default_rng(5), largest=300.0)
     placed = PlacedSheet(
         FlatSheet(wall, WALL_TEXEL_MM), ObjectPose((0.0, 0.0, distance_mm), roll_deg=0.7), camera.sharp_optics()
     )
     light = draw((placed,), camera.projection(distance_mm), (side, side), {(0, 0): "Y"})
-    rng = np.random.default_rng(noise_seed)
+    rng = np.random.default_rng(seed)
     return plane_of(camera.photograph(Scene(), rng, exposure_s=exposure_s(camera), light=light))
 
 
 WALL_TEXELS = 3000
 
 
-def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float, seed: int = 5) -> tuple[Plane, Plane]:
+def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float) -> tuple[Plane, Plane]:
     """Near and far photographs of one wall at distances of that ratio; `camera_of` gives the camera for a side."""
     near_mm, far_side = 900.0, 150
-    near = photograph_wall(camera_of(round(far_side * ratio) + 30), near_mm, seed, 1)
-    return near, photograph_wall(camera_of(far_side), near_mm * ratio, seed, 2)
+    near = photograph_wall(camera_of(round(far_side * ratio) + 30), near_mm, 1)
+    return near, photograph_wall(camera_of(far_side), near_mm * ratio, 2)
 
 
 def estimated(
     plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls", sensor: SensorModel | None = None
 ) -> PatternPsf:
     """The PSF from a photograph of the chart. Raises Refused if there is none."""
-    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver), sensor=sensor)
-    if outcome.value is None:
-        raise Refused(f"a simulated or published photograph was refused: {outcome.reason}", outcome.remedy)
-    return outcome.value
+    return estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver), sensor=sensor).result()
 
 
 def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDArray[np.complex128]:
@@ -135,20 +125,20 @@ def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDAr
     return np.asarray(np.einsum("fi,ij,fj->f", down, h, across))
 
 
-def mtf_across(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+def mtf_across(h: Array) -> Array:
     """Modulus along rows, 1 at zero."""
-    return np.asarray(np.abs(spectrum(h, s, f, np.zeros_like(f))) / h.sum())
+    return np.asarray(np.abs(spectrum(h, S, FREQUENCIES, 0 * FREQUENCIES)) / h.sum())
 
 
-def mtf_down(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+def mtf_down(h: Array, s: int = S) -> Array:
     """Modulus along columns, 1 at zero."""
-    return np.asarray(np.abs(spectrum(h, s, np.zeros_like(f), f)) / h.sum())
+    return np.asarray(np.abs(spectrum(h, s, 0 * FREQUENCIES, FREQUENCIES)) / h.sum())
 
 
-def mtf_down_uncertainty(h: Array, covariance: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+def mtf_down_uncertainty(h: Array, covariance: Array) -> Array:
     """Standard uncertainty of `mtf_down`, by the covariance (k^2, k^2) of the samples."""
-    rows = np.repeat((np.arange(len(h)) - len(h) // 2) / s, len(h))
-    waves = np.exp(-2j * np.pi * np.multiply.outer(f, rows))
+    rows = np.repeat((np.arange(len(h)) - len(h) // 2) / S, len(h))
+    waves = np.exp(-2j * np.pi * np.multiply.outer(FREQUENCIES, rows))
     of_h = waves @ h.ravel()
     mtf = np.abs(of_h)
     slopes = ((waves * (of_h.conj() / mtf)[:, None]).real - mtf[:, None] / h.sum()) / h.sum()

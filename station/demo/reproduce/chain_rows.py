@@ -35,8 +35,8 @@ def _errors(pairs: Sequence[scenes.Pair], restored: Sequence[Array]) -> list[flo
     return [pair.error(u) for pair, u in zip(pairs, restored, strict=True)]
 
 
-def _by_noise(restored: Sequence[Array], what: str = "") -> list[tuple[str, Array]]:
-    return [(f"{what}{words}", u) for words, u in zip(NOISE_WORDS, restored, strict=True)]
+def _by_noise(restored: Sequence[Array]) -> list[tuple[str, Array]]:
+    return list(zip(NOISE_WORDS, restored, strict=True))
 
 
 def _grows(values: Values) -> bool:

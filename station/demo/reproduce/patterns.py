@@ -73,15 +73,13 @@ def disc(radius_px: float) -> Drawing:
     return lambda x, y: np.where(np.hypot(x, y) < radius_px, 0.0, 1.0)
 
 
-def checkerboard(side_px: float, angle_deg: float = 5.0) -> Drawing:
-    """Squares, rotated slightly so that edges cross pixels at all positions."""
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+C, S = np.cos(np.radians(5.0)), np.sin(np.radians(5.0))
+"""Slight rotation by which edges cross pixels at all positions."""
 
-    def draw(x: Array, y: Array) -> Array:
-        odd: Array = np.floor((c * x + s * y) / side_px) + np.floor((c * y - s * x) / side_px)
-        return np.asarray(odd % 2)
 
-    return draw
+def checkerboard(side_px: float) -> Drawing:
+    """Squares, rotated."""
+    return lambda x, y: (np.floor((C * x + S * y) / side_px) + np.floor((C * y - S * x) / side_px)) % 2
 
 
 def star(spokes: int) -> Drawing:
@@ -91,8 +89,7 @@ def star(spokes: int) -> Drawing:
 
 def square(side_px: float) -> Drawing:
     """One white square on black, rotated as the checkerboard."""
-    c, s = np.cos(np.radians(5.0)), np.sin(np.radians(5.0))
-    return lambda x, y: np.where(np.maximum(abs(c * x + s * y), abs(c * y - s * x)) < side_px / 2, 1.0, 0.0)
+    return lambda x, y: np.where(np.maximum(abs(C * x + S * y), abs(C * y - S * x)) < side_px / 2, 1.0, 0.0)
 
 
 def system(u: Array, s: int, r: int, window: Window) -> Array:

@@ -3,7 +3,6 @@
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Refused
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import read_frame
@@ -89,9 +88,7 @@ EDGE_WINDOW = (80, 80)
 def joshi_photograph(setting: Setting) -> RowValues:
     """Joshi et al. at three levels on a photograph of a slanted edge: the level decides at high frequencies only."""
     plane = read_frame(setting.path(EDGE)).planes["Y"]
-    edge = estimate_edges(plane)[0].value
-    if edge is None:
-        raise Refused("the published edge was refused", "check the file")
+    edge = estimate_edges(plane)[0].result()
     samples, course = (plane.samples.T, edge.course[:, ::-1]) if edge.turned else (plane.samples, edge.course)
     kernels = {f"Joshi, {name}": h for name, h in _by_predicted_edge(samples, course).items()}
     mtf = {name: cameras.mtf_across(h) for name, h in kernels.items()}

@@ -195,10 +195,10 @@ def rays_oracle(setting: Setting) -> RowValues:
 # --- Figure 4.21 ---
 
 
-def nl_means(film: Film, width: float = 0.7) -> Array:
-    """NL-means whose patch distances know the noise: weights exp(-max(0, d - 1) / width^2)."""
+def nl_means(film: Film) -> Array:
+    """NL-means whose patch distances know the noise: weights exp(-max(0, d - 1) / 0.7^2)."""
     candidates, distances = patch_distances(film, 1, by_means=True)
-    weights = np.where(distances < FAR, np.exp(-np.maximum(distances - 1, 0) / width**2), 0)
+    weights = np.where(distances < FAR, np.exp(-np.maximum(distances - 1, 0) / 0.7**2), 0)
     n = PAPER.search
     padded = np.pad(film.mean, ((n, n), (n, n), (0, 0)), mode="edge")
     rows, columns = film.count.shape

@@ -9,11 +9,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, first_depth, noise_of, restore
-from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.gaussian_constant import gaussian_constant
@@ -45,13 +43,6 @@ def restored_at(
     data.focus(np.pad(w, R, mode="edge").astype(np.float32))
     picture = restore_picture(data, data.mean(), weight, steps)
     return np.asarray(picture[0, R:-R, R:-R], dtype=np.float64)
-
-
-def _restored(pair: scenes.Pair, stacks: list[MaskStack]) -> Restoration:
-    outcome = restore(list(pair.z), stacks)
-    if outcome.value is None:
-        raise Refused(f"the simulated pair was refused: {outcome.reason}", outcome.remedy)
-    return outcome.value
 
 
 # --- Section 4.3 ---
@@ -129,7 +120,7 @@ UNKNOWN_ORDER = increases("the errors of picture and w grow with the noise from 
 def _grid(shape: Array, name: str) -> RowValues:
     stacks = scenes.stacks(shape)
     pairs = [scenes.pair(shape, noise) for noise in NOISES]
-    restored = [_restored(pair, stacks) for pair in pairs]
+    restored = [restore(list(pair.z), stacks).result() for pair in pairs]
     w = [pair.w_error(one.w) for pair, one in zip(pairs, restored, strict=True)]
     picture = [pair.error(one.sharp[0]) for pair, one in zip(pairs, restored, strict=True)]
     shown = [(f"w, {words}", one.w) for words, one in zip(NOISE_WORDS, restored, strict=True)]
@@ -143,7 +134,7 @@ def restoration_40db(setting: Setting) -> RowValues:
     shape = scenes.comatic()
     stacks = scenes.stacks(shape)
     pair = scenes.pair(shape, 40.0, SMALL)
-    restored = _restored(pair, stacks)
+    restored = restore(list(pair.z), stacks).result()
     picture = pair.error(restored.sharp[0])
     best = pair.error(restored_at(pair, stacks, pair.w))
     figure = pictures(

@@ -7,7 +7,6 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.numerics.normal_equations import solve_constrained
-from procedures.outcome import Refused
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges
 from station.demo.reproduce import cameras, patterns
@@ -38,9 +37,9 @@ def _discs(x: Array, y: Array) -> Array:
     return np.where(np.hypot(px, py) < 20.0, 0.0, 1.0)
 
 
-def gaussian_kernel(k: int = K) -> Array:
+def gaussian_kernel() -> Array:
     """The kernel of the simulation, of sum 1."""
-    x = (np.arange(k) - k // 2) / S
+    x = (np.arange(K) - K // 2) / S
     line = np.exp(-(x**2) / (2 * GAUSSIAN_PX**2))
     return np.asarray(np.outer(line, line) / line.sum() ** 2)
 
@@ -98,10 +97,7 @@ def view(u: Array, window: patterns.Window) -> PatternView:
 def edge_mtf(picture: Array) -> EdgeMtf:
     """The MTF across the edge of a simulated photograph. Raises Refused."""
     plane = Plane("Y", (0.1 + 0.8 * picture).astype(np.float32), 1e-4)
-    outcome = estimate_edges(plane)[0]
-    if outcome.value is None:
-        raise Refused(f"the simulated edge was refused: {outcome.reason}", outcome.remedy)
-    return outcome.value
+    return estimate_edges(plane)[0].result()
 
 
 @ordered(

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.raw import Plane, read_frame
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
@@ -33,10 +32,7 @@ CYCLES = "cycles per pixel"
 
 def estimated(pair: tuple[Plane, Plane], s: int) -> TwoPhotoPsf:
     """The PSF of a pair. Raises Refused if there is none."""
-    outcome = estimate_psf_of_pair(*pair, TwoPhotoParameters(s=s, k=SUPPORT[s]))
-    if outcome.value is None:
-        raise Refused(f"the pair was refused at s = {s}: {outcome.reason}", outcome.remedy)
-    return outcome.value
+    return estimate_psf_of_pair(*pair, TwoPhotoParameters(s=s, k=SUPPORT[s])).result()
 
 
 @cache

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import Alarm, BadConfiguration, OutsideTravel, Rejected
 from drivers.interfaces import Travel
 from drivers.light import GrblLight
-from drivers.protocols.grbl import Controls, GrblAxis
+from drivers.protocols.grbl import Controls, GrblAxis, envelope
 from simulators.devices.grbl import GrblController
 from simulators.devices.grbl_motion import Outputs
 from simulators.devices.serial_device import Cable, plug
@@ -159,3 +159,46 @@ def test_homing_has_the_time_that_the_firmware_takes_until_it_gives_up_itself(se
 def test_homing_has_twice_the_way_there_and_back_and_ten_seconds():
     # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
     assert Controls({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}).homing_limit_s({0: 100.0}) == 2 * 25 + 12 + 10
+
+
+HARD, DOWN, ORIGIN = {21: 1.0, 27: 1.5}, {23: 4.0}, {22: 9.0}
+"""Hard limits with a pull-off; the third axis homes to its low end; homing sets the origin."""
+
+
+@pytest.mark.parametrize(
+    ("controls", "ends", "travel"),
+    [
+        (Controls({}), (-300.0, 0.0), (0.0, 300.0)),
+        (Controls({132: 80.0}), (-80.0, 0.0), (0.0, 80.0)),
+        (Controls({27: 1.5, **DOWN}), (-300.0, 0.0), (0.0, 300.0)),
+        (Controls(HARD), (-300.0, 0.0), (1.5, 298.5)),
+        (Controls(HARD | ORIGIN), (-300.0, 0.0), (3.0, 300.0)),
+        (Controls(HARD | ORIGIN | DOWN), (0.0, 300.0), (0.0, 297.0)),
+        (Controls(HARD | DOWN, "VZ"), (0.0, 300.0), (0.0, 297.0)),
+        (Controls(HARD | ORIGIN | {23: 3.0}), (-300.0, 0.0), (3.0, 300.0)),
+        (Controls(HARD | ORIGIN | DOWN, spaces={2: (20.0, -60.0)}), (-60.0, 20.0), (1.5, 78.5)),
+        (Controls(HARD | ORIGIN | DOWN, spaces={0: (20.0, -60.0)}), (0.0, 300.0), (0.0, 297.0)),
+    ],
+)
+def test_ends_and_travel_of_an_axis_follow_from_the_settings(controls, ends, travel):
+    for direction in (1, -1):
+        axis = GrblAxis("y_mm", "Z", 900.0, travel=300.0, direction=direction)
+        found = envelope(axis, 2, controls)
+        assert (found.low, found.high) == ends
+        length = ends[1] - ends[0]
+        seen = travel if direction > 0 else (length - travel[1], length - travel[0])
+        assert found.travel == Travel(*seen)
+        assert found.to_user(found.zero) == 0.0
+        assert found.to_machine(found.to_user(ends[0] + 7.0)) == ends[0] + 7.0
+        assert found.homed_inside(ends[0] - 0.003) == found.homed_inside(ends[1] + 0.003) is True
+        assert found.homed_inside(ends[0] - 0.005) == found.homed_inside(ends[1] + 0.005) is False
+
+
+def test_rates_of_an_axis_are_the_controllers_or_else_its_own():
+    def rates(settings):
+        one = envelope(GrblAxis("y_mm", "Z", 900.0, travel=300.0), 2, Controls(settings))
+        return one.rate_per_min, one.acceleration_per_s2, one.resolution
+
+    assert rates({}) == (900.0, 10.0, 1 / 250)
+    assert rates({112: 500.0, 122: 40.0, 102: 800.0}) == (500.0, 40.0, 1 / 800)
+    assert rates({102: 4000.0})[2] == 0.001  # the digits of a report

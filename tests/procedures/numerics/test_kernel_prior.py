@@ -75,3 +75,19 @@ def test_large_kernels_are_estimated_from_their_centre(rng: np.random.Generator)
     inner = prior_covariance(noisy[middle], errors[np.ix_(middle, middle)], S)
     assert C.shape == (k * k, k * k)
     np.testing.assert_allclose(C[np.ix_(middle, middle)], inner, rtol=1e-9)
+
+
+@pytest.mark.delicate
+@pytest.mark.parametrize(
+    ("noise", "expected"),
+    [
+        (1e-4, [7.47893e-05, 6.80259e-05, 3.59817e-05, 5.03261e-08, 5.65912e-08]),
+        (3e-3, [2.78347e-04, 2.41474e-04, 1.01448e-04, 4.46932e-08, 5.06040e-08]),
+    ],
+)
+def test_the_prior_of_a_known_kernel_is_what_it_was(noise: float, expected: list[float]) -> None:
+    y = np.arange(21) - 10
+    h = np.exp(-(y[:, None] ** 2 + y**2) / 10).ravel()
+    errors = np.random.default_rng(5).standard_normal(441)
+    C = prior_covariance(h / h.sum() + noise * errors, noise**2 * np.eye(441), S)
+    np.testing.assert_allclose([C[220, 220], C[220, 221], C[220, 223], C[0, 0], C[0, 21]], expected, rtol=1e-4)

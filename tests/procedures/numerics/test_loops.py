@@ -48,16 +48,17 @@ def sparse_edges(rng):
 
 
 def lattices(rng):
-    """Sorted saddles: charts' rims of several sizes and positions, and clutter."""
-    rims = [
-        (RIM @ [1, 1j]) * rng.uniform(18, 36) * np.exp(1j * rng.uniform(0, 7)) + complex(*rng.uniform(0, 600, 2))
-        for _ in range(12)
-    ]
-    axes = [np.full(12, np.exp(2j * np.angle(rim[1] - rim[0]))) for rim in rims]
+    """Sorted saddles: charts' rims of several sizes and positions, whole lattices, one with a row between, clutter."""
+    grid = np.add.outer(np.arange(5), 1j * np.arange(5)).ravel()
+    shapes = [RIM @ [1, 1j]] * 12 + [grid] * 3 + [np.append(grid, np.arange(0.5, 4.5) + 2j)]
+    shapes = [one * rng.uniform(18, 36) * np.exp(1j * rng.uniform(0, 7)) for one in shapes]
+    axes = [np.full(len(one), np.exp(2j * np.angle(one[1] - one[0]))) for one in shapes]
     clutter = rng.uniform(0, 600, 300) + 1j * rng.uniform(0, 600, 300)
-    points = np.concatenate([*rims, clutter]) + 0.3 * (rng.standard_normal(444) + 1j * rng.standard_normal(444))
+    points = np.concatenate([*(one + complex(*rng.uniform(0, 600, 2)) for one in shapes), clutter])
+    n = len(points)
+    points += 0.3 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     axes = np.concatenate([*axes, np.exp(1j * rng.uniform(0, 7, 300))])
-    return field_of(points, axes, rng.uniform(1, 2, 444), 12.0)[0]
+    return field_of(points, axes, rng.uniform(1, 3, n), 12.0)[0]
 
 
 def triangle(rng, n, dtype):
@@ -116,7 +117,9 @@ CASES = {
     "fill_convolution": lambda rng: (np.zeros((30, 51), np.float32), *convolution(rng), float32(rng, 30), 3, 7),
     "folded_product": lambda rng: (complex64(rng, 12, 7), float32(rng, 12, 7), 3),
     "inverted": lambda rng: (triangle(rng, 40, np.float64),),
-    "non_maximum_suppression": lambda rng: (lattices(rng), 12.0, SAME_AXIS),
+    "non_maximum_suppression": lambda rng: (
+        (field := lattices(rng))._replace(merits=field.merits.round(1)), 12.0, SAME_AXIS,
+    ),
     "read_spline": spline,
     "ring_purity": lambda rng: (picture(rng), rng.integers(0, 45 * 70, 60), 2.0, 0.7),
     "saddle_points": lambda rng: (picture(rng), kernels(), 0.9, 1e-3),
@@ -214,23 +217,115 @@ def best_pixels(index, shape, merits, side, most):
     return np.sort(np.concatenate([one[:each] for one in order]))
 
 
+def lines_around(cells, steps, fine, scale, reach, pieces, weight):
+    """Sums over the lines' points, `pieces` a cell, of the step times the nearest sample."""
+    n, width = steps.shape[1], 2 * int(np.ceil(reach[0])) + 1
+    values, first = np.zeros((len(cells), width)), np.clip(np.floor(cells[:, 0] - reach[0]), 0, n).astype(int)
+    for p, (u, v) in enumerate(cells):
+        i0, i1 = max(int(v - reach[1]), 0), min(int(v + reach[1]) + 1, n)
+        along = v - i0 - (np.arange((i1 - i0) * pieces) + 0.5) / pieces
+        for j in range(first[p], min(first[p] + width, n + 1)):
+            x, y = np.floor(scale @ [np.full_like(along, u - j), along] + len(fine) // 2 + 0.5).astype(int)
+            inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < len(fine))
+            line = np.repeat(steps[j, i0:i1], pieces)[inside]
+            values[p, j - first[p]] = weight[p] / pieces * line @ fine[y[inside], x[inside]]
+    return values, first
+
+
+def like(field, i, j, rules):
+    """Whether saddles, of indices or of all, have similar axes and merits."""
+    ratio = field.merits[i] / field.merits[j]
+    similar = (field.axes[i] * field.axes[j].conj()).real > rules.same_axis
+    return similar & (ratio < rules.same_merit) & (ratio > 1 / rules.same_merit)
+
+
+def nearest(field, place, reach, i, rules):
+    """By a search through all saddles; -1 for none."""
+    distance = np.where(like(field, i, slice(None), rules), np.abs(field.points - place), np.inf)
+    return int(np.argmin(distance)) if np.min(distance) <= reach else -1
+
+
+def steps_from(field, i, rules):
+    """Mask of the saddles that lie a lattice step from one."""
+    d, axis = field.points - field.points[i], field.axes + field.axes[i]
+    length = np.abs(d)
+    straight = np.abs((d**2 * axis.conj()).real) > rules.along_axis * length**2 * np.abs(axis)
+    return straight & (length > rules.min_step) & (length < rules.max_step) & like(field, i, slice(None), rules)
+
+
+def is_free(field, i, j, rules):
+    a, b = field.points[i], field.points[j]
+    return nearest(field, (a + b) / 2, rules.middle_radius * abs(b - a), i, rules) < 0
+
+
+def triples_of(field, rules):
+    triples = []
+    for i in range(len(field.points)):
+        d = field.points - field.points[i]
+        for j in np.flatnonzero(steps_from(field, i, rules) & (d.imag >= -rules.level_slope * np.abs(d.real))):
+            k = nearest(field, field.points[j] + d[j], rules.collinear * abs(d[j]), j, rules)
+            if (
+                k >= 0
+                and steps_from(field, j, rules)[k]
+                and (is_free(field, i, j, rules) or is_free(field, j, k, rules))
+            ):
+                triples.append((i, j, k))
+    return np.array(triples)
+
+
+def sides_of(field, triples, rules):
+    """Hits of every x-corner of the rim, in steps (s, t) of the triple's line and of the direction across it."""
+    sides = []
+    for i, j, k in triples:
+        u = (field.points[k] - field.points[i]) / 2
+        free = is_free(field, i, j, rules) and is_free(field, j, k, rules)
+        for v, first in ((u * 1j, 0), (u * 1j, 1), (-u * 1j, 0), (-u * 1j, 1)):
+
+            def at(s, t, share, origin=field.points[i] - first * u, u=u, v=v, j=j):
+                return nearest(field, origin + s * u + t * v, share * abs(u), j, rules)
+
+            known = {(first + n, 0): index for n, index in enumerate((i, j, k))}
+            near = [(int(s), int(t)) for s, t in RIM if t < 3 and (s, t) not in known]
+            found = known | {place: at(*place, rules.square) for place in near}
+            hits = [n for place, n in found.items() if place not in known and n >= 0]
+            lattice = at(1, 1, rules.collinear) >= 0 and at(2, 1, rules.collinear) >= 0
+            off_the_side = any(found[place] >= 0 for place in near if place[1])
+            if off_the_side and not lattice and len(hits) >= (rules.min_near if free else rules.min_near_crowded):
+                sides.append([found.get((int(s), int(t)), -1) for s, t in RIM])
+    return np.array(sides)
+
+
+def maxima(field, radius, same_axis):
+    n = np.arange(len(field.points))
+    better = (field.merits > field.merits[:, None]) | ((field.merits == field.merits[:, None]) & (n > n[:, None]))
+    close = np.abs(np.subtract.outer(field.points, field.points)) <= radius
+    return ~(better & close & (np.multiply.outer(field.axes, field.axes.conj()).real > same_axis)).any(axis=1)
+
+
 REFERENCES = {
     "add_band": band,
+    "all_nearest": lambda field, places, reaches, likes, rules: np.array(
+        [[nearest(field, one, r, i, rules) for one in row] for row, r, i in zip(places, reaches, likes, strict=True)]
+    ),
     "apply_edges": lambda *a: dense_edges(*a[:4], len(a[4]) // 2) @ a[4],
     "apply_edges_transposed": lambda *a: dense_edges(*a[:4], a[5]).T @ a[4],
     "best_of_tiles": best_pixels,
+    "collinear_triples": triples_of,
     "convolve_at": lambda raster, rows, columns, h, s: np.einsum(
         "nij,ij->n", windows(raster, rows, columns, len(h), s), h[::-1, ::-1]
     ),
     "edge_gram": lambda *a: np.tril((C := dense_edges(*a)).T @ C),
+    "edge_lines": lines_around,
     "fill_convolution": lambda A, raster, rows, columns, weight, s, k: np.hstack(
         [weight[:, None] * windows(raster, rows, columns, k, s)[:, ::-1, ::-1].reshape(len(rows), -1), A[:, k * k :]]
     ),
     "folded_product": lambda transform, spectrum, s: (transform * spectrum).reshape(s, -1, transform.shape[1]).sum(0),
     "inverted": np.linalg.inv,
+    "non_maximum_suppression": maxima,
     "read_spline": read_at,
     "ring_purity": purity,
     "saddle_points": saddles_of,
+    "square_sides": sides_of,
     "substituted": lambda L, b: np.linalg.solve(L.astype(float) @ L.T.astype(float), b),
     "sums_of_groups": lambda A, group, factor, count: (group == np.arange(count)[:, None]) @ (factor[:, None] * A),
 }
@@ -249,7 +344,8 @@ def test_loops_compute_what_numpy_and_scipy_do(name):
 
 
 def test_saddles_lie_in_the_bins_of_their_places():
-    field, order = field_of(points := lattices(np.random.default_rng(3)).points, points, np.ones(444), 12.0)
+    points = lattices(np.random.default_rng(3)).points
+    field, order = field_of(points, points, points.real, 12.0)
     np.testing.assert_array_equal(field.points, points[order])
     assert len(field.starts) == field.rows * field.columns + 1
     bins = np.repeat(np.arange(field.rows * field.columns), np.diff(field.starts))

@@ -35,6 +35,25 @@ def test_one_system_serves_other_right_hand_sides(rng: np.random.Generator) -> N
     np.testing.assert_allclose(equations.inverse_where_known @ (A.T @ A), np.eye(A.shape[1]), atol=1e-5)
 
 
+def test_priors_are_further_rows_and_joined_columns_are_the_kernels(rng: np.random.Generator) -> None:
+    A, Z = rng.standard_normal((200, 12)).astype(np.float32), rng.standard_normal((200, 5))
+    r, precision, pull = rng.standard_normal(200), np.array([0.0, 40.0, 300.0]), np.array([3.0, 2.0, -1.0])
+    rows = np.hstack([np.zeros((3, 14)), np.diag(np.sqrt(precision))])
+    whole, right = np.vstack([np.hstack([A, Z]), rows]), np.append(r, np.sqrt(precision) * pull)
+    expected = np.linalg.lstsq(whole, right, rcond=None)[0]
+    parts, last = products(gram(A), A, Z, r), np.r_[0, 0, 1, 1, 1] == 1
+    every, of_all = np.zeros((2, 5))
+    every[last], of_all[last] = precision, pull
+    prior = parts.with_prior(every, of_all)
+    for one in (prior, prior.with_right_side(A, Z, r)):
+        equations = eliminate(one)
+        solution = [*equations.kernel, *equations.nuisance(equations.kernel)]
+        np.testing.assert_allclose(solution, expected, atol=2e-6)  # products in float32
+    joined = eliminate(parts.with_joined(4, precision, pull))
+    h = joined.kernel
+    np.testing.assert_allclose([*h[:12], *joined.nuisance(h), *h[12:]], expected, atol=2e-6)
+
+
 def test_normalised_covariance_has_no_error_of_the_sum(rng: np.random.Generator) -> None:
     h, root = rng.random(9) + 0.2, rng.standard_normal((9, 9)) * 1e-3
     unit, covariance = normalised(h, root @ root.T)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procedures.numerics.scattered import Hull, Polynomial, ThinPlate, monomials
+from procedures.numerics.scattered import Hull, Polynomial, ThinPlate, hull_area, monomials
 
 PLACES = np.random.default_rng(4).uniform(-1, 1, (25, 2))
 TRUST = np.random.default_rng(5).uniform(0.3, 3, 25)
@@ -63,3 +63,9 @@ def test_the_nearest_point_of_a_hull_is_in_it_and_no_other_is_nearer(seed):
 def test_places_on_a_line_have_no_hull():
     with pytest.raises(ValueError, match="not lie on one line"):
         Hull(np.array([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)]))
+
+
+def test_area_of_a_hull_is_that_of_its_corners():
+    square = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (0.0, 2.0), (1.0, 1.0)])
+    assert hull_area(square) == pytest.approx(6)
+    assert hull_area(square[:2]) == hull_area(np.array([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 0

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 from procedures.numerics.warps import (
     CUBIC_EXPONENTS,
     CubicWarp,
+    affine_between,
     apply_homography,
     cubic_monomials,
     displacement_columns,
@@ -41,7 +43,8 @@ def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> N
         assert cost(best) <= cost(nearby)
 
 
-def test_three_points_are_too_few() -> None:
+def test_four_points_are_enough_and_three_are_too_few() -> None:
+    np.testing.assert_allclose(fit_homography(SQUARE[:4], apply_homography(H_TILTED, SQUARE[:4])), H_TILTED, atol=1e-9)
     with pytest.raises(ValueError, match="four points; got 3"):
         fit_homography(SQUARE[:3], SQUARE[:3])
 
@@ -83,3 +86,17 @@ def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, 
 def test_derivative_without_displacement_is_the_jacobian(bent: CubicWarp) -> None:
     plain = replace(bent, displacement=np.zeros((2, 9)))
     np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [200, 600])  # as it is, and reduced for the first guess
+def test_two_photographs_are_registered_whatever_their_brightness(rng: np.random.Generator, size: int) -> None:
+    true = np.array([[1.002, 0.004, 7.3], [-0.003, 0.998, -4.6]])
+    scene = 10 * cv2.GaussianBlur(rng.standard_normal((size, size + 40)), (0, 0), 3).astype(np.float32)
+    moved = cv2.warpAffine(scene, true, scene.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    clear = np.ones(scene.shape, bool)
+    clear[:, : size // 8] = False
+    spoiled = np.where(clear, scene, 1.0).astype(np.float32)
+    corners = np.array([(0.0, 0.0, 1.0), (size, 0.0, 1.0), (0.0, size, 1.0)]).T
+    found = affine_between(spoiled, 0.3 + 2 * moved, clear)
+    np.testing.assert_allclose(found @ corners, true @ corners, atol=0.2)  # what is spoiled is smoothed into its rim
+    assert affine_between(scene, rng.standard_normal(scene.shape).astype(np.float32), clear) is None

@@ -345,9 +345,9 @@ def test_three_motions_by_hand_without_an_imu_need_a_flat_scene():
 
 def test_the_rail_shows_blur_brightness_and_change_of_light():
     facts = {"blur_by": MOTIONS, "first_level": 0.4, "second_level": 0.42}
-    advice = [plan().step(name).gave(facts) for name in ("scene", "first", "second")]
-    assert advice == ["motions", "mean 40 %", "light +5 %"]
-    assert [plan().step(name).gave({}) for name in ("first", "second")] == ["", ""]
-    assert [plan().step(name).gave(facts) for name in ("third", "truth")] == ["left out", "left out"]
+    advice = [plan().step(name).value(facts) for name in ("scene", "first", "second")]
+    assert advice == ["motions", "mean 40%", "light +5 %"]
+    assert [plan().step(name).value({}) for name in ("first", "second")] == ["", ""]
+    assert [plan().step(name).value(facts) for name in ("third", "truth")] == ["left out", "left out"]
     more = {**facts, "photographs": 3.0, "third_level": 0.4, "ground_truth": "yes", "truth_level": 0.36}
-    assert [plan().step(name).gave(more) for name in ("third", "truth")] == ["light +0 %", "light -10 %"]
+    assert [plan().step(name).value(more) for name in ("third", "truth")] == ["light +0 %", "light -10 %"]

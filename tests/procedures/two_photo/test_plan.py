@@ -275,8 +275,8 @@ def test_the_rail_shows_distances_and_light(wall):
     near = check_near(frame(wall[0][0]), FACTS)
     facts = {**FACTS, **near.facts}
     facts.update(check_far(frame(1.1 * wall[1][0]), facts).facts)
-    summaries = [plan().step(name).gave(facts) for name in ("wall", "near", "far")]
-    assert summaries[:2] == ["1.00 m x 4.4", f"mean {100 * facts['near_level']:.0f} %"]
+    summaries = [plan().step(name).value(facts) for name in ("wall", "near", "far")]
+    assert summaries[:2] == ["1.00 m x 4.4", f"mean {facts['near_level']:.0%}"]
     # the frame's middle corresponds to the near photograph without its rim
     assert summaries[2] in {f"light +{percent} %" for percent in range(7, 14)}
     assert max(map(len, summaries)) <= 12

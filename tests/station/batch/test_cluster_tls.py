@@ -41,10 +41,10 @@ def test_work_goes_to_a_cluster_with_tls_and_to_nobody_without_its_certificate(c
     address, files = cluster
     errand = errands.Errand(tmp_path)
     assert address.startswith("tls://127.0.0.1:")
-    found = dict(run_on_cluster(errands.square, errand, range(3), 1, Stop(), address, tls=files))
+    found = dict(run_on_cluster(errands.square, errand, range(3), Stop(), address, tls=files))
     assert found == {n: n * n for n in range(3)}
     monkeypatch.setattr("station.batch.dask_pool.PATIENCE_S", 1)
     others = write_certificates(tmp_path / "other")
     for address_of, tls in ((address, None), (address, others), (address.replace("tls", "tcp"), None)):
         with pytest.raises(BadParameter, match=f"no cluster answers at {address_of}"):
-            list(run_on_cluster(errands.square, errand, range(3), 1, Stop(), address_of, tls=tls))
+            list(run_on_cluster(errands.square, errand, range(3), Stop(), address_of, tls=tls))

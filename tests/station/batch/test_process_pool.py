@@ -1,6 +1,5 @@
 """Processes that die: the item is named, the rest is finished."""
 
-import contextlib
 import os
 import re
 import signal
@@ -80,6 +79,15 @@ def test_pipe_is_closed_only_after_its_sender(errands, tmp_path, monkeypatch):
     monkeypatch.setattr(process_pool, "_send", late)
     run(errands, tmp_path, count=1)
     assert closed == [False]
+
+
+def test_every_process_has_ended_when_the_answers_are_given_up(errands, tmp_path, monkeypatch):
+    start, started = SpawnProcess.start, []
+    monkeypatch.setattr(SpawnProcess, "start", lambda process: (start(process), started.append(process)))
+    answers = run_in_processes(errands.square, errands.Errand(tmp_path, endless=(1,)), range(2), 2, Stop())
+    assert next(answers) == (0, 0)
+    answers.close()
+    assert [process._popen.returncode for process in started] == [-signal.SIGKILL] * 2  # without waiting now
 
 
 def test_item_that_always_ends_its_process_is_named_and_the_rest_is_finished(errands, tmp_path):
@@ -183,25 +191,55 @@ def test_what_runs_is_finished_when_asked_to_stop_and_nothing_else_is_begun(erra
     assert found == {n: n * n for n in found}
 
 
-@pytest.mark.parametrize("time_s", [None, 3.0])
-def test_work_of_a_cluster_ends_its_process_only_if_it_exceeds_its_time(monkeypatch, time_s):
-    timer, single = Mock(), Mock()
-    monkeypatch.setattr(dask_pool.threading, "Timer", timer)
-    monkeypatch.setattr(dask_pool, "one_thread", single)
-    for function, outcome in ((lambda item, job: item + job, 5), (lambda item, job: item / 0, None)):
-        with contextlib.suppress(ZeroDivisionError):
-            assert dask_pool._alone(function, 2, 3, Allowance(time_s=time_s)) == outcome
-        assert timer.return_value.cancel.call_count == 1
-        assert timer.return_value.start.call_count == (time_s is not None)
-        timer.reset_mock()
-    assert single.call_count == 2
-
-
 @pytest.mark.parametrize(("error", "words"), [(OSError("refused"), "refused"), (KeyError("op"), "KeyError: 'op'")])
-def test_what_does_not_answer_as_a_cluster_is_named_with_its_address(error, words):
-    pytest.importorskip("distributed")
+def test_what_does_not_answer_as_a_cluster_is_named_with_its_address(error, words, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", Mock(side_effect=error))
     with pytest.raises(BadParameter, match=f"no cluster answers at tcp://here:1: {words}"):
-        dask_pool._connected(Mock(side_effect=error), "tcp://here:1", None)
+        dask_pool._connected("tcp://here:1", None)
+
+
+class Cluster:
+    """A client of three threads whose work ends at once, that of some items as `ends` says at first."""
+
+    def __init__(self, ends, status="running"):
+        self.ends, self.status, self.begun = dict(ends), status, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def nthreads(self):
+        return {"one": 1, "other": 2}
+
+    def submit(self, function, *words, pure):
+        assert not pure
+        if function is dask_pool._same:
+            return function(*words)
+        self.begun.append(words[1])
+        future = Mock(status=self.ends.pop(words[1], "finished"))
+        future.result.side_effect, future.exception.return_value = lambda: function(*words), OSError("gone")
+        future.add_done_callback.side_effect = lambda call: call(future)
+        return future
+
+
+def test_work_whose_worker_died_with_the_answer_is_given_out_again(monkeypatch):
+    cluster, stop, found = Cluster({2: "lost", 3: "error"}), Stop(), []
+    monkeypatch.setattr(dask_pool, "_connected", lambda *_: cluster)
+    answers = run_on_cluster(lambda item, job: item * job, 10, range(20), stop, "tcp://here:1")
+    assert next(answers) == (0, 0)
+    assert cluster.begun == [0, 1, 2, 3, 4, 5]  # two for each of three threads
+    found = [next(answers) for _ in range(3)]
+    assert found == [(1, 10), (3, Lost("the cluster gave it up: OSError: gone")), (4, 40)]
+    assert cluster.begun[6:9] == [6, 7, 2]
+    stop.ask()
+    assert dict(answers).keys() == set(cluster.begun) - {0, 1, 3, 4}
+    cluster = Cluster({1: "lost"}, status="closed")
+    monkeypatch.setattr(dask_pool, "_connected", lambda *_: cluster)
+    with pytest.raises(Refused, match="the cluster at tcp://here:1 went away"):
+        list(run_on_cluster(lambda item, job: item, 0, range(3), Stop(), "tcp://here:1"))
 
 
 def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
@@ -216,40 +254,30 @@ def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
 
 @pytest.mark.slow
 def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     errand = errands.Errand(tmp_path, deadly_once=(4,))
-    found = dict(run_on_cluster(errands.square, errand, range(8), 2, Stop(), "local"))
+    cluster = distributed.LocalCluster(2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50)
+    with cluster:
+        found = dict(run_on_cluster(errands.square, errand, range(8), Stop(), cluster.scheduler_address))
     assert (tmp_path / "4").exists()
     assert found == {n: n * n for n in range(8)}
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="a process tells its signals in /proc")
-def test_no_process_of_a_pool_or_a_local_cluster_hears_of_ctrl_c(errands, tmp_path):
+def test_no_process_of_a_pool_hears_of_ctrl_c(errands, tmp_path):
     errand = errands.Errand(tmp_path)
     assert dict(run_in_processes(errands.deaf, errand, range(2), 2, Stop())) == {0: True, 1: True}
-    pytest.importorskip("distributed")
-    assert dict(run_on_cluster(errands.deaf, errand, range(4), 2, Stop(), "local")) == dict.fromkeys(range(4), True)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
-def test_stopped_process_of_a_local_cluster_is_ended_and_its_item_done_again(errands, tmp_path):
-    pytest.importorskip("distributed")
-    errand = errands.Errand(tmp_path, stops_once=(3,))
-    assert dict(run_on_cluster(errands.square, errand, range(6), 2, Stop(), "local")) == {n: n * n for n in range(6)}
 
 
 CTRL_C = """
 import errands, pathlib, sys
-from station.batch.dask_pool import run_on_cluster
 from station.common.stop_signals import guarded
 from station.batch.process_pool import Stop, run_in_processes
 if __name__ == "__main__":
     errand, stop = errands.Errand(pathlib.Path(sys.argv[1]), endless=range(9)), Stop()
-    where = (run_on_cluster, "local") if sys.argv[2] == "cluster" else (run_in_processes,)
     with guarded(lambda: None, stop.ask, terminated=130):
-        list(where[0](errands.square, errand, range(9), 2, stop, *where[1:]))
+        list(run_in_processes(errands.square, errand, range(9), 2, stop))
 """
 
 
@@ -266,14 +294,12 @@ def group_ends(group):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
-@pytest.mark.parametrize("kind", ["pool", pytest.param("cluster", marks=pytest.mark.nightly)])
-def test_ctrl_c_twice_ends_endless_work_and_all_its_processes(tmp_path, kind):
-    pytest.importorskip("distributed")
+def test_ctrl_c_twice_ends_endless_work_and_all_its_processes(tmp_path):
     script = tmp_path / "ctrl_c.py"
     script.write_text(CTRL_C)
     here = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(here.parents[2]), str(here)])}
-    words = [sys.executable, script, tmp_path, kind]
+    words = [sys.executable, script, tmp_path]
     with subprocess.Popen(words, env=environment, start_new_session=True, stderr=subprocess.PIPE) as program:
         while len(list(tmp_path.glob("[0-9]"))) < 2:
             assert program.poll() is None
@@ -302,11 +328,11 @@ def test_what_is_no_cluster_is_said(errands, tmp_path, monkeypatch):
         threading.Thread(target=greet, daemon=True).start()
         for wrong in (address, "nonsense://x", ""):
             with pytest.raises(BadParameter, match="no cluster answers at"):
-                list(run_on_cluster(errands.square, errands.Errand(tmp_path), range(2), 2, Stop(), wrong))
+                list(run_on_cluster(errands.square, errands.Errand(tmp_path), range(2), Stop(), wrong))
 
 
 def test_cluster_that_does_not_answer_is_said(errands, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("station.batch.dask_pool.PATIENCE_S", 0.2)
     with pytest.raises(BadParameter, match=r"no cluster answers at tcp://127\.0\.0\.1:9"):
-        list(run_on_cluster(errands.square, errands.Errand(tmp_path), range(2), 2, Stop(), "tcp://127.0.0.1:9"))
+        list(run_on_cluster(errands.square, errands.Errand(tmp_path), range(2), Stop(), "tcp://127.0.0.1:9"))

@@ -108,6 +108,8 @@ def test_summary_has_a_line_for_each_plane(done):
 
 
 def test_record_tells_the_batch(done):
+    files = {".lock", "report.html", "result.json", "results", "results.jsonl", "summary.csv"}
+    assert {path.name for path in done.out.iterdir()} == files
     record = json.loads((done.out / "result.json").read_text())
     assert record["schema"] == "station/batch/1"
     assert record["verdicts"] == {"pass": 4, "refused": 1, "unreadable": 3}

@@ -42,16 +42,55 @@ def test_rows_are_read_back_in_the_order_of_the_items_however_they_came(rows, tm
     assert list(rows) == [row(0), row(1), row(2)]
 
 
-def test_a_tally_counts_what_all_rows_say(rows):
-    rows.add(0, row(0))
-    rows.add(1, ItemRow(["b.dng"], "refused", "dark"))
-    rows.add(2, row(2))
-    tally = Tally.of(rows)
-    assert tally.verdicts == {"doubtful": 2, "refused": 1}
-    assert tally.failed == [1]
-    assert not tally.all_sure
-    expected = {"n": 2, "median": pytest.approx(0.301), "min": 0.3, "max": 0.302}
-    assert tally.statistics()["G1"] == {"verdicts": {"pass": 2}, NUMBER: expected}
+def three():
+    """A doubtful item of two planes and two files, one that meets its limits, and a refused one."""
+    met, missed = {"words": "it is met", "verdict": "meets"}, {"words": "it is missed", "verdict": "does not meet"}
+    number = {"value": 0.3, "uncertainty": 0.002, "unit": "cycles/pixel", "method": "m", "n": 1}
+    planes = {
+        "G1": PlaneRow("pass", "", "", {NUMBER: number, "gamma": {"value": 0.45}}, "does not meet", [met, missed]),
+        "G2": PlaneRow("doubtful", "dim", "light", {NUMBER: {**number, "value": 0.31, "uncertainty": None}}),
+    }
+    return [
+        ItemRow(["=a.dng", "b.dng"], "doubtful", "G2: dim", "light", ["11", "22"], "results/a", planes, reused=True,
+                specification="does not meet", noted={"camera": "C", "iso": 100.0, "exposure_s": 0.02}),
+        ItemRow(["c.dng"], "pass", planes={"G1": PlaneRow("pass", "", "", {NUMBER: {**number, "value": 0.2}}, "meets")},
+                specification="meets", noted={"camera": "C"}),
+        ItemRow(["d.dng"], "refused", "dark", "expose longer"),
+    ]  # fmt: skip
+
+
+TABLE = """\
+files,verdict,plane,plane_verdict,reason,remedy,specification,against,folder,sha256,camera,lens,captured_at,\
+exposure [s],f_number,iso,focal_length [mm],focus_distance [mm],gamma,gamma_uncertainty,\
+mtf50_horizontal [cycles/pixel],mtf50_horizontal_uncertainty [cycles/pixel]
+'=a.dng + b.dng,doubtful,G1,pass,,,does not meet,it is missed,results/a,11 22,C,,,0.02,,100.0,,,0.45,,0.3,0.002
+'=a.dng + b.dng,doubtful,G2,doubtful,dim,light,,,results/a,11 22,C,,,0.02,,100.0,,,,,0.31,
+c.dng,pass,G1,pass,,,meets,,,,C,,,,,,,,,,0.2,0.002
+d.dng,refused,,,dark,expose longer,,,,,,,,,,,,,,,,
+"""
+
+
+def test_rows_as_a_table_and_a_tally(tmp_path):
+    tally = Tally.of(three())
+    write_csv(tmp_path / "t.csv", three(), tally.units)
+    assert (tmp_path / "t.csv").read_text() == TABLE
+    assert (tally.verdicts, tally.specifications) == (
+        {"doubtful": 1, "pass": 1, "refused": 1}, {"does not meet": 1, "meets": 1, "": 1},
+    )  # fmt: skip
+    assert (tally.failed, tally.reused, tally.all_sure) == ([0, 2], 1, False)
+    assert tally.units == {NUMBER: "cycles/pixel", "gamma": ""}
+    series = {group: (one.unit, [*one.values], [*one.uncertainties]) for group, one in tally.series.items()}
+    assert series == {
+        ("C", "G1", NUMBER): ("cycles/pixel", [0.3, 0.2], [0.002, 0.002]),
+        ("C", "G2", NUMBER): ("cycles/pixel", [0.31], [0.0]),
+    }
+    assert tally.statistics() == {
+        "G1": {"verdicts": {"pass": 2}, NUMBER: {"n": 2, "median": 0.25, "min": 0.2, "max": 0.3}},
+        "G2": {"verdicts": {"doubtful": 1}, NUMBER: {"n": 1, "median": 0.31, "min": 0.31, "max": 0.31}},
+    }
+    assert Tally.of(three()[1:2]).all_sure
+    assert [row.usable for row in three()] == [row.sure for row in three()] == [False, True, False]
+    assert [row.duration_s for row in three()] == [0.0] * 3
 
 
 def test_the_parquet_file_has_the_lines_of_the_csv_file_with_types_and_units(rows, tmp_path):

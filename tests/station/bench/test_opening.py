@@ -8,6 +8,7 @@ import threading
 import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
+from drivers.watchdog import in_background
 from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
 from station.common.stop_signals import ENDING, TURN_S, guarded
 from station.guide.active_devices import ActiveDevices
@@ -236,7 +237,18 @@ def test_no_device_waits_for_another_and_each_stop_has_its_time(bench):
     (stop,) = bench.stops_since(0)
     assert {"stage", "head", "shutter"} <= set(stop.wires)
     assert all(at_s is not None and at_s >= stop.asked_s for at_s in stop.wires.values())
-    assert set(stop.record()["after_ms"]) == set(stop.wires)
+    after_ms = {name: pytest.approx(1000 * (at_s - stop.asked_s), abs=0.001) for name, at_s in stop.wires.items()}
+    assert stop.record() == {"asked_s": stop.asked_s, "on_the_wire_s": stop.wires, "after_ms": after_ms}
+
+
+def test_no_thread_of_a_device_or_a_stop_holds_the_program_at_its_end(bench, monkeypatch):
+    start, started = threading.Thread.start, []
+    monkeypatch.setattr(threading.Thread, "start", lambda thread: (started.append(thread), start(thread)))
+    with guarded(bench.emergency_stop, lambda: None):
+        bench.connect()
+        in_background(bench.emergency_stop)
+    assert {"signals", "stop", "heartbeat"} <= {thread.name for thread in started}
+    assert [thread.name for thread in started if not thread.daemon] == []
 
 
 def test_a_wire_that_took_no_stop_is_named(bench):

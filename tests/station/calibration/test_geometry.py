@@ -1,6 +1,7 @@
 import ast
 import csv
 import json
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -115,7 +116,7 @@ def opencv_pixels(K, distortion, directions) -> np.ndarray:
 
 def test_opencv_reads_its_file(result, tmp_path):
     path = tmp_path / "camera.yml"
-    path.write_text(export_camera(read_camera(result), "opencv").text)
+    path.write_text(export_camera(read_camera(result), "opencv").data.decode())
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     K, distortion = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
     camera = read_camera(result).camera
@@ -126,7 +127,7 @@ def test_opencv_reads_its_file(result, tmp_path):
 
 def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
     made = export_camera(read_camera(result), "colmap")
-    (tmp_path / "cameras.txt").write_text(made.text)
+    (tmp_path / "cameras.txt").write_text(made.data.decode())
     for name in ("images.txt", "points3D.txt"):
         (tmp_path / name).write_text("")
     scene = pycolmap.Reconstruction()
@@ -134,11 +135,11 @@ def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
     camera = read_camera(result).camera
     np.testing.assert_allclose(CameraModel.from_colmap(scene.cameras[1]).params, camera.params, rtol=1e-15)
     assert scene.cameras[1].principal_point_x == pytest.approx(camera.centre[0] + 0.5, abs=1e-9)
-    assert made.difference is None
+    assert made.lost == ()
 
 
 def test_ros_camera_info_is_yaml_with_opencvs_numbers(result):
-    ros = yaml.safe_load(export_camera(read_camera(result), "ros").text)
+    ros = yaml.safe_load(export_camera(read_camera(result), "ros").data.decode())
     pixels, directions = rays(read_camera(result).camera)
     assert ros["distortion_model"] == "plumb_bob"
     seen = opencv_pixels(ros["camera_matrix"]["data"], ros["distortion_coefficients"]["data"], directions)
@@ -147,7 +148,7 @@ def test_ros_camera_info_is_yaml_with_opencvs_numbers(result):
 
 
 def test_kalibrs_chain_is_yaml_with_opencvs_numbers(result):
-    camera = yaml.safe_load(export_camera(read_camera(result), "kalibr").text)["cam0"]
+    camera = yaml.safe_load(export_camera(read_camera(result), "kalibr").data.decode())["cam0"]
     fx, fy, cx, cy = camera["intrinsics"]
     pixels, directions = rays(read_camera(result).camera)
     assert (camera["distortion_model"], camera["resolution"]) == ("radtan", list(TRUTH.size))
@@ -156,7 +157,7 @@ def test_kalibrs_chain_is_yaml_with_opencvs_numbers(result):
 
 
 def test_mrcals_model_is_a_python_literal_with_its_keys(result):
-    lens = ast.literal_eval(export_camera(read_camera(result), "mrcal").text)
+    lens = ast.literal_eval(export_camera(read_camera(result), "mrcal").data.decode())
     assert lens["lensmodel"] == "LENSMODEL_OPENCV4"
     assert len(lens["intrinsics"]) == 8
     assert lens["imagersize"] == list(TRUTH.size)
@@ -190,7 +191,7 @@ def mrcals_python() -> Path:
 
 def test_mrcals_own_uncertainty_of_the_file_is_the_stated_one(result, outcome, tmp_path, mrcals_python):
     stored, found = read_camera(result), outcome.value
-    (tmp_path / "a.cameramodel").write_text(export_camera(stored, "mrcal").text)
+    (tmp_path / "a.cameramodel").write_text(export_camera(stored, "mrcal").data.decode())
     pixels = stored.camera.frame_grid(15, 11)
     pixels = pixels[enclosed(stored.region, pixels)]
     at_charts = found.maps[0].distance_mm
@@ -206,8 +207,8 @@ def test_the_error_of_a_format_is_stated_in_pixels(result):
     stored = read_camera(result)
     lens = CameraModel("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
     made = export_camera(StoredCamera(lens, stored.region, ""), "kalibr")
-    assert made.difference is not None
-    assert 0.1 < made.difference.rms_px < made.difference.max_px
+    rms_px, max_px = (float(number) for number in re.findall(r"\d+\.\d+", made.lost[0]))
+    assert 0.1 < rms_px < max_px
 
 
 def test_a_spline_is_read_back_and_the_error_of_each_format_is_stated(result, tmp_path):
@@ -221,19 +222,17 @@ def test_a_spline_is_read_back_and_the_error_of_each_format_is_stated(result, tm
     directions = rays(stored.camera)[1]
     np.testing.assert_array_equal(again.camera.project(directions), lens.project(directions))
     for form in ("opencv", "colmap"):
-        lost = export_camera(again, form).difference
-        assert lost is not None
-        assert 0.02 < lost.rms_px < 0.3  # the control points' own, less what a formula draws
+        (lost,) = export_camera(again, form).lost
+        # the control points' own, less what a formula draws
+        assert 0.02 < float(re.findall(r"[\d.]+", lost)[0]) < 0.3
 
 
-def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
+def test_what_is_no_camera_is_refused_by_name(tmp_path):
     with pytest.raises(BadInput, match="there is no file"):
         read_camera(tmp_path)
     (tmp_path / "result.json").write_text('{"procedure": "pattern", "planes": {}}')
     with pytest.raises(BadInput, match="a result of station geometry is required"):
         read_camera(tmp_path)
-    with pytest.raises(BadParameter, match="not 'stl'"):
-        export_camera(read_camera(result), "stl")
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_decentring_is_what_lensfun_loses_in_pixels():
 
 def test_the_entry_has_what_lensfuns_schema_asks_for():
     made = export_lensfun(stored(), NAMES, COLOURS, LIGHT)
-    top = ElementTree.fromstring(made.text)
+    top = ElementTree.fromstring(made.data)
     lens = top.find("lens")
     assert [one.tag for one in lens.find("calibration")] == ["distortion", "tca", "vignetting", "vignetting"]
     assert float(lens.find("cropfactor").text) == pytest.approx(43.2666 / (np.hypot(600, 400) * 0.0555), rel=1e-5)
@@ -86,7 +86,7 @@ def lensfun_modifier(text: str, **wanted):
 
 def test_lensfun_undoes_the_distortion():
     made = export_lensfun(stored(), NAMES)
-    seen = lensfun_modifier(made.text).apply_geometry_distortion()
+    seen = lensfun_modifier(made.data).apply_geometry_distortion()
     estimate = best_radial(stored())
     y, x = np.mgrid[40:360:40, 40:560:40]
     points = np.column_stack([x.ravel(), y.ravel()]).astype(float)
@@ -100,7 +100,7 @@ def test_lensfun_undoes_the_distortion():
 
 def test_lensfun_undoes_lateral_colour_to_a_twentieth_of_a_pixel():
     made = export_lensfun(stored(), NAMES, COLOURS)
-    seen = lensfun_modifier(made.text).apply_subpixel_distortion()
+    seen = lensfun_modifier(made.data).apply_subpixel_distortion()
     for channel, plane in ((0, "R"), (2, "B")):
         places = np.round(2 * COLOURS[plane].positions).astype(int)
         moved = seen[places[:, 1], places[:, 0], channel] - places
@@ -113,7 +113,7 @@ def test_lensfun_corrects_vignetting_within_its_stated_error():
     y, x = np.mgrid[:ROWS, :COLUMNS]
     places = np.column_stack([x.ravel(), y.ravel()])
     picture = np.repeat(0.5 * LIGHT.at(places / 2).reshape(ROWS, COLUMNS, 1), 3, axis=2).astype(np.float32)
-    assert lensfun_modifier(made.text).apply_color_modification(picture)
+    assert lensfun_modifier(made.data).apply_color_modification(picture)
     rms = float(made.lost[-1].split(" rms, ")[1].split("%")[0]) / 100
     assert np.ptp(picture[..., 1]) / picture[..., 1].mean() < 2 * rms + 1e-3
 

@@ -1,3 +1,4 @@
+import hashlib
 import os
 import re
 import subprocess
@@ -10,6 +11,8 @@ import pytest
 from procedures.outcome import BadInput
 from station.common.durable_files import ContentChanged, Disk, WriteFailed
 from station.results.result_files import ResultFolder
+from station.sessions import reader
+from station.sessions import session as session_module
 from station.sessions.journal import Damaged
 from station.sessions.layout import Busy
 from station.sessions.reader import read_session
@@ -52,10 +55,59 @@ def finished(tmp_path):
     return work.go(Disk())
 
 
-def test_folder_says_when_what_and_by_which_plan(session):
-    assert session.folder.name == "2026-03-14-box-50-mm-test"
-    config = tomllib.loads((session.folder / "session.toml").read_text())
-    assert (config["camera"], config["config"]) == ("Box", {"s": 4})
+def test_a_small_session_is_recorded_as_documented(tmp_path, monkeypatch):
+    for module in (reader, session_module):
+        monkeypatch.setattr(module, "machine", lambda: {"cores": 2})
+    folder = Work(tmp_path / "sessions", Camera(tmp_path / "incoming")).go(Disk()).folder
+    assert folder.name == "2026-03-14-box-50-mm-test"
+    kept = {"session.toml", "journal.jsonl", "journal.head", "SHA256SUMS", ".lock", "originals", "derived", "wire"}
+    assert {path.name for path in folder.iterdir()} == kept
+    record = read_session(folder)
+    assert not record.oddities
+    shots = [(n, f"originals/000{n}-IMG_000{n}.DNG") for n in (1, 2, 3)]
+    digests = [hashlib.sha256((folder / path).read_bytes()).hexdigest() for _, path in shots]
+    seen = list(zip(shots, digests, ("focus", "shots", "shots"), ("look", "frame 0", "frame 1"), strict=True))
+
+    def taking(at):
+        ((number, path), digest, step, purpose) = seen[at]
+        file = {"sha256": digest, "size_bytes": 1280}
+        source = {"path": str(tmp_path / "incoming" / f"IMG_000{number}.DNG"), **file, "requested_s": 1.0,
+                  "received_s": 2.0, "settings": {"exposure_s": 0.02, "iso": 100, "f_number": None}, "shutter": None,
+                  "companions": []}  # fmt: skip
+        counts = step == "shots"
+        return [
+            ("exposing", {"step": step, "purpose": purpose}),
+            ("adopting", {"shot": number, "path": path, **file, "purpose": purpose, "step": step, "exposure": source,
+                          "snapshot": {"axes": {"z_mm": 3.5}}}),
+            ("adopted", {"shot": number}),
+            ("judged", {"shot": number, "counts": counts, "reason": "" if counts else "a trial"}),
+        ]  # fmt: skip
+
+    about = {"plan": "test", "camera": "Box", "lens": "50 mm", "began": "2026-03-14T09:26:53+00:00", "seed": 3}
+    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (folder / "derived" / "1").iterdir()}
+    result = {"folder": "derived/1", "files": files, "shots": [2, 3], "step": "estimate", "verdict": "pass"}
+
+    def step(name, *events):
+        return [("step_began", {"step": name}), *events, ("step_ended", {"step": name})]
+
+    assert [(line.event, line.data) for line in record.contents.lines] == [
+        ("created", {"schema": "station/session/1", **about}),
+        ("opened", {"process": os.getpid(), "machine": {"cores": 2}, "head": "journal.head"}),
+        *step("focus", *taking(0), ("learned", {"facts": {"best_mm": 1.25}})),
+        *step("shots", *taking(1), *taking(2)),
+        *step("estimate", ("derived", {**result, "machine": {"cores": 2}})),
+    ]
+    assert {(line.at, line.clock_s) for line in record.contents.lines} == {("2026-03-14T09:26:53+00:00", 12.5)}
+    state = record.record()["state"]
+    assert [shot["number"] for shot in state["shots"] if shot["counts"]] == [2, 3]
+    assert {name: state[name] for name in about} == about
+    expected = {"done": ["focus", "shots", "estimate"], "step": "", "facts": {"best_mm": 1.25}, "adopting": None,
+                "awaited": None, "notices": [], "strangers": {}, "given": {}, "ended": None}  # fmt: skip
+    assert {name: state[name] for name in expected} == expected
+    (derived,) = state["results"]
+    assert derived == state["standing"] == {**result, "at": about["began"], "about": {"machine": {"cores": 2}}}
+    config = tomllib.loads((folder / "session.toml").read_text())
+    assert config == {"schema": "station/session/1", **about, "config": {"s": 4}}
 
 
 def test_folder_is_open_to_whom_the_umask_lets_in(tmp_path, about):
@@ -115,6 +167,21 @@ def test_result_that_was_never_confirmed_is_removed_without_a_word(session):
     with again(session) as reopened:
         assert not list((session.folder / "derived").iterdir())
         assert (reopened.state.notices, reopened.leftovers) == ((), ())
+
+
+def test_what_a_crash_left_half_written_is_removed_and_nothing_else(session, tmp_path):
+    (tmp_path / "answer.txt").write_text("1")
+    session.give([tmp_path / "answer.txt"])
+    session.close()
+    halves = [".a.part", "originals/.a.part", "given/1/.a.part", "derived/1/.unfinished-a/result.json"]
+    others = ["a.part", "originals/a.part", "given/1/a.part"]
+    for name in halves + others:
+        (session.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (session.folder / name).write_text("half")
+    again(session).close()
+    left = {str(path.relative_to(session.folder)) for path in session.folder.rglob("*")}
+    assert not {*halves, "derived/1"} & left
+    assert set(others) <= left
 
 
 def test_opened_again_it_is_what_it_was(session, camera):
