@@ -208,7 +208,8 @@ def say_turns(facts: Facts) -> str:
         f"screw {i} at {angle:.0f}° by {abs(turn):.3f} of a turn, {'away from' if turn > 0 else 'towards'} the lens"
         for i, (angle, turn) in enumerate(screws, 1)
     ]
-    chance = "more than 99 %" if known.helps > SURELY else f"{100 * known.helps:.0f} %"
+    helps = known.helps or 0.0
+    chance = "more than 99 %" if helps > SURELY else f"{100 * helps:.0f} %"
     return f"Turn {'; '.join(words)}. This helps with a probability of {chance}."
 
 
