@@ -77,31 +77,26 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
 StopEverything = _command(
     "StopEverything",
     "Emergency stop: halt every device now; stages must be homed again afterwards.",
-    keys="f12,ctrl+x",
+    "f12,ctrl+x",
     urgent=True,
 )  # the device bar shows it, so the footer need not
 EndRun = _command(
     "EndRun",
     "End the run after this exposure; at once if an axis moves, or if pressed twice.",
-    keys="ctrl+c",
-    word="end run",
+    "ctrl+c",
+    "end run",
     urgent=True,
 )
-ShowGuide = _command("ShowGuide", "The guide: step by step from the chart to the report.", keys="f2", word="guide")
+ShowGuide = _command("ShowGuide", "The guide: step by step from the chart to the report.", "f2", "guide")
 ShowBench = _command(
-    "ShowBench", "The bench: devices, homing, manual moves, light, traffic on the wires.", keys="f3", word="bench"
+    "ShowBench", "The bench: devices, homing, manual moves, light, traffic on the wires.", "f3", "bench"
 )
-ShowResults = _command("ShowResults", "The results: PSF, MTF, verdicts; comparison of two.", keys="f4", word="results")
-ShowHelp = _command("ShowHelp", "This help.", keys="f1,question_mark", word="help")
-ShowPalette = _command(
-    "ShowPalette", "Every command by name; type to search.", keys="ctrl+p", word="commands", shown="^P"
-)
-Leave = _command("Leave", "Leave the program; a run is ended first.", keys="ctrl+q", word="quit", urgent=True)
+ShowResults = _command("ShowResults", "The results: PSF, MTF, verdicts; comparison of two.", "f4", "results")
+ShowHelp = _command("ShowHelp", "This help.", "f1,question_mark", "help")
+ShowPalette = _command("ShowPalette", "Every command by name; type to search.", "ctrl+p", "commands", shown="^P")
+Leave = _command("Leave", "Leave the program; a run is ended first.", "ctrl+q", "quit", urgent=True)
 ShowFocus = _command(
-    "ShowFocus",
-    "Live focus: sharpness of every new photograph, and which way to turn the ring.",
-    keys="f7",
-    word="focus",
+    "ShowFocus", "Live focus: sharpness of every new photograph, and which way to turn the ring.", "f7", "focus"
 )
 
 
@@ -112,11 +107,9 @@ EVERYWHERE: tuple[type[Command], ...] = (
 
 # --- guide -------------------------------------------------------------------------------------------------------
 
-GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", keys="f5", word="go on")
-StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", keys="f6", word="step back")
-NewSession = _command(
-    "NewSession", "Back to the first screen: begin a new session or continue another.", keys="f8", word="new"
-)
+GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", "f5", "go on")
+StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", "f6", "step back")
+NewSession = _command("NewSession", "Back to the first screen: begin a new session or continue another.", "f8", "new")
 
 
 GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
@@ -124,28 +117,26 @@ GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
 
 # --- bench -------------------------------------------------------------------------------------------------------
 
-Connect = _command("Connect", "Connect every device, and show the answers.", keys="c", word="connect", shown="C")
-HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", keys="h", word="home", shown="H")
-JogBack = _command("JogBack", "Move the chosen axis one step towards smaller numbers.", keys="left,minus", shown="Left")
+Connect = _command("Connect", "Connect every device, and show the answers.", "c", "connect", shown="C")
+HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", "h", "home", shown="H")
+JogBack = _command("JogBack", "Move the chosen axis one step towards smaller numbers.", "left,minus", shown="Left")
 JogForward = _command(
     "JogForward",
     "Move the chosen axis one step towards larger numbers.",
-    keys="right,plus",
-    word="move",
+    "right,plus",
+    "move",
     shown="Right",
     pair="Left/Right",
 )
-AxisBefore = _command("AxisBefore", "Choose the axis above.", keys="up", shown="Up")
-AxisAfter = _command("AxisAfter", "Choose the axis below.", keys="down", word="axis", shown="Down", pair="Up/Down")
-StepSmaller = _command("StepSmaller", "Move by a tenth of the step.", keys="left_square_bracket", shown="[")
+AxisBefore = _command("AxisBefore", "Choose the axis above.", "up", shown="Up")
+AxisAfter = _command("AxisAfter", "Choose the axis below.", "down", "axis", shown="Down", pair="Up/Down")
+StepSmaller = _command("StepSmaller", "Move by a tenth of the step.", "left_square_bracket", shown="[")
 StepLarger = _command(
-    "StepLarger", "Move by ten times the step.", keys="right_square_bracket", word="step", shown="]", pair="[ ]"
+    "StepLarger", "Move by ten times the step.", "right_square_bracket", "step", shown="]", pair="[ ]"
 )
-Darker = _command("Darker", "Dim the lamp by a tenth of its full power.", keys="d", shown="D")
-Brighter = _command(
-    "Brighter", "Brighten the lamp by a tenth of its full power.", keys="b", word="light", shown="B", pair="D/B"
-)
-NextWire = _command("NextWire", "Show the traffic on the wire of the next device.", keys="w", word="wire", shown="W")
+Darker = _command("Darker", "Dim the lamp by a tenth of its full power.", "d", shown="D")
+Brighter = _command("Brighter", "Brighten the lamp by a tenth of its full power.", "b", "light", shown="B", pair="D/B")
+NextWire = _command("NextWire", "Show the traffic on the wire of the next device.", "w", "wire", shown="W")
 
 
 BENCH: tuple[type[Command], ...] = (
@@ -157,19 +148,17 @@ BENCH: tuple[type[Command], ...] = (
 # --- live focus --------------------------------------------------------------------------------------------------
 
 TurnNear = _command(
-    "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", keys="left,minus", shown="Left"
+    "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", "left,minus", shown="Left"
 )
 TurnFar = _command(
     "TurnFar",
     "Turn the simulated ring one step towards infinity, and take a photograph.",
-    keys="right,plus",
-    word="turn the ring",
+    "right,plus",
+    "turn the ring",
     shown="Right",
     pair="Left/Right",
 )
-EndFocus = _command(
-    "EndFocus", "End live focus, or return to the choice of the source.", keys="escape", word="end", shown="Esc"
-)
+EndFocus = _command("EndFocus", "End live focus, or return to the choice of the source.", "escape", "end", shown="Esc")
 
 
 FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
@@ -177,15 +166,15 @@ FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
 
 # --- results -----------------------------------------------------------------------------------------------------
 
-NextPlane = _command("NextPlane", "Show the next colour plane.", keys="p", word="plane", shown="P")
+NextPlane = _command("NextPlane", "Show the next colour plane.", "p", "plane", shown="P")
 Compare = _command(
     "Compare",
     "Compare: keep this result and show every other chosen one together with it. Again: end.",
-    keys="c",
-    word="compare",
+    "c",
+    "compare",
     shown="C",
 )
-Reload = _command("Reload", "Search the disk for results again.", keys="r", word="look again", shown="R")
+Reload = _command("Reload", "Search the disk for results again.", "r", "look again", shown="R")
 
 
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)
