@@ -102,8 +102,8 @@ def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, 
 
 def _in_unit(field: PsfField, u: float, v: float, plane: PlaneResult) -> dict[str, Quantity]:
     """The numbers at a place in a plane's unit."""
-    found = _numbers(field, u, v, (), None)
-    return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in found.items()}
+    numbers = _numbers(field, u, v, (), None)
+    return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in numbers.items()}
 
 
 def _nine() -> Iterator[tuple[str, Place, float, float]]:

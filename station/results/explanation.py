@@ -80,7 +80,7 @@ class BudgetShare:
 class PlaneExplanation:
     """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first.
 
-    prediction : what the most useful further photograph would give, in words; empty where the record has none
+    prediction : gain of the most useful further photograph, in words; empty where the record has none
     """
 
     plane: str
@@ -154,7 +154,7 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
 
 
 def _next_view(details: Mapping[str, Any]) -> str:
-    """What a further view of the chart would give; empty where the record of a geometry proposes none."""
+    """The gain of the further view of the chart that the record of a geometry proposes, in words; else empty."""
     if (known := details.get("next_view")) is None:
         return ""
     view = NextView(**known)
