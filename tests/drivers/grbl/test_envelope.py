@@ -46,6 +46,13 @@ def test_a_long_move_on_a_slow_controller_has_the_time_it_needs(make, twin, benc
     assert bench.clock.now_s() - begin_s == pytest.approx(1399 / 500 * 60 + 500 / 60 / 10, abs=1.0)
 
 
+def test_half_a_step_is_no_move(homed):
+    resolution = homed.envelopes["z_mm"].resolution
+    assert homed.pace({"z_mm": 0.49 * resolution, "x_mm": 0.0}) == (0.0, 0.0)
+    feed, duration_s = homed.pace({"z_mm": -0.51 * resolution, "x_mm": 0.0})
+    assert (feed, duration_s > 0) == (3000.0, True)
+
+
 def test_with_hard_limits_the_travel_keeps_off_the_switches(make, twin, bench):
     twin.settings[21] = 1
     stage = make()
