@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, DeviceError, NoAnswer, Rejected
 from drivers.grbl import GrblStage
-from drivers.protocols.grbl import GrblAxis, GrblParser
+from drivers.protocols.grbl import PAUSES, RESUMABLE, GrblAxis, GrblParser
 from drivers.transport import SerialTransport
 
 from .axes import AXES
@@ -36,6 +36,12 @@ def test_a_controller_that_keeps_its_travel_to_itself_needs_it_configured(make, 
         del twin.settings[number]
     with pytest.raises(BadConfiguration, match="does not report the travel of X; set travel or space"):
         make().connect()
+
+
+def test_pauses_are_the_states_of_the_manual():
+    # gnea/grbl doc/markdown/interface.md, real-time status reports
+    assert PAUSES.keys() == {("Door", 0), ("Door", 1), ("Door", 2), ("Door", 3), ("Hold", 0), ("Hold", 1)}
+    assert set(RESUMABLE) == {("Door", 0), ("Hold", 0)}
 
 
 @pytest.mark.parametrize("letter", ["Q", "A"])
