@@ -19,6 +19,7 @@ STAGES = {
 POLL = re.compile(r"\?|/\d 1( get pos)?$")
 JOURNALS = {
     "grbl": r"""
+GRBL, 1.1h.20190830, ; z_mm 0.000 to 1500.000, x_mm 0.000 to 300.000
 0.40 > $I+
 0.40 > $I
 0.40 > $$
@@ -35,6 +36,7 @@ JOURNALS = {
 46.15 ! !\x18
 """,
     "zaber": r"""
+Zaber 50081, 7.36, 12341; 12342; pan_deg -30.000 to 30.000, tilt_deg -20.000 to 20.000
 0.00 > /1 0 set comm.checksum 1
 0.00 > /1 0 get deviceid
 0.00 > /1 0 get version
@@ -88,7 +90,10 @@ def journal(transcript):
 def test_orders_on_a_wire_are_what_they_were(wired, name):
     driver, parser, line, axes, poll_s = STAGES[name]
     stage = wired(driver, parser, line, axes, poll_s=poll_s)
-    stage.connect()
+    identity = stage.connect()
+    known = f"{identity.model}, {identity.firmware}, {identity.serial}; " + ", ".join(
+        f"{axis} {ends.low:.3f} to {ends.high:.3f}" for axis, ends in stage.travel().items()
+    )
     stage.home()
     first, second = stage.travel()
     stage.move_to(**{first: 3.0, second: 10.0})
@@ -96,4 +101,4 @@ def test_orders_on_a_wire_are_what_they_were(wired, name):
     stage.stop()
     stage.emergency_stop()
     wire = getattr(stage, "link", stage)._transport
-    assert journal(wire.transcript) == JOURNALS[name].strip("\n").split("\n")
+    assert [known, *journal(wire.transcript)] == JOURNALS[name].strip("\n").split("\n")

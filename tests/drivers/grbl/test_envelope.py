@@ -1,5 +1,6 @@
 """Travel, rates and places as the controller is set to them."""
 
+import numpy as np
 import pytest
 
 from drivers.errors import Alarm, BadConfiguration, OutsideTravel, Rejected
@@ -44,6 +45,20 @@ def test_a_long_move_on_a_slow_controller_has_the_time_it_needs(make, twin, benc
     stage.move_to(z_mm=100.0)
     # from 1499 mm at 500 mm/min, and the two ramps at 10 mm/s^2
     assert bench.clock.now_s() - begin_s == pytest.approx(1399 / 500 * 60 + 500 / 60 / 10, abs=1.0)
+
+
+def test_pace_is_the_fastest_that_every_axis_allows(homed, rng):
+    axes = homed.envelopes
+    for scale in (0.5, 3.0, 300.0):
+        for z, x in scale * rng.standard_normal((10, 2)):
+            length = np.hypot(z, x)
+            shares = {"z_mm": abs(z) / length, "x_mm": abs(x) / length}
+            feed, duration_s = homed.pace({"z_mm": z, "x_mm": x})
+            rates = [feed * share / min(axes[n].axis.feed_per_min, axes[n].rate_per_min) for n, share in shares.items()]
+            assert max(rates) == pytest.approx(1)
+            a = min(axes[name].acceleration_per_s2 / share for name, share in shares.items())
+            v = min(feed / 60, np.sqrt(length * a))  # of a trapezoid, or of a triangle
+            assert duration_s == pytest.approx(2 * v / a + (length - v**2 / a) / v)
 
 
 def test_half_a_step_is_no_move(homed):
