@@ -112,11 +112,6 @@ def test_an_axis_that_is_not_there_is_named(make):
         make([ZaberAxis("pan_deg", 1, STEP, axis=3)]).connect()
 
 
-def test_speed_is_set_in_the_devices_own_unit(homed, chain):
-    # 10 deg/s / 0.000234375 deg * 1.6384
-    assert chain.devices[1].motors[0].settings["maxspeed"] == round(10.0 / STEP * 1.6384)
-
-
 def test_a_stall_is_an_alarm_that_homing_clears(homed, chain):
     chain.devices[1].motors[0].stalls = True
     with pytest.raises(Alarm, match=r"pan_deg .* stalled and stopped; remove what blocks it") as stalled:

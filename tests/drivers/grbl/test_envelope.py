@@ -106,20 +106,6 @@ def test_a_machine_space_from_zero_upwards(make, bench):
     assert stage.link.report().machine[0] == pytest.approx(1500.0)
 
 
-@pytest.mark.parametrize(("down", "ends"), [(0, (2.0, 1500.0)), (7, (0.0, 1498.0))])
-def test_the_place_of_homing_is_in_the_travel_where_it_is_the_origin_of_hard_limits(make, bench, down, ends):
-    # it lies a pull-off from its switch, and the other switch as much nearer
-    rebuilt(bench, options="Z", settings={21: 1, 23: down})
-    stage = make()
-    stage.connect()
-    stage.home()
-    travel = stage.travel()["z_mm"]
-    assert travel == Travel(*ends)
-    assert travel.holds(stage.position()["z_mm"])
-    for end in ends:
-        stage.move_to(z_mm=end)
-
-
 def test_a_space_that_homing_contradicts_is_refused_and_can_be_configured(make, bench):
     twin = rebuilt(bench, settings={23: 7, 27: 0})
     twin.motion.forced_origin = True  # and does not report it
