@@ -142,7 +142,6 @@ def _without_samples(frame: RawFrame) -> RawFrame:
 # --- Positions of the chart in the frame, their order, and the moves of a rig that bring the chart there ---
 
 CANDIDATES = 25  # candidate positions along the longer side
-AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -208,7 +207,7 @@ def direction(ray: Array, pan_deg: float, tilt_deg: float) -> Array:
 
 
 def pan_tilt_deg(
-    location: Location, shape: tuple[int, int], principal_px: float, towards: Array = AHEAD
+    location: Location, shape: tuple[int, int], principal_px: float, towards: Array
 ) -> tuple[float, float]:
     """Pan and tilt at which the chart appears at a position of the frame.
 

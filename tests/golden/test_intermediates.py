@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from procedures.corruption.directions import filters, mask_gain, mirrored, varia
 from procedures.corruption.noise import Variogram, combined_scores, mask_scores, noise_checks, texture_correlation
 from procedures.corruption.paper import flat_noise, measure_noise
 from procedures.corruption.ring import missing_light
+from procedures.field.estimate import HEADLINE, MeasuredChart, mean_budgets
 from procedures.field.focus import best_focus as best_of_places
 from procedures.field.focus import focus_surface, sharpest
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive, lateral_colour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.samplings import as_polynomial
+from procedures.geometry.cameras import FORMULAS, CameraModel, distortion
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_radial
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.next_view import next_views
@@ -40,10 +44,14 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+from procedures.two_photo.pair_consistency import beyond_light, light_turned
 from procedures.two_photo.several import estimate_psf_of_wall
+from tests.benchmarks.fisheye_views import photograph as fisheye_photograph
+from tests.benchmarks.fisheye_views import polynomial, poses
 from tests.procedures.field.lens import SHAPE, FieldCamera, K, grid, nodes
+from tests.procedures.geometry.chart_bins.test_photographs import photographed, tilted, wide_camera
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
-from tests.procedures.geometry.test_rig import rig
+from tests.procedures.geometry.test_rig import HERE, THIRD, TRUE, rig
 from tests.procedures.pattern_psf.conftest import photograph
 from tests.procedures.pattern_psf.damage import CHANGES, damaged
 from tests.procedures.slanted_edge.test_corruptions import PROCESSED, measured, picture
@@ -115,7 +123,7 @@ def gammas() -> Any:
 def calibrations() -> Any:
     """Cameras of a formula and of a spline, in photographs and in a video, and their conversions."""
     small = Shoot(TrueCamera(radial=(-0.12, 0.06, 0.0)), count=7, every=4, print_mm=0.03, bend_mm=0.3)
-    taken, rng = take(small, np.random.default_rng(3)), np.random.default_rng(1)
+    taken = take(small, np.random.default_rng(3))
     asked = GeometryParameters(CELL_MM, distances_mm=(500.0, np.inf), advise_px=(600.0, 500.0), scale_uncertainty=1e-3)
     views = [replace(one, time_s=float(i)) for i, one in enumerate(taken.views)]
     found = []
@@ -132,7 +140,30 @@ def calibrations() -> Any:
         found += [outcome.verdict, outcome.reason, one.covariance, one.camera, one.numbers, one.budgets, one.shape]
         found += [one.trials, fitted, one.misfit, one.maps, one.next_view, one.shutter, one.views, converted, kinds]
         found += [next_views(one.adjustment, pixel)[:5] for pixel in (None, (5000.0, 300.0))]
-    return found, estimate_rig(rig(rng), 2000.0)
+    return found
+
+
+def chart_views() -> Any:
+    """Nodes of charts: a small one, one that needs reduced pixels, and one near the corner of a fisheye."""
+    camera = wide_camera(200, 240)
+    planes = [photographed(camera, tilted(camera, i, pixels), i) for i, pixels in ((1, 80.0), (0, 150.0))]
+    fisheye = polynomial((337, 225), 136.8, (169.65, 111.6), (-0.012, 0.004, -0.0015, 0.0002))
+    corner = Plane("Y", fisheye_photograph(fisheye, poses(fisheye, 5, 86.0, 26.0)[4], CHART, 0.004, 1), 1 / 65535)
+    return [view_of(one, CHART, "view") for one in (*planes, corner)]
+
+
+def cameras() -> Any:
+    """One lens by every formula, its projection and derivatives, and a rig of three."""
+    lens = CameraModel("OPENCV", np.array([900.0, 910, 500, 330, -0.1, 0.03, 1e-3, -2e-3]), 1000, 660)
+    region = np.array([[0.0, 0], [999, 0], [999, 659], [0, 659]])
+    points = np.random.default_rng(4).uniform((-0.4, -0.3, 0.9), (0.4, 0.3, 1.1), (40, 3))
+    found: list[Any] = []
+    for name in FORMULAS:
+        one, difference = as_model(lens, region, name)
+        pixels = one.project(points)
+        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points).shape]
+        found += [one.focal_px, one.centre, distortion(one, pixels), one.prior, one.units]
+    return found, estimate_rig(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)), 2000.0)
 
 
 def fields() -> Any:
@@ -145,7 +176,9 @@ def fields() -> Any:
     bracket = {z: nodes(camera, places, covariance, rng, defocus_um=z) for z in (-0.2, -0.05, 0.1, 0.25)}
     surface, colour = focus_surface(bracket, SHAPE), lateral_colour("R", of["R"], "G1", of["G1"], SHAPE, 2)
     without = WithoutPhotosite(Photosite(0.9, 0.05), 2)
-    return (whole.recipe, whole.candidates, whole.axis, derive(whole.field, 4), derive(whole.field, 3, without),
+    budgets = [dict.fromkeys(HEADLINE, terms) for terms in ({"noise": 3.0}, {"noise": 1.0, "print": 4.0}, {})]
+    mean = mean_budgets([cast(MeasuredChart, SimpleNamespace(budgets=one)) for one in budgets])
+    return (mean, whole.recipe, whole.candidates, whole.axis, derive(whole.field, 4), derive(whole.field, 3, without),
             over_height(whole.field, (0.2, 0.4)), as_polynomial(whole.field, allowed=0.05), surface, surface.maps(4),
             best_of_places(bracket, SHAPE), sharpest(bracket), colour, colour.maps(3))  # fmt: skip
 
@@ -158,7 +191,13 @@ def walls() -> Any:
     asked = TwoPhotoParameters(2, 9)
     found = [estimate_psf_of_pair(far, near, replace(asked, solver="nnls")), estimate_psf_of_pair(near, far),
              estimate_psf_of_wall([near, far, third], asked, Diffraction(8.0, 6.0, 540.0))]  # fmt: skip
-    return [(one.verdict, one.reason, one.value) for one in found]
+    v, u = np.indices((13, 13)) - 6.0
+    turned = [
+        np.exp(-(a * u * u + b * u * v + v * v) / 9) - c for a, b, c in ((1, 0, 0), (2, 0.8, 0), (0.6, -0.5, 0.01))
+    ]
+    psfs = [Psf(one / one.sum(), 3, np.eye(169) * 1e-9) for one in turned]
+    light = [(light_turned(one), beyond_light(one), missing_light(one)) for one in psfs]
+    return light, [(one.verdict, one.reason, one.value) for one in found]
 
 
 def noises() -> Any:
@@ -228,8 +267,8 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, fields, walls, noises, damaged_charts, damaged_walls,
-    damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, fields, walls, noises,
+    damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
 
 

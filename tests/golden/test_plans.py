@@ -11,7 +11,7 @@ import pytest
 from procedures.field.plan import BEFORE
 from procedures.outcome import ProcedureError
 from procedures.pattern import Chart
-from procedures.plan import Ask, Estimate, Facts, Give, Go, Look, Plan, Scan, SetLight, Shoot, Show, Tour
+from procedures.plan import Ask, Estimate, Facts, Give, Go, Known, Look, Plan, Scan, SetLight, Shoot, Show, Tour
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import Staging, stage
@@ -60,7 +60,10 @@ def of_pattern(folder: Path) -> tuple[list[Facts], Frames]:
         far={"s_over_t": 1.0, "roll_deg": 8.0, "light": (0.01, 400)},
     )  # fmt: skip
     rig = bench({**AXES, **HEAD}, distance_mm=7720.0, laser_offset_mm=80.0, focus_by="rail", wanted_mtf50=0.004)
-    return [PRINTED, {**PRINTED, **rig}], frames
+    frames["far"] = replace(frames["far"], exposure=replace(frames["far"].exposure, f_number=None))
+    typed = {"f_number": None, "typed_f_number": 16.0}
+    kept = {name: one for name, one in {**PRINTED, **rig, **typed}.items() if one is not None}
+    return [PRINTED, kept], frames
 
 
 def of_wall(folder: Path) -> tuple[list[Facts], Frames]:
@@ -73,7 +76,14 @@ def of_wall(folder: Path) -> tuple[list[Facts], Frames]:
     predicted = "3.2 0.004, 4 0.0045, 5 0.005, 6.3 0.006"
     hand = {"near_mm": 1000.0, "ratio": 4.4, "near_level": 0.5, "predicted": predicted, "farther": 2.0}
     rail = bench({"z_mm": (200.0, 0.0, 6200.0), **HEAD}, near_z_mm=100.0, distance_mm=1120.0, near_laser_mm=1110.0)
-    return [{"near_mm": 900.0}, hand, {**hand, **rail}], frames
+    more = [{**hand, "distance_mm": 1700.0}, {**hand, "far_way_mm": 2400.0, "insisted_near_mm": True}]
+    return [
+        {"near_mm": 900.0},
+        hand,
+        {**hand, **rail},
+        {**hand, **rail, "high_z_mm": 2000.0, "far_way_mm": 3400.0},
+        *more,
+    ], frames
 
 
 def of_field(folder: Path) -> tuple[list[Facts], Frames]:
@@ -101,7 +111,7 @@ def got(function: Callable[..., Any], *given: Any) -> Any:
         return f"{error.reason}; {error.remedy}"
 
 
-def answers(request: Any, facts: Facts, frames: Frames) -> Iterator[Any]:
+def answers(request: Any, facts: Facts, frames: Frames, known: Known) -> Iterator[Any]:
     """What one request gives for facts and frames."""
     each = frames.values()
     if isinstance(request, Ask):
@@ -130,13 +140,18 @@ def answers(request: Any, facts: Facts, frames: Frames) -> Iterator[Any]:
         yield [got(stop.check, one, facts) for stop in request.stops(facts)[:2] for one in each]
     elif isinstance(request, Shoot):
         yield [request.most, *(got(request.check, one, facts) for one in each)]
+        results: list[Any] = []
+        for one in list(each)[:2]:
+            results.append(request.estimate(one, facts, results, known))
+            yield got(request.enough, results, facts)
 
 
 def walked(plan: Plan, facts: Facts, frames: Frames) -> dict[str, Any]:
     """What the steps of a plan give, by step, without those that it shares with the pattern's."""
+    known: Known = {}
     return {
-        step.name: [got(step.gave, facts), got(step.when, facts)]
-        + [list(answers(one, facts, frames)) for one in step.requests if not isinstance(one, Give | Estimate)]
+        step.name: [got(step.value, facts), got(step.when, facts)]
+        + [list(answers(one, facts, frames, known)) for one in step.requests if not isinstance(one, Give | Estimate)]
         for step in plan.steps
         if plan.name == "pattern" or step.name not in BEFORE
     }

@@ -133,6 +133,17 @@ def replaced(name, array):
     return spoil
 
 
+def shortened(name):
+    """Without the last node."""
+    return lambda plane: replaced(f"nodes/{name}", plane[f"nodes/{name}"][:-1])(plane)
+
+
+ARRAYS = (
+    "psf", "covariance", "tail", "tail_covariance", "tail_cross", "position", "position_covariance", "sensor_position",
+    "source", "number",
+)  # fmt: skip
+
+
 def attribute(name, value):
     return lambda plane: plane.attrs.__setitem__(name, value)
 
@@ -148,6 +159,7 @@ def attribute(name, value):
         (attribute("rows", -3), "`rows` of /G1 in .* must be finite, from 1"),
         (attribute("columns", "many"), "`columns` of /G1 in .* must be real numbers"),
         (attribute("samples_per_pixel", 0), "`samples_per_pixel` of /G1 in .* must be finite, from 1"),
+        *((shortened(name), "field.h5|HDF5|must") for name in ARRAYS),
     ],
 )
 def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoil, words):

@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.field.measuring import AHEAD, Location, chosen_locations, pan_tilt_deg, rail_mm
+from procedures.field.measuring import Location, chosen_locations, pan_tilt_deg, rail_mm
 from procedures.numerics.scattered import monomials
 from procedures.outcome import BadParameter
 
 SHAPE = (1000, 1500)
 CENTRE = (np.array(SHAPE[::-1]) - 1) / 2
 F_PX = 8500.0
+AHEAD = np.array([0.0, 0.0, 1.0])
 
 
 def chosen(n):
@@ -39,7 +40,7 @@ def test_fifteen_chosen_places_determine_a_quartic_and_a_grid_does_not():
 
 @pytest.mark.parametrize("location", [Location(0.2, 0.7), Location(0.85, 0.15), Location(0.5, 0.5)])
 def test_pan_and_tilt_bring_the_axis_to_the_place(location):
-    pan, tilt = pan_tilt_deg(location, SHAPE, F_PX)
+    pan, tilt = pan_tilt_deg(location, SHAPE, F_PX, AHEAD)
     seen = Rotation.from_euler("YX", [pan, tilt], degrees=True).inv().apply(AHEAD)
     np.testing.assert_allclose(F_PX * seen[:2] / seen[2] + CENTRE, location.in_pixels(SHAPE), atol=1e-9)
 
