@@ -164,9 +164,26 @@ def test_homing_has_the_time_that_the_firmware_takes_until_it_gives_up_itself(se
     assert needed_s < limit_s < 4 * needed_s
 
 
-def test_homing_has_twice_the_way_there_and_back_and_ten_seconds():
-    # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
-    assert Controls({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}).homing_limit_s({0: 100.0}) == 2 * 25 + 12 + 10
+@pytest.mark.parametrize(
+    ("settings", "lengths", "limit_s"),
+    [
+        # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
+        ({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}, {0: 100.0}, 2 * 25 + 12 + 10),
+        ({}, {0: 100.0}, 60 * (5 * 100 / 500 + 12 / 25) + 10),  # GRBL's own settings
+        ({110: 100.0}, {0: 100.0, 1: 50.0, 2: 10.0}, 60 * (5 * 100 / 100 + 5 * 10 / 500 + 2 * 12 / 25) + 10),
+        ({27: 2.0, 43: 3.0, 45: 1.0}, {0: 100.0, 1: 50.0}, 60 * (5 * 100 / 500 + 3 * 12 * 2 / 25) + 10),
+    ],
+)
+def test_homing_has_twice_the_way_there_and_back_and_ten_seconds(settings, lengths, limit_s):
+    assert Controls(settings).homing_limit_s(lengths) == pytest.approx(limit_s)
+
+
+def test_homing_has_the_time_of_an_axis_whose_travel_is_configured(make, twin):
+    for number in (130, 131, 132):
+        del twin.settings[number]
+    stage = make([GrblAxis("z_mm", "X", 3000.0, travel=1500.0, space=(200.0, 1700.0))])
+    stage.connect()
+    assert stage._homing_limit_s() == stage.link.controls.homing_limit_s({0: 1500.0})
 
 
 HARD, DOWN, ORIGIN = {21: 1.0, 27: 1.5}, {23: 4.0}, {22: 9.0}
@@ -177,6 +194,7 @@ HARD, DOWN, ORIGIN = {21: 1.0, 27: 1.5}, {23: 4.0}, {22: 9.0}
     ("controls", "ends", "travel"),
     [
         (Controls({}), (-300.0, 0.0), (0.0, 300.0)),
+        (Controls({21: 1.0}), (-300.0, 0.0), (0.0, 300.0)),
         (Controls({132: 80.0}), (-80.0, 0.0), (0.0, 80.0)),
         (Controls({27: 1.5, **DOWN}), (-300.0, 0.0), (0.0, 300.0)),
         (Controls(HARD), (-300.0, 0.0), (1.5, 298.5)),
