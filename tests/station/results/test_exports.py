@@ -167,6 +167,7 @@ def test_the_first_axis_of_fits_runs_along_a_row():
     ((header, found),) = units(primary_image(image, [("LOW", 1.5e-300)]))
     assert (header["NAXIS1"], header["NAXIS2"], header["BITPIX"]) == ("3", "2", "-64")
     np.testing.assert_array_equal(found, image)
+    assert b"QUOTES  = '" + b"''" * 34 + b"'" in primary_image(image, [("QUOTES", "'" * 40)])
     cube = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
     table = table_of_one_cube("PSF", cube, [("EXTNAME", "X")])
     assert b"TDIM1   = '(4,3,2)" in table
