@@ -8,6 +8,7 @@ import pytest
 from procedures.outcome import BadParameter
 from station.common.models import TableSource, fields_of, read_model
 from station.procedure.base import Settings, named_files, setting, to_record
+from station.procedure.schema import BUILTIN, procedure_named
 
 
 class Model(Settings, frozen=True, kw_only=True):
@@ -24,6 +25,16 @@ class Model(Settings, frozen=True, kw_only=True):
 
 class Required(Settings, frozen=True, kw_only=True):
     radius_mm: Annotated[float, setting("Radius of the screws' circle.")]
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_settings_of_every_procedure_are_constant_and_given_by_name(name):
+    models = [one for one in procedure_named(name).Settings.__mro__ if issubclass(one, Settings)]
+    for model in models:
+        assert model.__struct_config__.frozen
+        assert model.__struct_config__.forbid_unknown_fields
+        with pytest.raises(TypeError, match="positional"):
+            model(*[None] * len(model.__struct_fields__) or [None])
 
 
 def test_a_table_becomes_the_model():

@@ -3,6 +3,7 @@ import csv
 import errno
 import hashlib
 import json
+import math
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +22,7 @@ from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, number_record, plane_record, write_record
+from station.results.result_files import ResultFolder, json_text, number_record, plane_record, write_record
 
 
 def psf_of(h, s=4):
@@ -65,6 +66,10 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
         terms = [float(row["uncertainty"]) for row in rows if row["number"] == name]
         assert np.linalg.norm(terms) == pytest.approx(number.uncertainty, rel=1e-6)
     assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
+
+
+def test_records_are_indented_by_one_and_hold_no_number_that_json_has_not():
+    assert json_text({"a": [1, math.nan], "é": np.float64(0.5)}) == '{\n "a": [\n  1,\n  null\n ],\n "é": 0.5\n}\n'
 
 
 OLDER = '{"schema": "station/psf/1"}'

@@ -46,6 +46,7 @@ def test_a_pitch_that_is_given_counts_before_the_cameras():
     planes = {"G1": SimpleNamespace(samples=np.zeros((40, 30)), pitch=2)}
     frame = SimpleNamespace(planes=planes, exposure=SimpleNamespace(pixel_pitch_um=5.0))
     assert pixels_of(frame) == {"G1": Pixels(2, 5.0, 30)}
+    assert Pixels() == Pixels(1, None, None)
     assert pixels_of(frame, 3.0) == {"G1": Pixels(2, 3.0, 30)}
 
 
