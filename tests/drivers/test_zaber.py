@@ -186,10 +186,11 @@ def test_an_unknown_axis_is_named_with_those_that_are(homed):
 def test_a_question_is_asked_three_times(homed, bench):
     now_s = bench.clock.now_s()
     bench.cables["head"].faults.silent = ((now_s, now_s + 60.0),)
-    before = len(sent(homed))
-    with pytest.raises(NoAnswer):
-        homed.position()
-    assert len(sent(homed)) == before + 3
+    for ask in (homed.position, lambda: homed._status(AXES[0])):
+        before = len(sent(homed))
+        with pytest.raises(NoAnswer):
+            ask()
+        assert len(sent(homed)) == before + 3
 
 
 def test_a_stop_is_repeated_while_an_axis_refuses_to_report(homed, monkeypatch):

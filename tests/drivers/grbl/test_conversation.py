@@ -44,6 +44,12 @@ def test_pauses_are_the_states_of_the_manual():
     assert set(RESUMABLE) == {("Door", 0), ("Hold", 0)}
 
 
+def test_an_axis_without_travel_between_its_switches_is_refused(make, twin):
+    twin.settings[21], twin.settings[27] = 1, 750.0
+    with pytest.raises(BadConfiguration, match="z_mm has no travel between its switches"):
+        make().connect()
+
+
 @pytest.mark.parametrize("letter", ["Q", "A"])
 def test_an_axis_the_controller_has_not_is_refused(make, letter):
     with pytest.raises(BadConfiguration, match=f"no axis {letter}|none for {letter}"):

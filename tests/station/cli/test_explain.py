@@ -5,8 +5,12 @@ import json
 import pytest
 
 from procedures.choice import COMMON, TERMS, combined
+from procedures.outcome import Verdict
 from station.demo import digital_twin
-from station.results.explanation import REMEDIES
+from station.results.explanation import REMEDIES, explain_result
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from tests.program import run
 
 from ...golden.cases import chart_photograph
@@ -23,6 +27,13 @@ def result(tmp_path_factory):
 
 def test_every_term_of_a_budget_has_a_remedy():
     assert REMEDIES.keys() >= TERMS.keys()
+
+
+def test_a_plane_without_a_budget_has_its_cause_alone():
+    planes = PlaneResult("G1", Verdict.PASS), PlaneResult("B", Verdict.REFUSED, "dark", "light")
+    blue, green = explain_result(Measurement("station/psf/1", RecordHead("pattern"), planes))
+    assert (blue.plane, blue.verdict, blue.reason, blue.remedy) == ("B", "refused", "dark", "light")
+    assert (green.number, green.value, green.uncertainty, green.terms) == ("", "", 0.0, ())
 
 
 def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
