@@ -48,6 +48,8 @@ def test_a_photograph_becomes_a_record(photograph):
     assert record["planes"]["Y"]["mean"]["value"] == pytest.approx(0.75, abs=1e-4)
     assert not measured.refused
     assert Mean().measure(paths[:1], PlaneSettings()).refused
+    assert (Mean.has_page, Mean.usual_page, Mean.has_mtf, Mean().steps(paths)) == (True, True, False, 2)
+    assert [Mean().draws(one) for one in (measured, Mean().measure(paths[:1], PlaneSettings()))] == [True, False]
 
 
 @pytest.mark.parametrize(

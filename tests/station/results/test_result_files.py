@@ -20,7 +20,7 @@ from procedures.physics.estimate import Physics
 from procedures.sensor.defects import IntervalNumber
 from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
-from station.results.psf_files import write_psf_result
+from station.results.psf_files import information_table, write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, json_text, number_record, plane_record, write_record
 
@@ -286,3 +286,14 @@ def test_interval_of_a_number_stands_as_one_entry():
     known = {"value": 3.0, "unit": "bit", "uncertainty": 0.5, "method": "known", "n": 9}
     assert number_record(Quantity(**known)) == known
     assert number_record(IntervalNumber(**known, low=2.0, high=4.0)) == {**known, "interval": [2.0, 4.0]}
+
+
+def test_information_is_a_table_of_the_upper_half_plane():
+    names = ("mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf", "equivalent_mtf_uncertainty")
+    maps = {name: np.arange(16.0).reshape(4, 4) + 100 * n for n, name in enumerate(names)}
+    table = information_table(SimpleNamespace(frequencies=np.fft.fftfreq(4), **maps)).decode()
+    rows = list(csv.reader(table.splitlines()))
+    assert rows[0] == ["frequency_x [cycles/pixel]", "frequency_y [cycles/pixel]", *names]
+    expected = [[fx, fy, *(one[j, i] for one in maps.values())]
+                for j, fy in enumerate((0, 0.25, 0.5)) for i, fx in enumerate((0, 0.25, -0.5, -0.25))]  # fmt: skip
+    np.testing.assert_array_equal(np.array(rows[1:], dtype=float), expected)

@@ -65,6 +65,8 @@ def test_record_follows_its_schema(record, name):
     plane = record["planes"]["G1"]
     assert "other_causes" not in plane
     assert plane["mtf50_horizontal"]["unit"] == "lp/mm"
+    assert plane["diffraction"]["cutoff"] == pytest.approx(Diffraction(5.6, 8.0, 530).cutoff * 125)
+    assert plane["diffraction"]["cutoff_unit"] == "lp/mm"
     assert {"mtf_at_20_horizontal", "mtf_at_30_horizontal"} <= plane.keys()
     # 125 pixels of the plane to a millimetre: 300 lp/mm are 2.4 cycles/pixel, more than s / 2
     assert plane["untold"] == [

@@ -169,7 +169,11 @@ def test_conditions_are_the_mean_and_range_of_every_probe():
     assert temperature_during({"environment": {"a": {"humidity": {"value": 3}}}}) is None
     words = [condition_words(entry["temperature"]) for entry in found.values()]
     assert words == ["20.00 to 21.00 °C, standard uncertainty 0.20 °C", "5.00 °C"]
-    for u, shown in ((0.004, "5.0000 °C, standard uncertainty 0.0040 °C"), (20.0, "5 °C, standard uncertainty 20 °C")):
+    for u, shown in (
+        (0.0, "5.00 °C, standard uncertainty 0.00 °C"),
+        (0.004, "5.0000 °C, standard uncertainty 0.0040 °C"),
+        (20.0, "5 °C, standard uncertainty 20 °C"),
+    ):
         assert condition_words({"min": 5.0, "max": 5.0, "unit": "°C", "uncertainty": u}) == shown
 
 
