@@ -269,10 +269,11 @@ def test_a_stop_has_the_times_at_which_its_own_bytes_went_out():
         for time_s, way in passed:
             wires[name].record(time_s, way, b"!")
     stops = [StopRecord(1.0), StopRecord(3.0)]
-    for stop in stops:
-        stop.done.set()
+    stops[0].done.set()
+    late = (1.5, "!", b"!")
+    threading.Timer(0.05, lambda: (wires["light"].record(*late), stops[1].done.set())).start()  # it is still under way
     first, second = stops_on_wires(stops, wires)
-    assert (first.asked_s, first.wires) == (1.0, {"stage": 1.0, "head": None})
+    assert (first.asked_s, first.wires) == (1.0, {"stage": 1.0, "head": None, "light": 1.5})
     assert (second.asked_s, second.wires) == (3.0, {"stage": 4.0, "head": None})
     assert second.record()["after_ms"] == {"stage": 1000.0, "head": None}
 
