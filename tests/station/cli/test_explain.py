@@ -5,8 +5,12 @@ import json
 import pytest
 
 from procedures.choice import COMMON, TERMS, combined
+from procedures.outcome import Verdict
 from station.demo import digital_twin
-from station.results.explanation import REMEDIES, explain_batch
+from station.results.explanation import REMEDIES, explain_batch, explain_result, result_folder
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from tests.program import run
 
 from ...golden.cases import chart_photograph
@@ -23,6 +27,22 @@ def result(tmp_path_factory):
 
 def test_every_term_of_a_budget_has_a_remedy():
     assert REMEDIES.keys() >= TERMS.keys()
+
+
+def test_the_last_result_of_a_session_is_meant(tmp_path):
+    for number in (1, 2, 10):
+        (tmp_path / "derived" / str(number)).mkdir(parents=True)
+        (tmp_path / "derived" / str(number) / "result.json").touch()
+    assert result_folder(tmp_path) == tmp_path / "derived" / "10"
+    two = tmp_path / "derived" / "2"
+    assert result_folder(two) == result_folder(two / "result.json") == two
+
+
+def test_a_plane_without_a_budget_has_its_cause_alone():
+    planes = PlaneResult("G1", Verdict.PASS), PlaneResult("B", Verdict.REFUSED, "dark", "light")
+    blue, green = explain_result(Measurement("station/psf/1", RecordHead("pattern"), planes))
+    assert (blue.plane, blue.verdict, blue.reason, blue.remedy) == ("B", "refused", "dark", "light")
+    assert (green.number, green.value, green.uncertainty, green.terms) == ("", "", 0.0, ())
 
 
 def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
