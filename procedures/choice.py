@@ -253,6 +253,15 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
     return replace(quality, numbers=numbers, budgets=budgets, curve_budgets=of_curves)
 
 
+def unseen_change(quality: Quality, f: Array) -> Array:
+    """Relative standard uncertainty (n,) of the transfer function at frequencies f by the corruptions that a photograph
+    does not exclude; a field shares it at all places."""
+    terms = quality.curve_budgets["radial"]
+    size = np.sqrt(sum((terms[term] ** 2 for term in UNSEEN if term in terms), np.zeros(1)))
+    relative = size / np.maximum(quality.mtf_radial, 1e-9)
+    return np.asarray(np.interp(f, quality.frequencies, np.broadcast_to(relative, quality.frequencies.shape)))
+
+
 def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change: Array, moved: Array) -> float:
     """Change of a number by a relative change of the transfer function, or by that of the samples."""
     f = quality.frequencies

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, LateralColour, derive, lateral_colour
 from procedures.field.measuring import MeasuredFrames
 from procedures.field.photosite import Photosite, WithoutPhotosite
-from procedures.numbers import CYCLES, ERROR_INTERPOLATION, ERROR_NOISE, MTF50_RADIAL
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_RADIAL
 from procedures.outcome import Check, Miss, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -134,7 +134,8 @@ def _plane_field(
     diffraction = limit(plane)
     quality = with_modes(assess(centre, n=len(nodes), diffraction=diffraction, at=at), centre, mean_modes(charts))
     checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
-    numbers = _numbers(interpolation, maps, _unseen(quality))
+    maps = tuple(_with_unseen(one, _unseen(quality)) for one in maps)
+    numbers = _numbers(interpolation, maps)
     return verdict_of(
         checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, mean_budgets(charts))
     )
@@ -168,14 +169,18 @@ def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
 
 
 def _unseen(quality: Quality) -> float:
-    """Relative uncertainty of MTF50 by corruptions that the charts do not exclude."""
-    if MTF50_RADIAL not in quality.numbers:
-        return 0.0
-    terms = {term: size for term, size in quality.budgets[MTF50_RADIAL].items() if term in UNSEEN}
-    return combined(terms) / quality.numbers[MTF50_RADIAL].value
+    """Uncertainty of MTF50 by corruptions that the charts do not exclude, which all places share."""
+    return combined({term: size for term, size in quality.budgets.get(MTF50_RADIAL, {}).items() if term in UNSEEN})
 
 
-def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap], unseen: float) -> dict[str, Quantity]:
+def _with_unseen(one: FieldMap, unseen: float) -> FieldMap:
+    """A map with that uncertainty where it is one of MTF50; a difference of two is free of it."""
+    if one.uncertainty is None or not one.name.startswith("mtf50_"):
+        return one
+    return replace(one, uncertainty=np.hypot(one.uncertainty, unseen))
+
+
+def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
     n, axis, numbers = len(interpolation.field.nodes), interpolation.axis, {}
     if axis is not None:
         half = float(np.hypot(*interpolation.field.shape)) / 2
@@ -186,7 +191,6 @@ def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap], unseen: flo
     for one in maps:
         if one.uncertainty is not None and np.isfinite(one.median(one.value)):
             value, spread = one.median(one.value), one.median(one.uncertainty)
-            common = unseen * value if one.unit == CYCLES else 0.0
             method = "median over the field, and of the uncertainty"
-            numbers[f"{one.name}_median"] = Quantity(value, one.unit, float(np.hypot(spread, common)), method, n)
+            numbers[f"{one.name}_median"] = Quantity(value, one.unit, spread, method, n)
     return numbers

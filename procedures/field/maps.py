@@ -280,9 +280,10 @@ class HeightCurve:
 
 
 def over_height(
-    field: PsfField, frequencies: Sequence[float], without: WithoutPhotosite | None = None
+    field: PsfField, frequencies: Sequence[float], without: WithoutPhotosite | None = None, common: Array | None = None
 ) -> list[HeightCurve]:
-    """MTF of the camera, or `without` the photosites, at each frequency; empty where the hull excludes the centre."""
+    """MTF of the camera, or `without` the photosites, at each frequency; empty where the hull excludes the centre.
+    `common` are relative uncertainties (n,) at the frequencies that all places share."""
     centre = np.array([field.shape[1] - 1, field.shape[0] - 1]) / 2
     farthest = float(np.hypot(*centre))
     angles = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
@@ -301,6 +302,7 @@ def over_height(
     curves = []
     for i, f in enumerate(frequencies):
         (s, us, m, um), (spread_s, _, spread_m, _) = means[..., i].T, spreads[..., i].T
+        us, um = (np.hypot(u, v * (0.0 if common is None else common[i])) for u, v in ((us, s), (um, m)))
         curves.append(HeightCurve(f, np.array(heights), s, us, spread_s, m, um, spread_m, counts))
     return curves
 

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from procedures.choice import unseen_change
+from procedures.field.conclusion import PlaneField
 from procedures.field.maps import grid, mesh, mtf50_about, propagated, radius_direction
 from procedures.numbers import OF_PLACES
 from procedures.outcome import Quantity
@@ -21,20 +23,23 @@ POINTS = 41
 DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
 
 
-def explored_places(field: PsfField, centre: PlaneResult) -> ExploredPlaces:
+def explored_places(one: PlaneField, centre: PlaneResult) -> ExploredPlaces:
     """A grid of places over the frame, with what their uncertainties share with the result at the centre."""
+    field = one.interpolation.field
     known = shared_uncertainties(field, centre)
     shared = np.array([known[name] / centre.factor for name in OF_PLACES])
     points = mesh(*grid(field.shape, COLUMNS))
     enclosed, parameters = field.inside(points), field.parameters(points)
-    return ExploredPlaces(
-        field.shape, [_spot(field, shared, *one) for one in zip(points, enclosed, parameters, strict=True)]
-    )
+    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
+    common = frequencies, unseen_change(one.quality, frequencies)
+    spots = [_spot(field, shared, common, *place) for place in zip(points, enclosed, parameters, strict=True)]
+    return ExploredPlaces(field.shape, spots)
 
 
 def _spot(
-    field: PsfField, shared: np.ndarray, place: np.ndarray, enclosed: bool, parameters: np.ndarray
-) -> ExploredPlace:
+    field: PsfField, shared: np.ndarray, common: tuple[np.ndarray, np.ndarray], place: np.ndarray, enclosed: bool,
+    parameters: np.ndarray,
+) -> ExploredPlace:  # fmt: skip
     x, y = map(float, place)
     noise, interpolation = field.covariances(x, y)
     psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
@@ -52,9 +57,9 @@ def _spot(
         }
         for name, a, b, c in zip(OF_PLACES, by_noise, rest, shared, strict=True)
     }
-    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
+    frequencies, relative = common
     curves = {"frequency": frequencies}
     for name, angle in DIRECTIONS.items():
         curves[name], slopes = mtf_along(psf, frequencies, angle)
-        curves[f"{name}_uncertainty"] = propagated(psf, slopes)
+        curves[f"{name}_uncertainty"] = np.hypot(propagated(psf, slopes), curves[name] * relative)
     return ExploredPlace(x, y, bool(enclosed), numbers, budgets, curves, psf.h, psf.s)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from procedures.choice import unseen_change
 from procedures.field import field_file
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.maps import FieldMap, HeightCurve, LateralColour, over_height
@@ -129,7 +130,8 @@ def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> d
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
-        curves[name] = over_height(one.interpolation.field, FREQUENCIES, without)
+        common = unseen_change(one.quality, np.array(FREQUENCIES))
+        curves[name] = over_height(one.interpolation.field, FREQUENCIES, without, common)
     return {name: one for name, one in curves.items() if one}
 
 

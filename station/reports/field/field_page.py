@@ -68,7 +68,7 @@ def field_page(report: Report) -> str:
     ]
     blocks = partial(_plane_blocks, whole, report)
     centres = {one.name: one for one in report.planes}
-    spots = {name: explored_places(one.interpolation.field, centres[name]) for name, one in whole.fitted.items()}
+    spots = {name: explored_places(one, centres[name]) for name, one in whole.fitted.items()}
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 
