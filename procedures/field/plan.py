@@ -18,9 +18,11 @@ from procedures.numerics.scattered import hull_area
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES, PatternFacts
 from procedures.pattern_psf.outline import points_of, present_outline
 from procedures.pattern_psf.plan import plan as pattern_plan
+from procedures.pattern_psf.plan import uncertainty
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.plan import (
@@ -32,6 +34,7 @@ from procedures.plan import (
     Fact,
     Facts,
     Go,
+    Goal,
     Known,
     Look,
     Outcomes,
@@ -116,6 +119,9 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
         "tour_half_x": half_x,
         "tour_half_y": half_y,
     }
+    one = uncertainty(estimate_psf(plane, known.chart, known.quick_parameters))
+    if np.isfinite(one):
+        start["chart_mtf50_uncertainty"] = one
     axes = {BASE + name: place for name, place in known.where().items()}
     return replace(advice, facts={**advice.facts, **start, **axes})
 
@@ -170,12 +176,33 @@ def locations(facts: Facts) -> list[Location]:
 def stops(facts: Facts) -> list[TourStop]:
     """The stops of the tour, one per position."""
     places = locations(facts)
-    return [stop(f"place {i} of {len(places)}", location) for i, location in enumerate(places, 1)]
+    return [
+        TourStop(
+            f"place {i} of {len(places)}",
+            Go(partial(to_place, location), partial(say_place, location)),
+            partial(check_place, location),
+            partial(corner_goal, places, i),
+        )
+        for i, location in enumerate(places, 1)
+    ]
 
 
-def stop(name: str, location: Location) -> TourStop:
-    """One stop of the tour."""
-    return TourStop(name, Go(partial(to_place, location), partial(say_place, location)), partial(check_place, location))
+def corner_goal(places: Sequence[Location], number: int, facts: Facts) -> Goal:
+    """Progress of MTF50 in the frame's corners before the photograph at a place, by the noise of that at the start."""
+    one = facts_as(FieldFacts, facts).chart_mtf50_uncertainty or float("nan")
+    now, after = (one * corner_spread(places[:n]) for n in (number - 1, number))
+    return Goal(len(places) - number + 1, "MTF50 in the corners, by noise", "cycles/pixel", now, after)
+
+
+def corner_spread(places: Sequence[Location]) -> float:
+    """Uncertainty in a corner of a quadratic through values at places, over that of one value; infinite where they do
+    not determine it."""
+    x, y = np.array([(2 * one.x - 1, 2 * one.y - 1) for one in (*places, Location(1.0, 1.0))]).T
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    known, corner = design[:-1], design[-1]
+    if np.linalg.matrix_rank(known) < len(corner):
+        return float("inf")
+    return float(np.sqrt(corner @ np.linalg.inv(known.T @ known) @ corner))
 
 
 def say_place(location: Location, facts: Facts) -> str:
@@ -331,9 +358,11 @@ def start_of(facts: Facts) -> TourStart | None:
 
 @dataclass(frozen=True)
 class FieldFacts(PatternFacts):
-    """Facts of the plan of a field: those of the chart, the number of `places`, and the start of the tour."""
+    """Facts of the plan of a field: those of the chart, the number of `places`, the start of the tour, and the standard
+    uncertainty of MTF50 by its noise there."""
 
     places: float | None = None
+    chart_mtf50_uncertainty: float | None = None
     start: TourStart | None = gathered(start_of, *SIZES, prefix=TOUR)
 
     def begun(self) -> TourStart:

@@ -94,6 +94,8 @@ class RigPoses:
         Probability of a larger chi^2.
     next_view : NextView or None
         Pose of the chart in the first camera that reduces the uncertainty of a depth most.
+    scale : float
+        Relative standard uncertainty of the print's scale.
     """
 
     poses: tuple[Pose, ...]
@@ -102,6 +104,7 @@ class RigPoses:
     misfit: float
     chance: float
     next_view: NextView | None = None
+    scale: float = 0.0
 
     def numbers(self) -> dict[str, Quantity]:
         """Baseline and angle of the second camera."""
@@ -237,7 +240,7 @@ def _rigid(
     names = [fit.problem.views[used[where.index(i)]].source for i in range(len(charts))]
     view = None if depth_mm is None else _next_view(fit, rows, A, placed, depth_mm, share)
     chance = float(stats.chi2.sf(chi_square, freedom))
-    return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, chance, view)
+    return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, chance, view, share)
 
 
 def _next_view(

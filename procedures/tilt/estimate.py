@@ -69,7 +69,7 @@ class Tilt:
     """The sensor relative to the surface of best focus, and its correction.
 
     astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um; with_focus : whether
-    the nominal position is known, so that the offset is meaningful.
+    the nominal position is known, so that the offset is meaningful; chart_slope : `chart_slope`, in um/mm.
     """
 
     sensor: TiltedPlane
@@ -77,6 +77,7 @@ class Tilt:
     screws: Screws
     turns: Turns
     with_focus: bool
+    chart_slope: float = 0.0
 
     def numbers(self) -> dict[str, Quantity]:
         """Tilt over width and height, of the whole frame, backfocus and its shim, and the lens's curvature."""
@@ -100,6 +101,13 @@ class Tilt:
         bend, method = np.array([0.5, 0, 0.5]) * half**2, "mean quadratic at half the diagonal"
         numbers[FIELD_CURVATURE] = _linear(plane.curvature, plane.curvature_covariance, bend, method, n)
         return {**numbers, RMS_BEFORE: self.turns.before, RMS_AFTER: self.turns.after}
+
+    @property
+    def corner_budget(self) -> dict[str, float]:
+        """Standard uncertainty in um of the highest corner, by the places' best focus and by the chart's squareness."""
+        squareness = self.chart_slope * float(np.hypot(*self.sensor.size_mm)) / 2
+        whole = self.numbers()[TILT_CORNER].uncertainty
+        return {"best focus": float(np.sqrt(max(whole**2 - squareness**2, 0.0))), "squareness": squareness}
 
 
 def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -> Quantity:
@@ -132,11 +140,12 @@ def estimate_tilt(
     centre = (np.array([shape[1], shape[0]]) - 1) / 2
     at = (np.array([one.position for one in places]) - centre) * side
     sensor = fit_plane(at, heights, covariance, size)
-    sensor = sensor.widened(chart_slope(list(bracket), parameters) ** 2, nominal_um(parameters) ** 2)
+    slope = chart_slope(list(bracket), parameters)
+    sensor = sensor.widened(slope**2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(sensor, parameters.screws, with_focus=with_focus)
     astigmatism = np.array([one.optima[1].at - one.optima[0].at for one in places])
-    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus)
+    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus, slope)
     return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 

@@ -39,6 +39,7 @@ from procedures.plan import (
     Fact,
     Facts,
     Go,
+    Goal,
     Home,
     Known,
     Look,
@@ -237,10 +238,17 @@ def stops(facts: Facts) -> list[TourStop]:
             f"place {i} of {len(locations)}, {depth:.0f} mm",
             Go(partial(to_depth, location, depth), partial(say_depth, location, depth)),
             partial(check_bracket, location),
+            partial(corner_goal, locations, (i - 1) * len(depths) + j, len(depths)),
         )
         for i, location in enumerate(locations, 1)
-        for depth in (depths if i % 2 else depths[::-1])
+        for j, depth in enumerate(depths if i % 2 else depths[::-1])
     ]
+
+
+def corner_goal(places: Sequence[Location], taken: int, depths: int, facts: Facts) -> Goal:
+    """Progress of the corners' heights, in uncertainties of best focus at one place, known after the estimate."""
+    now, after = (field_plan.corner_spread(places[: n // depths]) for n in (taken, taken + 1))
+    return Goal(len(places) * depths - taken, "corner height", "times that of one place's best focus", now, after)
 
 
 def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:

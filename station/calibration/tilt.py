@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.field.measuring import MeasuredFrames
+from procedures.numbers import TILT_CORNER
 from procedures.outcome import BadParameter, Miss, Outcome, Verdict
 from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
@@ -88,6 +89,7 @@ def _details(tilt: Tilt) -> dict[str, Any]:
     sensor, turns = tilt.sensor, tilt.turns
     return {
         "helps": turns.helps,
+        TILT_CORNER: asdict(tilt.numbers()[TILT_CORNER]) | {"budget": tilt.corner_budget},
         "screws": [
             {"angle_deg": float(angle), "move": asdict(move), "turn": asdict(turn)}
             for angle, move, turn in zip(tilt.screws.angles_deg, turns.moves, turns.turns, strict=True)

@@ -47,6 +47,7 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
     """The explanation of a result: entry of the record, lines, and verdicts."""
+    from procedures.numbers import PIXELS_PER_PATTERN
     from station.results.explanation import explain_result, read_explained
 
     _, measurement = read_explained(folder)
@@ -65,6 +66,8 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
         lines += [
             f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
         ]
+    elif planes[0].terms and PIXELS_PER_PATTERN in measurement.by_name[planes[0].plane].details:
+        lines.append("`--twin` predicts the effect of another distance and of more light.")
     return entry, lines, [one.verdict for one in planes]
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.choice import TERMS
 from procedures.geometry.next_view import NextView, next_view_words
-from procedures.numbers import Group, in_group
+from procedures.numbers import BASELINE, CORNER_LIGHT, SYSTEM_GAIN, TILT_CORNER, W_MEDIAN, Group, in_group
 from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
 from station.results.measurement import Measurement
@@ -38,11 +38,16 @@ REMEDIES = {
     "variation": "use a smaller chart, or one nearer to the frame's centre",
     "focus": "focus again at either distance, or leave the focus",
     "choice": "photograph the chart larger, so that s and k matter less",
-    "points": "photograph more views, or the chart larger and sharper",
+    "points": "photograph four times as many views, or the chart larger and sharper",
     "flatness": "fix the chart on a plane, rigid sheet, and turn it in its plane between the views",
     "model": "photograph the chart all over the frame, tilted to all sides",
     "shutter": "hold the camera still, or move the chart faster in the video",
     "scale": "measure the chart with a better ruler, and give its record by --scale",
+    "squareness": "square the chart more exactly, and give --chart-tilt-deg",
+    "best focus": "photograph four times as many places, or four brackets",
+    "pictures": "take four times as many pictures of each light",
+    "flats": "take four times as many flats",
+    "photographs": "photograph with four times the light",
 }
 """Remedy of each term of a budget."""
 WORDS = {
@@ -52,6 +57,11 @@ WORDS = {
     "model": "model of the camera",
     "shutter": "time between the rows",
     "scale": "scale of the chart",
+    "squareness": "squareness of the chart",
+    "best focus": "noise of best focus",
+    "pictures": "noise of the pictures",
+    "flats": "noise of the flats",
+    "photographs": "noise of the photographs",
 }
 """Description of each term of a budget."""
 OUTLIER = 3.5
@@ -62,8 +72,13 @@ MAD = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
 PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
 """Beginning of a batch's reason."""
-HALVED = ("noise",)
+HALVED = ("noise", "points", "best focus", "pictures", "flats", "photographs")
 """Terms that the remedy halves; the others are removed at best."""
+ALONE: Mapping[str, str] = {
+    TILT_CORNER: "best focus", SYSTEM_GAIN: "pictures", CORNER_LIGHT: "flats", BASELINE: "points",
+    W_MEDIAN: "photographs",
+}  # fmt: skip
+"""Numbers whose uncertainty has this term alone where the record has no budget."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +164,7 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
         for term, one in sorted(budget.items(), key=lambda item: -item[1])
         if one > 0
     ]
-    value = f"{stated(number.value, number.uncertainty)} {number.unit}"
+    value = f"{stated(number.value, number.uncertainty)} {number.unit}".removesuffix(" 1")
     return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
 
 
@@ -168,9 +183,11 @@ def _saved(term: str) -> float:
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
-    """The budget of a number in the record of a plane; empty if it has none."""
+    """The budget of a number of a plane, without one its only term; empty if it has neither."""
     entry: Any = plane.details.get(name)
     budget = entry.get("budget") if isinstance(entry, dict) else None
+    if budget is None and name in ALONE and name in plane.numbers:
+        budget = {ALONE[name]: plane.numbers[name].uncertainty}
     known = {} if not isinstance(budget, dict) else budget
     return {term: float(one) for term, one in known.items() if term in WORDS and isinstance(one, int | float)}
 

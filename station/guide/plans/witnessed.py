@@ -5,11 +5,16 @@ Bench and camera change exposure time and distance themselves where they can; th
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from procedures.choice import combined
 from procedures.drawings import steps as drawings
-from procedures.pattern_psf.checks import check_shot, sharpness
+from procedures.numbers import MTF50_HORIZONTAL
+from procedures.pattern_psf.checks import check_shot, sharpness, shown
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.plan import choose_focus
 from procedures.pattern_psf.plan import plan as pattern_plan
@@ -20,6 +25,7 @@ from procedures.plan import (
     Estimate,
     Facts,
     Go,
+    Goal,
     Known,
     Outcomes,
     Plan,
@@ -32,6 +38,7 @@ from procedures.plan import (
     ring_places,
     say_ring,
 )
+from procedures.quality import PRINT_BLUR
 from procedures.raw import RawFrame
 from station.guide.plans import general
 from station.guide.plans.general import measurement, results
@@ -45,6 +52,8 @@ ORDER = (1, 0, 3, 2)
 """Their places in the order of the command: short, long, near, defocused."""
 EXPOSURE = "long_exposure_s"
 """Fact: exposure time of the long exposure, where the camera records it."""
+MTF50_WHOLE, MTF50_REST = "long_mtf50_uncertainty", "long_mtf50_without_print"
+"""Facts: standard uncertainty of MTF50 in the long exposure, and without the blur of the print."""
 HALF, WHOLE, NEAREST = (0.4, 0.6), (0.9, 1.1), 1 / 3
 """Accepted exposure times of the short one and of the others, relative to the long one; share of the distance by which
 the camera moves."""
@@ -99,7 +108,13 @@ def _stop(
     def words(facts: Facts) -> str:
         return say or ("" if EXPOSURE in facts or by_hand is None else "Halve the exposure time.")
 
-    return TourStop(name, Go(lambda facts: {}, words, lambda facts: by_hand or {}), check)
+    return TourStop(name, Go(lambda facts: {}, words, lambda facts: by_hand or {}), check, partial(_goal, name))
+
+
+def _goal(name: str, facts: Facts) -> Goal:
+    """Progress of MTF50 by its budget in the long exposure, from which the nearer photograph takes the print's blur."""
+    whole, rest = (float(cast(float, facts.get(key, inf))) for key in (MTF50_WHOLE, MTF50_REST))
+    return Goal(len(TAKEN) - TAKEN.index(name), "MTF50", "cycles/pixel", whole, rest if name == TAKEN[-1] else whole)
 
 
 def _long(frame: RawFrame, facts: Facts) -> Advice:
@@ -107,7 +122,12 @@ def _long(frame: RawFrame, facts: Facts) -> Advice:
     advice, exposure_s = check_shot(frame, facts), frame.exposure.exposure_s
     if not advice.good or exposure_s is None:
         return advice
-    return Advice(True, advice.say, advice.readings, facts={EXPOSURE: exposure_s}, marks=advice.marks)
+    known = facts_as(PatternFacts, facts)
+    estimate = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
+    budget = {} if estimate is None else estimate.quality.budgets.get(MTF50_HORIZONTAL, {})
+    rest = {term: one for term, one in budget.items() if term != PRINT_BLUR}
+    more = {MTF50_WHOLE: combined(budget), MTF50_REST: combined(rest)} if budget else {}
+    return Advice(True, advice.say, advice.readings, facts={EXPOSURE: exposure_s, **more}, marks=advice.marks)
 
 
 def _exposed(wanted: tuple[float, float], what: str) -> Callable[[RawFrame, Facts], Advice]:

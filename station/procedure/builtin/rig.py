@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from procedures.geometry.rig import CONVENTION, RigPoses, estimate_rig
+from procedures.numbers import BASELINE
 from procedures.outcome import BadInput, BadParameter
 from station.calibration.stored_cameras import read_rig_camera
 from station.common.progress import Progress, silent
@@ -71,6 +72,9 @@ class Rig(Procedure[RigSettings]):
 
 def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
     """Entries of the record: the second camera's pose, and those of all further ones."""
+    baseline = rig.numbers()[BASELINE]
+    scale = rig.scale * baseline.value
+    budget = {"points": max(baseline.uncertainty**2 - scale**2, 0.0) ** 0.5, "scale": scale}
     cameras = [
         {"result": str(path), "R": pose.R.tolist(), "t_mm": pose.t.tolist(),
          **{name: asdict(number) for name, number in rig.numbers_of(i).items()}}
@@ -79,6 +83,7 @@ def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
     return {
         "R": cameras[0]["R"], "t_mm": cameras[0]["t_mm"], "charts": list(rig.charts), "convention": CONVENTION,
         "cameras": cameras, "diagnostics": {"misfit": rig.misfit, "chance": rig.chance},
+        BASELINE: asdict(baseline) | {"budget": budget},
         **({} if rig.next_view is None else {"next_view": asdict(rig.next_view)}),
     }  # fmt: skip
 

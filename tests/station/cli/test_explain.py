@@ -1,11 +1,12 @@
 """`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from procedures.choice import COMMON, TERMS, combined
-from procedures.outcome import Verdict
+from procedures.outcome import Quantity, Verdict
 from station.demo import digital_twin
 from station.results.explanation import REMEDIES, explain_batch, explain_result, result_folder
 from station.results.measurement import Measurement
@@ -43,6 +44,19 @@ def test_a_plane_without_a_budget_has_its_cause_alone():
     blue, green = explain_result(Measurement("station/psf/1", RecordHead("pattern"), planes))
     assert (blue.plane, blue.verdict, blue.reason, blue.remedy) == ("B", "refused", "dark", "light")
     assert (green.number, green.value, green.uncertainty, green.terms) == ("", "", 0.0, ())
+
+
+def test_a_number_without_a_budget_has_its_only_term():
+    number = Quantity(51.4, "um", 0.6, "", 9)
+    plane = PlaneResult("Y", Verdict.PASS, numbers={"tilt_corner": number})
+    (one,) = explain_result(Measurement("station/tilt/1", RecordHead("tilt"), (plane,)))
+    (term,) = one.terms
+    assert (term.term, term.share, term.uncertainty_then) == ("best focus", 1.0, pytest.approx(0.3))
+    two = replace(plane, details={"tilt_corner": {"budget": {"best focus": 0.36, "squareness": 0.48}}})
+    (one,) = explain_result(Measurement("station/tilt/1", RecordHead("tilt"), (two,)))
+    assert [(term.term, term.uncertainty_then) for term in one.terms] == [
+        ("squareness", pytest.approx(0.36)), ("best focus", pytest.approx((0.48**2 + 0.18**2) ** 0.5)),
+    ]  # fmt: skip
 
 
 def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):

@@ -131,6 +131,13 @@ def test_page_and_table_show_the_mtf_over_image_height(done):
     rows = list(csv.DictReader((done[1] / "heights_Y.csv").read_text().splitlines()))
     assert {"image_height [pixel]", "frequency [cycles/pixel]", "sagittal", "meridional_uncertainty"} <= rows[0].keys()
     assert {row["frequency [cycles/pixel]"] for row in rows} == {"0.125", "0.25"}
+    # the band has the blur of the print, as the numbers have
+    (at_centre,) = [
+        float(row["radial_uncertainty"])
+        for row in csv.DictReader((done[1] / "mtf_Y.csv").read_text().splitlines())
+        if float(row["frequency [cycles/pixel]"]) == 0.12
+    ]
+    assert float(rows[0]["sagittal_uncertainty"]) > 0.8 * at_centre
     assert "Sagittal (solid) and meridional MTF (dashed) over image height" in page
     assert "Thin, with markers: older" in page
     assert "dotted: enclosed by the charts" in page
