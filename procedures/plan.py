@@ -107,7 +107,7 @@ class Goal:
         """The progress as a line."""
         left = f"{self.left} photograph{'s' * (self.left != 1)} to the goal"
         if self.now != self.now:
-            return f"Its uncertainty is known after the estimate; {left}."
+            return f"The uncertainty is known after the estimate; {left}."
         now, after = (f"± {one:.2g}" if one < inf else "unknown" for one in (self.now, self.after))
         unit = f" {self.unit}" if self.unit and self.after < inf else ""
         return f"{self.name} {now} now, {after}{unit} after the next photograph; {left}."

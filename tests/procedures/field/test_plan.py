@@ -17,6 +17,7 @@ from procedures.field.plan import (
     bring,
     check_place,
     check_places,
+    corner_goal,
     locations,
     say_place,
     to_place,
@@ -144,3 +145,21 @@ def test_an_empty_frame_of_the_tour_gets_advice_and_no_moves():
     advice = check_place(Location(0.2, 0.7), frame, FACTS)
     assert (advice.good, advice.moves, advice.by_hand) == (False, {}, {})
     assert advice.say.startswith("No chart is found")
+
+
+def test_the_corners_are_known_from_the_sixth_place_on_and_better_with_each():
+    places = locations({**FACTS, "places": 9.0})
+    facts = {"chart_mtf50_uncertainty": 0.002}
+    steps = [corner_goal(places, i, facts) for i in range(1, 10)]
+    known = [one.after for one in steps]
+    assert [one.left for one in steps] == list(range(9, 0, -1))
+    assert np.isinf(known[:5]).all()
+    finite = [one for one in known if np.isfinite(one)]
+    assert len(finite) >= 3
+    assert finite == sorted(finite, reverse=True)
+    # the variance of the nine places' quadratic in a corner, by many draws
+    at = 2 * np.array([(one.x, one.y) for one in places]) - 1
+    basis = lambda x, y: np.stack([x**0, x, y, x * x, x * y, y * y], axis=-1)  # noqa: E731
+    noise = np.random.default_rng(1).normal(scale=0.002, size=(9, 4000))
+    corner = basis(np.ones(1), np.ones(1)) @ np.linalg.lstsq(basis(*at.T), noise, rcond=None)[0]
+    assert finite[-1] == pytest.approx(float(corner.std()), rel=0.05)

@@ -134,7 +134,7 @@ def test_the_progress_of_a_mean_follows_its_weights():
     assert goal_of([1.0], 10.0).left == FEWEST - 1, "fewer cannot be tested for agreement"
     words = "MTF50 between photographs ± 0.0028 now, ± 0.0023 cycles/pixel after the next photograph"
     assert goal.say == f"{words}; 2 photographs to the goal."
-    assert Goal(1).say == "1 photograph to the goal."
+    assert Goal(1).say == "The uncertainty is known after the estimate; 1 photograph to the goal."
 
 
 def test_every_question_is_explained(tmp_path):
