@@ -247,8 +247,7 @@ def bring(now: Location, wanted: Location, at: Mapping[str, float], start: "Tour
 def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     """Check position and size of the chart, the camera settings of the trial, clipping and darkness."""
     plane, known = shown(frame), facts_as(FieldFacts, facts)
-    changed = changed_settings(frame.exposure, known)
-    if changed:
+    if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"This shot does not count: {changed}. Set it back.")
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):

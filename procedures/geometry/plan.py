@@ -194,8 +194,7 @@ def say_view(number: int, facts: Facts) -> str:
 def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     """The chart in the wanted pose, with the settings of the trial, neither clipped nor dark."""
     plane, known = shown(frame), facts_as(GeometryFacts, facts)
-    changed = changed_settings(frame.exposure, known)
-    if changed:
+    if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"This view does not count: {changed}. Set it back.")
     wanted = wanted_pose(number, known)
     outline = wanted_outline(wanted, known)

@@ -305,8 +305,7 @@ def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None
 
 def check_shot(frame: RawFrame, facts: Facts) -> Advice:
     """Check that a shot shows the whole chart, unclipped, exposed as the trial was."""
-    changed = changed_settings(frame.exposure, facts_as(PatternFacts, facts))
-    if changed:
+    if changed := changed_settings(frame.exposure, facts_as(PatternFacts, facts)):
         return Advice(False, f"This shot is rejected: {changed}. Restore the setting and take it again.")
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)

@@ -207,8 +207,7 @@ def check_picture(light: float, frame: RawFrame, facts: Facts) -> Advice:
         say = f"The panel is at {known.light_level:.3f} in place of {light:.3f}: let the station set it."
         return Advice(False, say)
     settings = replace(known, exposure_s=None) if not by_panel and light else known
-    changed = changed_settings(frame.exposure, settings)
-    if changed:
+    if changed := changed_settings(frame.exposure, settings):
         return Advice(False, f"This picture does not count: {changed}. Set it back.")
     if light == 0:
         brightest = max(float(np.median(plane.samples)) for plane in frame.planes.values())

@@ -104,10 +104,10 @@ class Tilt:
 
     @property
     def corner_budget(self) -> dict[str, float]:
-        """Standard uncertainty in um of the highest corner, by the places' best focus and by the chart's squareness."""
+        """Standard uncertainty in um of the highest corner, by noise and positions, and by the chart's squareness."""
         squareness = self.chart_slope * float(np.hypot(*self.sensor.size_mm)) / 2
         whole = self.numbers()[TILT_CORNER].uncertainty
-        return {"best focus": float(np.sqrt(max(whole**2 - squareness**2, 0.0))), "squareness": squareness}
+        return {"noise": float(np.sqrt(max(whole**2 - squareness**2, 0.0))), "squareness": squareness}
 
 
 def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -> Quantity:

@@ -302,8 +302,7 @@ def say_depth(location: Location, depth: float, facts: Facts) -> str:
 def check_bracket(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     """Check place, light and camera settings; record the distance of the chart."""
     plane, known = shown(frame), facts_as(TiltFacts, facts)
-    changed = changed_settings(frame.exposure, known)
-    if changed:
+    if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"This shot does not count: {changed}. Set it back.")
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):

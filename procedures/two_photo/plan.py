@@ -236,8 +236,7 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
     """Check that settings and light are unchanged."""
     known = facts_as(TwoPhotoFacts, facts)
-    changed = changed_settings(frame.exposure, known)
-    if changed:
+    if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
     wanted = near_part(frame.guide.samples.shape, known.ratio)
     if (off := way_by_laser(known)) is not None:

@@ -24,7 +24,7 @@ from station.results.result_files import RECORD
 
 DERIVED = "derived"
 REMEDIES = {
-    "noise": "take four photographs of the same place, or give four times the light",
+    "noise": "take four times as many photographs, or give four times the light",
     "light": "light the chart evenly, within 10 % from corner to corner",
     "sensor": "measure the sensor again with more frames per level",
     "geometry": "mount the chart flat, and photograph it from the front",
@@ -44,10 +44,6 @@ REMEDIES = {
     "shutter": "hold the camera still, or move the chart faster in the video",
     "scale": "measure the chart with a better ruler, and give its record by --scale",
     "squareness": "square the chart more exactly, and give --chart-tilt-deg",
-    "best focus": "photograph four times as many places, or four brackets",
-    "pictures": "take four times as many pictures of each light",
-    "flats": "take four times as many flats",
-    "photographs": "photograph with four times the light",
 }
 """Remedy of each term of a budget."""
 WORDS = {
@@ -58,10 +54,6 @@ WORDS = {
     "shutter": "time between the rows",
     "scale": "scale of the chart",
     "squareness": "squareness of the chart",
-    "best focus": "noise of best focus",
-    "pictures": "noise of the pictures",
-    "flats": "noise of the flats",
-    "photographs": "noise of the photographs",
 }
 """Description of each term of a budget."""
 OUTLIER = 3.5
@@ -72,12 +64,12 @@ MAD = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
 PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
 """Beginning of a batch's reason."""
-HALVED = ("noise", "points", "best focus", "pictures", "flats", "photographs")
+HALVED = ("noise", "points")
 """Terms that the remedy halves; the others are removed at best."""
 ALONE: Mapping[str, str] = {
-    TILT_CORNER: "best focus", SYSTEM_GAIN: "pictures", CORNER_LIGHT: "flats", BASELINE: "points",
-    W_MEDIAN: "photographs",
-}  # fmt: skip
+    **dict.fromkeys((TILT_CORNER, SYSTEM_GAIN, CORNER_LIGHT, W_MEDIAN), "noise"),
+    BASELINE: "points",
+}
 """Numbers whose uncertainty has this term alone where the record has no budget."""
 
 

@@ -10,7 +10,6 @@ from procedures.field.maps import grid, mesh, mtf50_about, propagated, radius_di
 from procedures.numbers import OF_PLACES
 from procedures.outcome import Quantity
 from procedures.psf import Psf
-from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
 from station.calibration.field import shared_uncertainties
 from station.reports.explore import ExploredPlace, ExploredPlaces
@@ -30,17 +29,14 @@ def explored_places(one: PlaneField, centre: PlaneResult) -> ExploredPlaces:
     shared = np.array([known[name] / centre.factor for name in OF_PLACES])
     points = mesh(*grid(field.shape, COLUMNS))
     enclosed, parameters = field.inside(points), field.parameters(points)
-    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
-    common = frequencies, unseen_change(one.quality, frequencies)
-    spots = [_spot(field, shared, common, *place) for place in zip(points, enclosed, parameters, strict=True)]
+    spots = [_spot(one, shared, *place) for place in zip(points, enclosed, parameters, strict=True)]
     return ExploredPlaces(field.shape, spots)
 
 
 def _spot(
-    field: PsfField, shared: np.ndarray, common: tuple[np.ndarray, np.ndarray], place: np.ndarray, enclosed: bool,
-    parameters: np.ndarray,
-) -> ExploredPlace:  # fmt: skip
-    x, y = map(float, place)
+    one: PlaneField, shared: np.ndarray, place: np.ndarray, enclosed: bool, parameters: np.ndarray
+) -> ExploredPlace:
+    field, (x, y) = one.interpolation.field, map(float, place)
     noise, interpolation = field.covariances(x, y)
     psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
     only_noise = Psf.of(parameters, noise, field.k, field.s, interpolation)
@@ -57,7 +53,8 @@ def _spot(
         }
         for name, a, b, c in zip(OF_PLACES, by_noise, rest, shared, strict=True)
     }
-    frequencies, relative = common
+    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
+    relative = unseen_change(one.quality, frequencies)
     curves = {"frequency": frequencies}
     for name, angle in DIRECTIONS.items():
         curves[name], slopes = mtf_along(psf, frequencies, angle)

@@ -51,11 +51,11 @@ def test_a_number_without_a_budget_has_its_only_term():
     plane = PlaneResult("Y", Verdict.PASS, numbers={"tilt_corner": number})
     (one,) = explain_result(Measurement("station/tilt/1", RecordHead("tilt"), (plane,)))
     (term,) = one.terms
-    assert (term.term, term.share, term.uncertainty_then) == ("best focus", 1.0, pytest.approx(0.3))
-    two = replace(plane, details={"tilt_corner": {"budget": {"best focus": 0.36, "squareness": 0.48}}})
+    assert (term.term, term.share, term.uncertainty_then) == ("noise", 1.0, pytest.approx(0.3))
+    two = replace(plane, details={"tilt_corner": {"budget": {"noise": 0.36, "squareness": 0.48}}})
     (one,) = explain_result(Measurement("station/tilt/1", RecordHead("tilt"), (two,)))
     assert [(term.term, term.uncertainty_then) for term in one.terms] == [
-        ("squareness", pytest.approx(0.36)), ("best focus", pytest.approx((0.48**2 + 0.18**2) ** 0.5)),
+        ("squareness", pytest.approx(0.36)), ("noise", pytest.approx((0.48**2 + 0.18**2) ** 0.5)),
     ]  # fmt: skip
 
 
