@@ -119,9 +119,6 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
         "tour_half_x": half_x,
         "tour_half_y": half_y,
     }
-    one = uncertainty(estimate_psf(plane, known.chart, known.quick_parameters))
-    if np.isfinite(one):
-        start["chart_mtf50_uncertainty"] = one
     axes = {BASE + name: place for name, place in known.where().items()}
     return replace(advice, facts={**advice.facts, **start, **axes})
 
@@ -135,7 +132,11 @@ def check_places(frame: RawFrame, facts: Facts) -> Advice:
     share = hull_area(np.array([(place.x, place.y) for place in places]))
     enclosed = Reading("enclosed by the places", 100 * share, "% of the frame", 100 * SMALL_SHARE)
     advice = replace(advice, readings=(*advice.readings, enclosed))
-    return advice if enclosed.good else small_frame(advice)
+    if not enclosed.good:
+        return small_frame(advice)
+    known = facts_as(FieldFacts, facts)
+    one = uncertainty(estimate_psf(shown(frame), known.chart, known.quick_parameters))
+    return replace(advice, facts={**advice.facts, "chart_mtf50_uncertainty": one}) if one < np.inf else advice
 
 
 def small_frame(advice: Advice) -> Advice:
