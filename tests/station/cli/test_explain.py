@@ -7,7 +7,7 @@ import pytest
 from procedures.choice import COMMON, TERMS, combined
 from procedures.outcome import Verdict
 from station.demo import digital_twin
-from station.results.explanation import REMEDIES, explain_result, result_folder
+from station.results.explanation import REMEDIES, explain_batch, explain_result, result_folder
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -89,6 +89,18 @@ def test_causes_of_a_batch_are_counted(batch):
     run("explain", batch, "--strict", code=1)
     assert cause["count"] == 2
     assert cause["remedy"]
+
+
+def test_batch_names_outliers_and_a_typical_photograph(result, tmp_path):
+    """Six photographs that agree and one that does not; the uncertainties' median is the fourth's."""
+    values = [0.5, 0.501, 0.499, 0.502, 0.498, 0.5, 0.6]
+    rows = [{"files": [f"{i}.png"], "reason": "", "remedy": "", "folder": str(result), "planes": {"Y": {"numbers": {
+        "mtf50_horizontal": {"value": value, "unit": "cycles/pixel", "uncertainty": 0.001 * (i + 1)}}}}}
+        for i, value in enumerate(values)]  # fmt: skip
+    (tmp_path / "results.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    batch = explain_batch(tmp_path)
+    assert [one.partition(":")[0] for one in batch.outliers] == ["6.png"]
+    assert batch.typical == str(result)
 
 
 @pytest.mark.slow
