@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -19,18 +21,22 @@ from procedures.field.focus import focus_surface, sharpest
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive, lateral_colour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
+from procedures.field.plan import location_of
 from procedures.field.samplings import as_polynomial
 from procedures.geometry.cameras import FORMULAS, CameraModel, distortion
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_radial
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.next_view import next_views
+from procedures.geometry.facts import GeometryFacts
+from procedures.geometry.next_view import NextView, next_views
+from procedures.geometry.plan import pose_advice
 from procedures.geometry.rig import estimate_rig
 from procedures.outcome import Check, verdict_of
 from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.detection import find_charts
 from procedures.pattern_psf.chart_finding.marks import Saddles
+from procedures.pattern_psf.checks import shown
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.corruptions import print_prior
 from procedures.pattern_psf.drift import chart_series, slope_of
@@ -38,8 +44,9 @@ from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
 from procedures.pattern_psf.focus.sweep import advise_turn, best_focus
 from procedures.pattern_psf.gamma import gamma_diagram
-from procedures.pattern_psf.pose import ImagingGeometry
+from procedures.pattern_psf.pose import ImagingGeometry, chart_pose
 from procedures.pattern_psf.stability import stability_of
+from procedures.plan import facts_as
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
@@ -60,6 +67,7 @@ from tests.procedures.two_photo.damage import names
 from tests.procedures.two_photo.wall import gaussian, photographs
 
 from .frozen import check_frozen
+from .test_plans import of_field
 
 CHART = Chart.from_seed()
 SMALL = PatternParameters(2, 9)
@@ -166,6 +174,22 @@ def cameras() -> Any:
     return found, estimate_rig(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)), 2000.0)
 
 
+def views_checked() -> Any:
+    """Advice on a chart in, near and off its pose, with light that is right, too little and too much."""
+    with TemporaryDirectory() as folder:
+        (known, *_), frames = of_field(Path(folder))
+    (frame, _), facts, found = frames.values(), facts_as(GeometryFacts, known), []
+    for light in (1.0, 0.15, 1.6):
+        planes = {name: replace(one, samples=np.minimum(light * one.samples, 1)) for name, one in frame.planes.items()}
+        lit = replace(frame, planes=planes)
+        (sighting,) = find_charts(shown(lit).samples)
+        at, pose = location_of(sighting, shown(lit)), chart_pose(sighting.H_sensor_pattern, (300, 300), facts.optics(2))
+        for off, yaw, pitch in ((0, 0, 0), (0.04, 6.5, 0), (0.06, 0, 0), (0, 7.5, 0), (0, -30, 7.5), (0, 0, -7.5)):
+            wanted = NextView((at.x + off, at.y), pose.yaw_deg + yaw, pose.pitch_deg + pitch, 7600.0, 0.4, 0.3)
+            found.append(pose_advice(4, wanted, sighting, lit, facts))
+    return found
+
+
 def fields() -> Any:
     """A lens over the frame, with its focus and colours."""
     camera, rng, places = FieldCamera(), np.random.default_rng(2), grid(4, 4)
@@ -267,8 +291,8 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, fields, walls, noises,
-    damaged_charts, damaged_walls, damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, views_checked, fields, walls,
+    noises, damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
 
 
