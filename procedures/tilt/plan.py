@@ -18,7 +18,7 @@ from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.drawings.screws import screws_drawing
 from procedures.field import plan as field_plan
-from procedures.field.measuring import AHEAD, Location, direction, pan_tilt_deg, ray
+from procedures.field.measuring import Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, FieldFacts, TourStart
 from procedures.numbers import HELPS, TILT_CORNER
 from procedures.numerics.arrays import Array
@@ -65,6 +65,7 @@ USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not sep
 NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
 ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
 MARK = 16  # characters of a file's hash that identify it
+AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
 
 def plan(estimate: Estimator) -> Plan:
