@@ -92,7 +92,8 @@ class FolderCamera:
             return Condition("not connected", False, "connect it")
         if not self._folder.is_dir():
             return Condition("the folder is gone", False, "create it again")
-        return Condition(f"{len(self._hashes)} frames")
+        count = len(self._hashes)
+        return Condition("1 frame" if count == 1 else f"{count} frames")
 
     def sensor(self) -> FrameFormat | None:
         """The configured format, or that of the newest file in the folder."""

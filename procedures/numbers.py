@@ -465,7 +465,7 @@ PRINCIPAL_POINT = tuple(
 for _one_name in (*(f"k{i}" for i in range(9)), *(f"p{i}" for i in range(3)), *(f"s{i}" for i in range(5)),
                   "sx1", "sy1", "omega", "alpha", "beta", "xi"):  # fmt: skip
     _geometry(
-        _one_name, "1", f"Distortion {_one_name}", "coefficient of the camera model's distortion", short=_one_name
+        _one_name, "1", f"Distortion {_one_name}", "coefficient of the camera model's distortion", _C, short=_one_name
     )
 _PROJECTION = "projection_uncertainty_"
 _CHART_TERMS = (
@@ -625,6 +625,9 @@ def _words(name: str, unit: str) -> tuple[str, str]:
     if name.endswith(MEDIAN):
         words, brief = _words(name.removesuffix(MEDIAN), unit)
         return f"{words}, median over the frame", brief
+    if name.startswith(_PROJECTION):
+        place = name.removeprefix(f"{_PROJECTION}at_").replace("_", " ")
+        return f"Projection uncertainty at {place}", f"projection at {place}"
     return name, name
 
 

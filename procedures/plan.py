@@ -438,6 +438,22 @@ def axes_of(facts: Facts) -> dict[str, AxisTravel]:
     return {name: AxisTravel(*(_number_or_none(facts, start + name) for start in prefixes)) for name in names}
 
 
+RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Small turns of the focus ring about the initial focus; positive towards infinity."""
+
+
+def ring_places(facts: Facts) -> Sequence[float]:
+    """Turns of the focus ring, where the operator brackets the focus by it."""
+    return RING if facts.get("focus_by", "ring") == "ring" else ()
+
+
+def say_ring(change: float) -> str:
+    """Instruction to turn the focus ring."""
+    count = round(abs(change), 1)
+    turns = "one small step" if count == 1 else f"{count:g} small steps"
+    return f"Turn the focus ring {turns} towards {'infinity' if change > 0 else 'near'}."
+
+
 def insisted_of(facts: Facts) -> frozenset[str]:
     """Names of the answers that the operator confirmed despite a contradiction."""
     return frozenset(name.removeprefix(INSISTED) for name in facts if name.startswith(INSISTED) and facts[name])

@@ -63,7 +63,7 @@ def _cache_folder(base: str, package: str) -> str:
     with contextlib.suppress(OSError):
         for other in own.iterdir():
             if other != folder and time.time() - other.stat().st_mtime > KEPT_S:
-                shutil.rmtree(other, ignore_errors=True)
+                shutil.rmtree(other)
     return str(folder)
 
 

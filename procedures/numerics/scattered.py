@@ -5,13 +5,16 @@ The prediction is `weights(points) @ values`, so its variance follows from that 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull, Delaunay, QhullError
+from scipy.spatial import ConvexHull, QhullError
 
 from procedures.numerics.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RBFInterpolator
 
 
 class Smoother(Protocol):
@@ -69,24 +72,15 @@ class ThinPlate:
 
     def weights(self, points: Array) -> Array:
         """(n, N)."""
-        return np.asarray(np.hstack([_bending(points, self.places), monomials(points, 1)]) @ self._solution)
+        return np.asarray(self._splines(points))
 
     @cached_property
-    def _solution(self) -> Array:
-        """Coefficients of the bending functions and the linear part, (N + 3, N), per value."""
-        n = len(self.places)
-        linear = monomials(self.places, 1)
-        system = np.zeros((n + 3, n + 3))
-        relative = self.trust / self.trust.mean()
-        system[:n, :n] = _bending(self.places, self.places) + self.stiffness * n * np.diag(1 / relative)
-        system[:n, n:], system[n:, :n] = linear, linear.T
-        return np.asarray(np.linalg.solve(system, np.vstack([np.eye(n), np.zeros((3, n))])))
+    def _splines(self) -> "RBFInterpolator":
+        """Through 1 at one of the places and 0 at the others, for each."""
+        from scipy.interpolate import RBFInterpolator
 
-
-def _bending(a: Array, b: Array) -> Array:
-    """r^2 log r between points (n, 2) and (m, 2), the Green's function of bending up to a factor: (n, m)."""
-    r2 = np.sum((np.asarray(a)[:, None] - np.asarray(b)) ** 2, axis=2)
-    return np.asarray(r2 * np.log(np.maximum(r2, 1e-300)) / 2)
+        n, relative = len(self.places), self.trust / self.trust.mean()
+        return RBFInterpolator(self.places, np.eye(n), smoothing=self.stiffness * n / relative)
 
 
 def hull_area(points: Array) -> float:
@@ -105,11 +99,11 @@ class Hull:
 
     def __post_init__(self) -> None:
         try:
-            triangles = Delaunay(self.places)
+            hull = ConvexHull(self.places)
         except (QhullError, ValueError) as error:
             raise ValueError("a hull needs three places that do not lie on one line") from error
-        object.__setattr__(self, "_triangles", triangles)
-        object.__setattr__(self, "_rim", self.places[_ring(triangles.convex_hull, self.places)])
+        object.__setattr__(self, "_sides", hull.equations)
+        object.__setattr__(self, "_rim", self.places[hull.vertices])
 
     @property
     def rim(self) -> Array:
@@ -127,7 +121,8 @@ class Hull:
     def nearest(self, points: Array) -> Array:
         """The points (n, 2); those outside moved to the nearest point of the hull."""
         points = np.array(points, dtype=np.float64)
-        outside = np.flatnonzero(self.__dict__["_triangles"].find_simplex(points) < 0)
+        sides = self.__dict__["_sides"]
+        outside = np.flatnonzero((points @ sides[:, :2].T + sides[:, 2] > 0).any(axis=1))
         if not len(outside):
             return points
         a, b = self.rim, np.roll(self.rim, -1, axis=0)
@@ -137,11 +132,3 @@ class Hull:
         best = np.argmin(np.linalg.norm(feet - out, axis=2), axis=1)
         points[outside] = feet[np.arange(len(outside)), best]
         return points
-
-
-def _ring(edges: npt.NDArray[np.integer], places: Array) -> npt.NDArray[np.intp]:
-    """The hull's corners in order around, from its edges."""
-    corners = np.unique(edges)
-    offset = places[corners] - places[corners].mean(axis=0)
-    ring: npt.NDArray[np.intp] = corners[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
-    return ring

@@ -59,6 +59,8 @@ from procedures.plan import (
     axes_of,
     facts_as,
     required,
+    ring_places,
+    say_ring,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -69,8 +71,6 @@ TARGET_UNCERTAINTY = 0.002
 """Default target of MTF50's standard uncertainty in every plane, in cycles/pixel."""
 S_OVER_T = f"s/t near {RATIO:g}. s/t is the number of samples of the PSF across one cell of the chart."
 SHARPNESS = "MTF50 in cycles/pixel"
-RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Steps of the focus ring about the initial focus; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
 """Positions on the rail about the initial one, in depths of focus."""
 
@@ -234,11 +234,6 @@ DISTANCE = (
 SQUARE = (Look("square", check_square, tries=10),)
 
 
-def ring_places(facts: Facts) -> Sequence[float]:
-    """Steps of the focus ring, if the operator focuses by it."""
-    return RING if facts_as(PatternFacts, facts).focus_by == "ring" else ()
-
-
 def rail_places(facts: Facts) -> Sequence[float]:
     """Positions of the rail about the current one in its travel, if it focuses; a step dz widens the circle of
     confusion f^2 dz / (N z^2) by a pixel of the plane: Smith, 6.8."""
@@ -251,14 +246,6 @@ def rail_places(facts: Facts) -> Sequence[float]:
     pixel_mm, z = optics.plane_pitch_um / 1000, known.wanted_distance_mm()
     depth = pixel_mm * f_number * (z / optics.focal_length_mm) ** 2
     return [here + step * depth for step in RAIL if rail.holds(here + step * depth)]
-
-
-def say_ring(change: float) -> str:
-    """Instruction for the focus ring."""
-    way = "infinity" if change > 0 else "near"
-    count = abs(change)
-    turns = "one small step" if count == 1 else f"{count:.1f} small steps".replace(".0 ", " ")
-    return f"Turn the focus ring {turns} towards {way}."
 
 
 def choose_focus(axis: str, unit: str) -> Any:

@@ -117,7 +117,7 @@ def light_summary(which: str, facts: Facts) -> str:
         return OMITTED
     levels = facts_as(RestorationFacts, facts).levels
     first, level = levels["first"], levels[which]
-    return "" if first is None or level is None else f"light {100 * (level / first - 1):+.0f} %"
+    return "" if first is None or level is None else f"light {100 * (level / first - 1):+z.0f} %"
 
 
 def shots(which: str, questions: tuple[Ask, ...], check: Mapping[str, Check]) -> tuple[Any, ...]:

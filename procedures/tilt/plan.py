@@ -66,6 +66,7 @@ NEAR = 0.05  # accepted distance of the chart from its place, in fractions of th
 ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
 MARK = 16  # characters of a file's hash that identify it
 AHEAD: Array = np.array([0.0, 0.0, 1.0])
+SURELY = 0.99  # greatest probability that is stated
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -206,7 +207,8 @@ def say_turns(facts: Facts) -> str:
         f"screw {i} at {angle:.0f}° by {abs(turn):.3f} of a turn, {'away from' if turn > 0 else 'towards'} the lens"
         for i, (angle, turn) in enumerate(screws, 1)
     ]
-    return f"Turn {'; '.join(words)}. That helps with a probability of {known.helps:.2f}."
+    chance = "more than 99 %" if known.helps > SURELY else f"{100 * known.helps:.0f} %"
+    return f"Turn {'; '.join(words)}. This helps with a probability of {chance}."
 
 
 def turns_by_hand(facts: Facts) -> dict[str, float]:

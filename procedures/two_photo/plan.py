@@ -39,6 +39,8 @@ from procedures.plan import (
     TourStop,
     facts_as,
     required,
+    ring_places,
+    say_ring,
 )
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.distances import (
@@ -68,8 +70,6 @@ TEXTURE = 5.0  # minimum contrast of the wall's detail, relative to the noise
 DETAIL_PX = 8.0  # slower variation than this is light, not detail
 SAME_LIGHT = 0.25  # accepted relative change of the wall's level between the distances
 FRAMES = 2  # photographs at either distance, which are averaged
-RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Small turns of the focus ring relative to autofocus or the eye; positive towards infinity."""
 
 
 def plan() -> Plan:
@@ -88,7 +88,7 @@ def plan() -> Plan:
             ),
             Step(
                 "far", "Far", "Move back, focus again, change nothing else.",
-                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+.0f} %",
+                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+z.0f} %",
             ),
             Step(
                 "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
@@ -274,17 +274,6 @@ def sharpness(frame: RawFrame, facts: Facts) -> float:
     """Fine over coarse contrast of the frame's middle, for comparison of focus positions at one wall."""
     plane = frame.guide
     return fineness(middle(plane.samples, 0.5), noise_at_most(plane.samples))
-
-
-def ring_places(facts: Facts) -> Sequence[float]:
-    """Turns of the focus ring, where the operator brackets the focus."""
-    return RING if facts_as(TwoPhotoFacts, facts).focus_by == "ring" else ()
-
-
-def say_ring(change: float) -> str:
-    """Instruction to turn the focus ring."""
-    steps = "one small step" if abs(change) == 1 else f"{abs(change):g} small steps"
-    return f"Turn the focus ring {steps} towards {'infinity' if change > 0 else 'near'}."
 
 
 def choose_focus(places: Sequence[float], scores: Sequence[float]) -> Advice:

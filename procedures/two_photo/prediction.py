@@ -56,17 +56,11 @@ def information(near: Array32, ratio: float, noise: float, s: int, k: int) -> Ar
     return np.asarray(near.size / ratio**2 / noise**2 * R)
 
 
-def predicted_uncertainty(
-    near: Array32, ratio: float, noise: float, s: int = 3, k: int = 13, frequency: float = 0.5
-) -> float:
-    """Standard uncertainty of the MTF along rows by the noise of a far photograph.
-
-    ratio : float
-        Distance of the far photograph over that of the near one, greater than s.
-    frequency : float
-        Cycles per pixel.
-    """
+def predicted_uncertainty(near: Array32, ratio: float, noise: float) -> float:
+    """Standard uncertainty of the MTF along rows at Nyquist's frequency by the noise of a far photograph, whose
+    distance is `ratio` times that of the near one, more than 3."""
+    s, k = 3, 13
     G = information(near, ratio, noise, s, k)
     G = G + RIDGE * np.trace(G) / len(G) * np.eye(len(G))
-    wave = np.tile(np.cos(2 * np.pi * frequency * (np.arange(k) - k // 2) / s), k) - HALF
+    wave = np.tile(np.cos(np.pi * (np.arange(k) - k // 2) / s), k) - HALF
     return REPORTED * float(np.sqrt(wave @ cholesky_inverse(G) @ wave))

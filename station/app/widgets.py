@@ -385,8 +385,8 @@ def progress_in_words(doing: ProgressEvent, elapsed_s: float, left_s: float | No
     if doing.total > 0:
         filled = min(BAR, doing.done * BAR // doing.total)
         words = [glyphs.full * filled + glyphs.empty * (BAR - filled), f"{doing.done} of {doing.total}", doing.say]
-    if left_s is not None:
-        words.append(f"about {seconds_in_words(max(0.0, left_s - elapsed_s))} left")
+    if left_s is not None and left_s > elapsed_s:
+        words.append(f"about {seconds_in_words(left_s - elapsed_s)} left")
     elif elapsed_s >= 2:
         words.append(f"({seconds_in_words(elapsed_s)} so far)")
     return "  ".join(words)

@@ -85,12 +85,15 @@ def measure_edges(
 
 def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult:
     """The plane's result, from its best edge."""
-    numbers = {} if best.value is None else _numbers(best.value, at)
+    edge = best.value
     rows, columns = plane.samples.shape
     roi = best.roi
     place = "" if roi is None else place_of(roi.x + roi.width / 2, roi.y + roi.height / 2, (rows, columns))
-    values = {} if best.value is None else _probable(best.value)
-    return PlaneResult.of_outcome(plane.name, best, numbers=numbers, values=values, pitch=plane.pitch, place=str(place))
+    curves = edge and {"frequency": edge.frequencies, "mtf": edge.mtf, "mtf_uncertainty": edge.uncertainty}
+    return PlaneResult.of_outcome(
+        plane.name, best, numbers=_numbers(edge, at) if edge else {}, curves=curves or {},
+        values=_probable(edge) if edge else {}, pitch=plane.pitch, place=str(place),
+    )  # fmt: skip
 
 
 def _probable(edge: EdgeMtf) -> dict[str, float]:

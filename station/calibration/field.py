@@ -1,20 +1,22 @@
 """The result of every plane of a field, as it travels: that of the PSF at the frame's centre."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from procedures.field.conclusion import FieldResult, Limit, PlaneField
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames
-from procedures.numbers import OF_PLACES
+from procedures.numbers import MTF50_MERIDIONAL, MTF50_SAGITTAL, OF_PLACES
 from procedures.outcome import Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
 from station.results.limits import Place, Specification, Spot
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
-from station.results.units import Pixels
+from station.results.units import Pixels, convert_quantity
 
 
 def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> PlaneResult:
@@ -51,6 +53,10 @@ def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limi
 
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""
+REACH = (1.0, 0.875, 0.75, 0.625, 0.5)
+"""Shares of that where the numbers of a certificate are, the first at which the nodes reach most places."""
+SAME_AS = {str(MTF50_SAGITTAL): "mtf50_radial", str(MTF50_MERIDIONAL): "mtf50_radial"}
+"""Numbers of a plane's centre with the uncertainty of those about the radius."""
 COLUMNS = {-1: "left", 0: "", 1: "right"}
 ROWS = {-1: "upper", 0: "", 1: "lower"}
 
@@ -68,6 +74,28 @@ def field_spots(
         for name, place, u, v in _nine()
         if everywhere or place in wanted
     )
+
+
+def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, dict[str, Quantity]]]:
+    """How far out the nodes reach around the frame, of its half sides, and the numbers at the nine places there.
+
+    plane : the result at the centre; by what its uncertainties exceed the field's own there, those at all places do
+    """
+
+    def numbers(u: float, v: float) -> dict[str, Quantity]:
+        found = _numbers(field, u, v, (), None)
+        return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in found.items()}
+
+    def widened(name: str, one: Quantity) -> Quantity:
+        whole = plane.numbers.get(SAME_AS.get(name, name), one)
+        shared = max(whole.uncertainty**2 - centre[name].uncertainty ** 2, 0.0)
+        return replace(one, uncertainty=math.hypot(one.uncertainty, math.sqrt(shared)))
+
+    share = max(REACH, key=lambda share: sum(_reached(field, share * u, share * v) for _, _, u, v in _nine()))
+    centre, places = numbers(0, 0), {name: (share * u, share * v) for name, _, u, v in _nine()}
+    reached = {name: numbers(*at) for name, at in places.items() if _reached(field, *at)}
+    return share * OUT, {place: {name: widened(name, one) for name, one in known.items()}
+                         for place, known in reached.items()}  # fmt: skip
 
 
 def _nine() -> Iterator[tuple[str, Place, float, float]]:

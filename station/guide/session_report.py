@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from procedures.field.field_file import read_field
 from procedures.numerics.arrays import Array
 from procedures.outcome import Refused, Verdict
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
+from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable, stated
@@ -37,8 +39,16 @@ from station.sessions.state import SessionShot, SessionState, replay, terms_of_s
 PAGE = "report.html"
 COMMANDS = {"restoration": "restore", "camera": "field"}
 """Procedures of plans with other names."""
+FIELD = "field.h5"
 REPORTED = "reported"
 """Event in the journal with the hash of the page."""
+STATED = (
+    "light", "sensor_kind", "chart", "chart_width_mm", "ruler_mm", "distance_mm", "s_over_t", "near_mm", "ratio",
+    "focal_length_mm", "pixel_pitch_um", "f_number", "exposure_s", "iso", "places", "views", "blur_by", "photographs",
+    "max_w", "screw_count", "screw_radius_mm", "screw_pitch_mm", "s", "k", "solver", "print_blur", "exposure_ratio",
+)  # fmt: skip
+"""The facts of a session that its certificate states."""
+WORDS = {"s_over_t": "s/t", "iso": "ISO", "f_number": "f-number"}
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
@@ -98,8 +108,22 @@ def certificate_files(
     from station.reports import certificate_print
 
     report, last = session_report(folder, result), read_session(folder).state.results[-1]
-    record = read_record(folder / last.folder)
+    report, record = replace(report, parameters=_customer_facts(report.parameters)), read_record(folder / last.folder)
     return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
+
+
+def _customer_facts(facts: Mapping[str, Any]) -> dict[str, str]:
+    """The facts on which a customer relies, in words."""
+    from station.guide.provenance import NAMES  # imported here: its dependencies are slow to import
+
+    known = {}
+    for key in STATED:
+        if (value := facts.get(key)) is not None:
+            words, unit = _unit_of(key)
+            known[WORDS.get(key) or NAMES.get(key, words)] = (
+                f"{value:.4g} {unit}".rstrip() if isinstance(value, float) else str(value)
+            )
+    return known
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -132,6 +156,7 @@ def _of_measurement(record: SessionRecord) -> Report:
         report, subject=subject, made=made, planes=[*report.planes, *planes],
         method="; ".join((report.method, *methods)),
         conditions=[*_conditions(state), *environment_lines(_environment(state))], devices=list(_devices(record)),
+        fields=read_field(folder / FIELD) if (folder / FIELD).exists() else {},
         software=last.about["machine"]["software"], files=[f"{last.folder}/{name}" for name in last.files],
     )  # fmt: skip
 
@@ -153,6 +178,7 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
         software=last.about["machine"]["software"],
         files=[f"{last.folder}/{name}" for name in last.files],
         method=METHODS.get(state.plan) or (procedure_named(state.plan).method if entry.general else ""),
+        fields={name: one for plane in result.planes.values() for name, one in _fields(plane.estimate)},
     )
 
 
@@ -162,6 +188,14 @@ def _of_frame(one: PlaneResult) -> PlaneResult:
     from station.reports.field.field_files import with_medians
 
     return with_medians(one, one.estimate) if isinstance(one.estimate, FieldResult) else one
+
+
+def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
+    """The PSF over the frame by plane, of an estimate of a field."""
+    from procedures.field.conclusion import FieldResult
+
+    if isinstance(estimate, FieldResult):
+        yield from ((name, one.value.interpolation.field) for name, one in estimate.planes.items() if one.value)
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:

@@ -69,8 +69,9 @@ def _definitions() -> dict[str, Any]:
         },
     }  # fmt: skip
     judged = {"enum": [*(str(one) for one in Compliance), None]}
-    limit = {"type": "object", "required": ["number", "min", "max"],
-             "properties": {"number": text, "min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL, "verdict": judged}}  # fmt: skip
+    bounds = {"min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}
+    limit = {"type": "object", "required": ["number", *bounds],
+             "properties": {"number": text, **bounds, "verdict": judged}}  # fmt: skip
     reading = {"type": "object", "required": ["value", "unit", "uncertainty", "min", "max", "n"],
                "properties": {"value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL}}  # fmt: skip
     return {

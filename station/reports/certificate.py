@@ -9,7 +9,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from procedures.numbers import RADIAL, Group, in_group, label
+from procedures.numbers import (
+    ENCIRCLED_ENERGY_80,
+    MTF50_MERIDIONAL,
+    MTF50_SAGITTAL,
+    MTF_NYQUIST,
+    RADIAL,
+    Group,
+    in_group,
+    label,
+)
+from procedures.outcome import Quantity
+from station.calibration.field import field_places
 from station.common.sanitise import stated
 from station.reports.certificate_figure import curves_figure, qr_code
 from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
@@ -27,11 +38,19 @@ VALIDITY = {
 }
 """Validity of the numbers of a procedure."""
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
+AT_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, MTF_NYQUIST[RADIAL], ENCIRCLED_ENERGY_80)
+"""Numbers that a certificate has at places of the frame."""
+ASKED = ("mtf_at_", "projection_uncertainty_")
+"""Beginnings of the names of numbers that depend on what was asked for."""
 MAX_LIMITS = 10
 MAX_SHOTS = 6
 DECISION_RULE = (
     "Decision rule (ISO 14253-1, ILAC-G8): a limit is met if the number lies within it by its guard band, which is "
     "two standard uncertainties unless the specification states another; otherwise it is undecided, or not met."
+)
+EXTENT = (
+    "The results relate only to the items named above, as they were measured. Copies of parts of this certificate need "
+    "the laboratory's consent."
 )
 CODE = "calibration-station certificate sha256:"
 """Text of the QR code before the digest."""
@@ -72,14 +91,16 @@ def certificate_sections(report: Report) -> list[Section]:
         subject,
         Section("Verdicts", [Table(verdicts, style="verdicts"), *reasons, *_limits(report.planes)]),
         Section("Numbers", [number_table(report.planes), Note(_footnote(report)), *_curves(report.planes)]),
+        *_over_the_frame(report),
         *([Section("Conditions", [Table(lines)])] if lines else []),
         Section("Method and provenance", [method, Table(_shots(report)), *_record(report)]),
     ]
 
 
 def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
-    figure = curves_figure(planes)
-    return [PrintedPicture(figure, "MTF with the band that holds 95 %; PSF on its support.", 178)] if figure else []
+    figure, sampled = curves_figure(planes), any(one.samples is not None for one in planes)
+    caption = "MTF with the band that holds 95 %" + ("; PSF on its support." if sampled else ".")
+    return [PrintedPicture(figure, caption, 178)] if figure else []
 
 
 def _record(report: Report) -> list[Block]:
@@ -87,6 +108,7 @@ def _record(report: Report) -> list[Block]:
     if not report.record:
         return []
     how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
+    how = f"{how} {EXTENT}"
     return [PrintedPicture(qr_code(CODE + report.record), how, 20)]
 
 
@@ -108,22 +130,37 @@ def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
 
 def number_table(planes: Sequence[PlaneResult]) -> Table:
     """Certified numbers in all planes, and the MTF at requested frequencies, with expanded uncertainties."""
-    asked = [name for one in planes for name in one.numbers if name.startswith("mtf_at_") and not name.endswith(RADIAL)]
+    asked = [name for one in planes for name in one.numbers if name.startswith(ASKED) and not name.endswith(RADIAL)]
     rows = []
     for name in (*in_group(Group.CERTIFIED), *dict.fromkeys(asked)):
         quantities = [one.quantity(name) for one in planes]
         known = next((one for one in quantities if one is not None), None)
         if known is not None:
             unit = "" if known.unit == "1" else f", {known.unit}"
-            values = [
-                "—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in quantities
-            ]
-            rows.append([label(name, planes[0].unit) + unit, *values])
+            rows.append([label(name, planes[0].unit) + unit, *map(_expanded, quantities)])
     heads = []
     for one in planes:
         judged = comparison(one).judged
         heads.append(small(one.name, MEASUREMENT[str(one.verdict)] + (f", {judged}" if judged else "")))
     return Table(rows, ["", *heads], style="few" if len(planes) < 3 else "numbers")
+
+
+def _over_the_frame(report: Report) -> list[Section]:
+    """Numbers at the centre, the sides and the corners of the frame, in each plane with a field."""
+    blocks: list[Block] = []
+    for plane in report.planes:
+        if (field := report.fields.get(plane.name)) is None:
+            continue
+        out, places = field_places(field, plane)
+        rows = [[place, *(_expanded(numbers.get(name)) for name in AT_PLACES)] for place, numbers in places.items()]
+        heads = [label(name, plane.unit) + (f", {name.unit}" if name.unit == "pixel" else "") for name in AT_PLACES]
+        words = f"Plane {plane.name}, frequencies in {plane.unit}; sides and corners at {out:.2g} of the half sides."
+        blocks += [Note(words), Table(rows, ["", *heads], style="numbers")]
+    return [Section("Over the frame", blocks)] if blocks else []
+
+
+def _expanded(one: Quantity | None) -> str:
+    return "—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty)
 
 
 def _footnote(report: Report) -> str:

@@ -27,6 +27,8 @@ class CertificateDetails:
     """Details required by ISO/IEC 17025:2017, section 7.8.2, that a record does not hold.
 
     logo : path of a PNG or JPEG image
+    place : where the measurement was made, if elsewhere
+    condition : of camera and lens
     traceability : of the chart's scale: ruler, number of its certificate
     authoriser : name and function of the person who authorises the certificate
     signing_key : path of an Ed25519 private key, PEM
@@ -36,11 +38,13 @@ class CertificateDetails:
     laboratory_address: str = ""
     logo: str = ""
     accreditation: str = ""
+    place: str = ""
     number: str = ""
     customer: str = ""
     customer_address: str = ""
     camera_serial: str = ""
     lens_serial: str = ""
+    condition: str = ""
     received: str = ""
     issued: str = ""
     traceability: str = ""
@@ -79,8 +83,10 @@ class CertificateDetails:
             "Customer": ", ".join(one for one in (self.customer, self.customer_address) if one),
             "Serial number of the camera": self.camera_serial,
             "Serial number of the lens": self.lens_serial,
+            "Condition of the items": self.condition,
             "Received": self.received,
             "Issued": self.issued,
+            "Place of the measurement": self.place,
             "Traceability of the scale": self.traceability,
         }
         if self.signing_key:

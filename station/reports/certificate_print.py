@@ -109,8 +109,8 @@ def _printed(block: Block) -> Iterator[Any]:
         image = Image(io.BytesIO(block.data), width, width * rows / columns, hAlign="LEFT")
         caption = [_paragraph(block.caption, SMALL)] if block.caption else []
         beside = caption and block.width_mm < SMALL_MM
-        yield from [PrintedTable([[image, *caption]], (width + 3 * mm, WIDTH - width - 3 * mm), style=BESIDE)
-                    ] if beside else [image, *caption]  # fmt: skip
+        yield PrintedTable([[image, *caption]], (width + 3 * mm, WIDTH - width - 3 * mm), style=BESIDE) if (
+            beside) else KeepTogether([image, *caption])  # fmt: skip
     elif isinstance(block, str):
         yield _paragraph(block, PLAIN)
     elif isinstance(block, Table) and block.rows:

@@ -6,6 +6,7 @@ from typing import Any
 
 from procedures.numbers import NUMBERS, label
 from procedures.outcome import Miss
+from procedures.psf_field import PsfField
 from procedures.raw import Exposure, RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
@@ -87,6 +88,7 @@ class Report:
     method : publication or standard
     duration_s : processing time
     drift : drift over the session
+    fields : PSF over the frame, by plane
     result : the complete result, if the planes are parts of one
     record : digest of the record, see `certificate.record_digest`
     details : what a certificate states besides the measurement
@@ -111,6 +113,7 @@ class Report:
     duration_s: float | None = None
     drift: Sequence[DriftLine] = ()
     record: str = ""
+    fields: Mapping[str, PsfField] = field(default_factory=dict)
     result: Any = None
     details: CertificateDetails = field(default_factory=CertificateDetails)
 

@@ -179,11 +179,9 @@ class Index:
         self._database.execute("DELETE FROM sessions WHERE folder = ?", (name,))
         try:
             record = read_session(self.root / name)
-        except ProcedureError as error:
-            self._insert(name, stamp, None, damage=error.reason)
-            return
         except Exception as error:  # a damaged session, whatever is in it, must not hide the others
-            self._insert(name, stamp, None, damage=f"it cannot be read: {error!r}")
+            reason = error.reason if isinstance(error, ProcedureError) else f"it cannot be read: {error!r}"
+            self._insert(name, stamp, None, damage=reason)
             return
         wrong = damaged_results(self.root / name, record.state)
         damage = [*record.oddities, *([f"{', '.join(wrong)}: missing or changed"] if wrong else [])]

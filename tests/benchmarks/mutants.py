@@ -290,7 +290,10 @@ class Area:
         self.seconds = {test: value for test, value in self.seconds.items() if not old(test)}
         out = self.folder / "recording.json"
         log = self.folder / "recording.log"
+        out.unlink(missing_ok=True)
         _wait(self._fork(lambda: _record(self.sources, changed, out, self.quick), log, self.folder / COMPILED))
+        if not out.exists():
+            sys.exit(f"{self.name}: the tests cannot be recorded, see {log}")
         new = json.loads(out.read_text())
         if new["failed"]:
             print(f"{self.name}: fail without a mutant, and are not used: {', '.join(new['failed'])}", flush=True)
@@ -394,12 +397,13 @@ class Area:
 
     def _in_time(self, announcements: int, grace_s: float) -> bool:
         """Follow the tests until the pipe is closed: whether none took too long."""
-        limit_s = 6 * GRACE_S  # tests are collected
+        load = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        limit_s = 6 * GRACE_S * load  # tests are collected
         while select.select([announcements], [], [], limit_s)[0]:
             names = os.read(announcements, 1 << 16).decode().split("\n")[:-1]
             if not names:
                 return True
-            limit_s = SLOWER * self.seconds.get(names[-1], 1.0) + grace_s
+            limit_s = (SLOWER * self.seconds.get(names[-1], 1.0) + grace_s) * load
         return False
 
 
@@ -450,6 +454,8 @@ def _record(sources: Sequence[str], tests: Sequence[str], out: Path, quick: bool
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
     code = _pytest([*tests, *(("-m", "not slow") if quick else ())], recorder)
+    if code > 1:  # no test ran
+        return code
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 

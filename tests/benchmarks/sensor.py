@@ -7,18 +7,22 @@ truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-,
 coverage  small sets of the same kind, 64 x 64 pixels: how often intervals hold the truth
 low       8 bits, dark noise of 0.1 to 0.6 DN: the same
 speed     levels and stacks of 24 megapixels, per picture
-published a clone of the public repository EMVA1288/datasets: every number against the published program, both with
-          the program's own level of saturation and with ours
+published a clone of the public repository EMVA1288/datasets: every number against the published program, and the shares
+          of the difference by the level of saturation and by the correction of rounding
 Agreement with the published program on its own simulated data is tested in tests/procedures/sensor/test_peer.py.
 """
 
+import contextlib
 import platform
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
+from procedures.sensor import curves, stacks, uniformity
 from procedures.sensor.estimate import characterise
 from procedures.sensor.stacks import StackSums, measure_level
 from procedures.sensor.uniformity import spatial_variances
@@ -134,17 +138,31 @@ def speed() -> None:
 
 
 def published(folder: Path) -> None:
-    """Numbers of the public data sets, and the relative difference from the published program in per cent."""
+    """Numbers of the public data sets, and their relative difference from the published program in per cent.
+
+    It is divided into that by the level of saturation (the program at our level against itself), that by our correction
+    of rounding (with it against without it), and what is left.
+    """
     for one in sorted(path.parent for path in folder.glob("*/EMVA1288_Data.txt")):
         (plane,) = measure_sensor(find_shots(one), None).planes
         result = plane.outcome.result()
-        saturation = result.transfer.saturation
-        peers = [peer_numbers(one / "EMVA1288_Data.txt", at) for at in (None, saturation)]
+        with contextlib.ExitStack() as stack:
+            for module in (curves, stacks, uniformity):
+                stack.enter_context(patch.object(module, "NEGLIGIBLE", 0.0))
+            as_rounded = measure_sensor(find_shots(one), None).planes[0].outcome.result().numbers
+        theirs, at_our_level = (
+            peer_numbers(one / "EMVA1288_Data.txt", at) for at in (None, result.transfer.saturation)
+        )
         print(f"{one.name}: {plane.outcome.verdict} {plane.outcome.reason}")
+        print(f"{'':44s}{'all':>9s}{'level':>9s}{'rounding':>9s}{'left':>9s}")
         for name, number in result.numbers.items():
-            if name in peers[0]:
-                own, same = (100 * (number.value / peer[name] - 1) for peer in peers)
-                print(f"{name:32s} {number.value:11.5g} +- {number.uncertainty:9.3g}: {own:+6.2f} {same:+6.2f} %")
+            if name in theirs:
+                steps = theirs[name], at_our_level[name], as_rounded[name].value, number.value
+                whole, level, left, rounding = (
+                    100 * float(np.divide(b, a) - 1) for a, b in [(steps[0], steps[-1]), *pairwise(steps)]
+                )
+                shares = "".join(f" {share:+8.2f}" for share in (whole, level, rounding, left))
+                print(f"{name:24s} {number.value:11.5g} +- {number.uncertainty:9.3g}{shares}", flush=True)
 
 
 if __name__ == "__main__":

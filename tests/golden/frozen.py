@@ -34,14 +34,14 @@ def frozen_record(path: Path, folder: Path) -> Any:
     return _frozen(json.loads(path.read_text(encoding="utf-8")), str(folder))
 
 
-def frozen_file(path: Path) -> Any:
+def frozen_file(path: Path, folder: Path) -> Any:
     """What a table or an array holds: its size, sums of its numbers, also weighted by their place, and one row."""
     if path.suffix == ".csv":
         head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
         columns = {name: [_value(row[i]) for row in rows] for i, name in enumerate(head)}
         numeric = {one: column for one, column in columns.items() if column and all(map(_is_number, column))}
         middle = [column[len(rows) // 2] for column in columns.values() if rows]
-        return {"columns": head, "rows": len(rows), "middle": middle,
+        return {"columns": head, "rows": len(rows), "middle": _frozen(middle, str(folder)),
                 "sums": {one: _sums(np.array(column)) for one, column in numeric.items()}}  # fmt: skip
     array = np.load(path) if path.suffix == ".npy" else cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     return {"kind": str(array.dtype), "sums": _sums(array)}

@@ -48,7 +48,7 @@ def test_records_are_as_they_were(made, request):
 def test_tables_and_arrays_are_as_they_were(made, request):
     name, folder = made
     files = [one for suffix in (".csv", ".npy", ".tiff") for one in files_of(folder, suffix)]
-    found = {without_hashes(str(one.relative_to(folder))): frozen_file(one) for one in files}
+    found = {without_hashes(str(one.relative_to(folder))): frozen_file(one, folder) for one in files}
     kept = FROZEN / f"{name}.tables.json"
     if request.config.getoption("--freeze"):
         kept.write_text(json.dumps(found, ensure_ascii=False) + "\n", encoding="utf-8")

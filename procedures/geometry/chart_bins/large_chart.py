@@ -28,8 +28,8 @@ Array32 = npt.NDArray[np.float32]
 
 BLUR_PX = 0.8
 """Initial standard deviation of the blur; the fit corrects it."""
-BLUR_ITERATIONS = 5
-"""Corrections of the blur, which is nonlinear over the range from sharp to blurred pictures."""
+BLUR_ITERATIONS, BLUR_TOLERANCE_PX = 5, 0.005
+"""Corrections of the blur, which is nonlinear over the range from sharp to blurred pictures, and the least of them."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 4.0
 FINE, FEWEST_FINE = 6.0, 3
 """Places rendered along a cell, approximately, and along a pixel at least: sharp pictures vary within a pixel."""
@@ -51,9 +51,9 @@ def reduced(samples: Array32, factor: int) -> Array32:
 
     Pixel i has its centre at factor i + (factor - 1) / 2.
     """
-    rows, columns = (size // factor * factor for size in samples.shape)
-    squares = samples[:rows, :columns].reshape(rows // factor, factor, columns // factor, factor)
-    return np.asarray(squares.mean(axis=(1, 3), dtype=np.float32))
+    rows, columns = (size // factor for size in samples.shape)
+    whole = samples[: rows * factor, : columns * factor]
+    return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def enlarged(bins: Correspondences, factor: int) -> Correspondences:
@@ -126,7 +126,9 @@ def _usual_blur(scene: _Scene) -> float:
     for _ in range(BLUR_ITERATIONS):
         fit = _fit(scene.blurred(blur), scene.start.points, some)
         square = blur**2 + (float(np.median(fit.widening[fit.good])) if fit.good.any() else 0.0)
-        blur = float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
+        last, blur = blur, float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
+        if abs(blur - last) < BLUR_TOLERANCE_PX:
+            break
     return blur
 
 

@@ -29,6 +29,8 @@ from procedures.restoration.masks.mask_fields import Masks, half_size_at, over_f
 F32 = NDArray[np.float32]
 
 SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+LOW_PASS, MEDIAN = 2.0, 11
+"""Sigma of Algorithm II's low-pass filter, and side of its final median filter, pixels."""
 LEAST_W = 0.3
 """Smallest w to try, pixels: below it depths are indistinguishable."""
 FLOOR = 1e-3
@@ -78,9 +80,7 @@ def algorithm_2(
     stacks: Sequence[Masks],
     sigma: float,
     *,
-    low_pass: float = 2.0,
     window: float = 9.0,
-    median: int = 11,
     direction: str = "both",
 ) -> DepthStart:
     """Depth from symmetric blur: relative blur of two photographs, converted to w by their masks (chapter 7).
@@ -91,28 +91,26 @@ def algorithm_2(
 
     z : (2, C, H, W) photographs.
     sigma : standard deviation of their noise.
-    low_pass : sigma of the common low-pass filter, pixels.
     window : sigma of the window over which the ratio is a least-squares fit, pixels.
-    median : side of the final median filter, pixels.
     direction : as for `relative_blur`.
     """
-    smooth = gaussian_filter(np.asarray(z[:2], dtype=np.float64), (0, 0, low_pass, low_pass))
+    smooth = gaussian_filter(np.asarray(z[:2], dtype=np.float64), (0, 0, LOW_PASS, LOW_PASS))
     numerator, curvature = relative_blur(smooth[0], smooth[1], direction)
     product, power = (gaussian_filter(a.sum(axis=0), window) for a in (numerator * curvature, curvature**2))
-    impulse = gaussian_filter(np.pad(np.ones((1, 1)), round(5 * low_pass)), low_pass)
+    impulse = gaussian_filter(np.pad(np.ones((1, 1)), round(5 * LOW_PASS)), LOW_PASS)
     response = relative_blur(impulse, impulse, direction)[1]
     noise = z.shape[1] * sigma**2 / 2 * float(np.sum(response**2))
-    w = _width(product / np.maximum(power - noise, noise + 1e-20), stacks, low_pass, direction)
+    w = _width(product / np.maximum(power - noise, noise + 1e-20), stacks, direction)
     w = _from_nearest(w, round(window / 2))
     return DepthStart(
-        np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20), np.zeros(w.shape, bool)
+        np.asarray(median_filter(w, MEDIAN)), power / (power + 10 * noise + 1e-20), np.zeros(w.shape, bool)
     )
 
 
 @over_frame
-def _width(ratio: Array, stacks: Sequence[MaskStack], low_pass: float, direction: str) -> Array:
+def _width(ratio: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
     """w at which two masks have a relative blur; NaN where none do."""
-    expected = _expected_ratio(stacks, low_pass, direction)
+    expected = _expected_ratio(stacks, direction)
     sign = np.sign(expected[-1])
     # masks sampled at whole pixels change in steps with w; the blur of a scene does not
     levels = np.linspace(0, 1, len(expected))
@@ -122,12 +120,12 @@ def _width(ratio: Array, stacks: Sequence[MaskStack], low_pass: float, direction
     return np.asarray(np.where((sign * ratio > 0) & (sign * ratio <= relation[-1]), w, np.nan))
 
 
-def _expected_ratio(stacks: Sequence[MaskStack], low_pass: float, direction: str) -> Array:
+def _expected_ratio(stacks: Sequence[MaskStack], direction: str) -> Array:
     """Least-squares ratio of `relative_blur` at every level, for a scene with spectrum 1/f^2 as natural images have."""
     shape = (next_fast_len(4 * (2 * stacks[0].R + 1), True),) * 2
     wy, wx = 2 * np.pi * fftfreq(shape[0])[:, None], 2 * np.pi * rfftfreq(shape[1])[None, :]
     f2 = wy**2 + wx**2
-    scene = np.exp(-f2 * low_pass**2) / np.maximum(f2, f2[0, 1])
+    scene = np.exp(-f2 * LOW_PASS**2) / np.maximum(f2, f2[0, 1])
     scene[:, 1:-1] *= 2  # the half of the spectrum that rfft2 omits
     bend = {"both": 2 * np.cos(wy) + 2 * np.cos(wx) - 4, "x": 2 * np.cos(wx) - 2, "y": 2 * np.cos(wy) - 2}[direction]
     ratios = []

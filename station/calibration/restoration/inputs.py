@@ -126,10 +126,8 @@ def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_pe
     if path.suffix.lower() in FIELD_SUFFIXES:
         field = _field(path, plane)
         return measured_field(field, shape or (int(field.shape[0]), int(field.shape[1])))
-    if samples_per_px is None and _is_kernel(path):
-        return read_kernels([path])[0][0]
-    if samples_per_px is None and _is_estimated_shape(path):
-        return _result_array(path, "shape")
+    if samples_per_px is None and (what := _estimated(path)):
+        return _result_array(path, what)
     psf = _psf(path, samples_per_px)
     return blur_models.read_shape(path) if psf is None else measured_shape(*psf)
 
@@ -144,7 +142,7 @@ def read_kernels(paths: Sequence[Path]) -> tuple[tuple[Array, ...], str | None]:
 
 def doubt_of(names: Sequence[str]) -> str | None:
     """The doubt in the records of the restorations that estimated kernels or shapes; None if there is none."""
-    estimated = [path for path in map(Path, names) if _is_kernel(path) or _is_estimated_shape(path)]
+    estimated = [path for path in map(Path, names) if _estimated(path)]
     doubts = (_record_of(path).get("parameters", {}).get("motion", {}).get("doubt") for path in estimated)
     return next((str(one) for one in doubts if one), None)
 
@@ -153,13 +151,11 @@ def _result_array(path: Path, what: str) -> Array:
     return blur_models.check_shape(read_npy(path, what, f"give a {what}_N.npy of a result"), str(path))
 
 
-def _is_estimated_shape(path: Path) -> bool:
-    """Whether the file is the shape of a motion that a restoration estimated in a scene in depth."""
-    return path.suffix.lower() == ".npy" and path.stem.startswith("shape_") and "shapes" in _record_of(path)
-
-
-def _is_kernel(path: Path) -> bool:
-    return path.suffix.lower() == ".npy" and path.stem.startswith("kernel_") and "kernels" in _record_of(path)
+def _estimated(path: Path) -> str:
+    """Whether the file is the "kernel" or the "shape" of a motion that a restoration estimated; else empty."""
+    what = path.stem.partition("_")[0]
+    named = path.suffix.lower() == ".npy" and what in ("kernel", "shape") and path.stem != what
+    return what if named and f"{what}s" in _record_of(path) else ""
 
 
 def _record_of(path: Path) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -180,8 +179,6 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], strict: b
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
 AGREE = 0.01
 """Negligible change, as a fraction of the uncertainty."""
-LISTED = 6
-"""Number of files and entries that are listed."""
 HASHES = "files."
 """Prefix of a record's entries with the hashes of its files."""
 
@@ -192,22 +189,18 @@ def _report_recomputed(one: RecomputedResult) -> None:
         log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
         return
     files = {"differ": one.different, "missing now": one.missing, "new": one.added}
+    from station.common.models import listed
+
     words = [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
     words += _numbers(one)
-    words += [f"{what}: {_some(names)}" for what, names in files.items() if names]
+    words += [f"{what}: {listed(names)}" for what, names in files.items() if names]
     if keys := [key for key in one.keys if not key.startswith(HASHES)]:
-        words.append(f"in the record: {_some(keys)}")
+        words.append(f"in the record: {listed(keys)}")
     changed = [f"{what} was {then}, is {now}" for what, then, now in one.machine] or [SAME_MACHINE]
     remedy = "; ".join(
         [f"computed by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
     )
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names, and the number of others."""
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{', '.join(names[:LISTED])}{more}"
 
 
 def _numbers(one: RecomputedResult) -> list[str]:

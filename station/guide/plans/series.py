@@ -12,7 +12,7 @@ from procedures.numbers import EDGE_MTF50
 from procedures.outcome import BadParameter, Outcome
 from procedures.pattern_psf.checks import check_shot
 from procedures.pattern_psf.facts import PatternFacts
-from procedures.pattern_psf.plan import estimate_shot, say_ring
+from procedures.pattern_psf.plan import estimate_shot
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.plan import (
     Advice,
@@ -29,6 +29,7 @@ from procedures.plan import (
     Tour,
     TourStop,
     facts_as,
+    say_ring,
 )
 from procedures.raw import RawFrame
 from station.calibration.series import (

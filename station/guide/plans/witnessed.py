@@ -11,7 +11,7 @@ from typing import Any
 from procedures.drawings import steps as drawings
 from procedures.pattern_psf.checks import check_shot, sharpness
 from procedures.pattern_psf.facts import PatternFacts
-from procedures.pattern_psf.plan import choose_focus, ring_places, say_ring
+from procedures.pattern_psf.plan import choose_focus
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.plan import (
     Advice,
@@ -29,6 +29,8 @@ from procedures.plan import (
     TourStop,
     facts_as,
     number,
+    ring_places,
+    say_ring,
 )
 from procedures.raw import RawFrame
 from station.guide.plans import general

@@ -153,7 +153,8 @@ class Field(PsfProcedure[FieldSettings]):
 
         result = measurement.result.result
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
-        return replace(report, planes=[with_medians(one, result) for one in measurement.planes])
+        fields = {name: one.interpolation.field for name, one in measurement.result.fitted.items()}
+        return replace(report, planes=[with_medians(one, result) for one in measurement.planes], fields=fields)
 
 
 PROCEDURE = Field()

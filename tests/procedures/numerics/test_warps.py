@@ -43,7 +43,8 @@ def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> N
         assert cost(best) <= cost(nearby)
 
 
-def test_three_points_are_too_few() -> None:
+def test_four_points_are_enough_and_three_are_too_few() -> None:
+    np.testing.assert_allclose(fit_homography(SQUARE[:4], apply_homography(H_TILTED, SQUARE[:4])), H_TILTED, atol=1e-9)
     with pytest.raises(ValueError, match="four points; got 3"):
         fit_homography(SQUARE[:3], SQUARE[:3])
 

@@ -22,7 +22,8 @@ FROZEN = Path(__file__).resolve().parents[2] / "golden" / "frozen"
 RECORDS = [
     pytest.param(record, id=f"{path.stem} {name}")
     for path in sorted(FROZEN.glob("*.json"))
-    for name, record in json.loads(path.read_text(encoding="utf-8")).items()
+    if isinstance(records := json.loads(path.read_text(encoding="utf-8")), dict)
+    for name, record in records.items()
     if name.endswith("result.json") and not record["schema"].startswith("station/batch/")
 ]
 

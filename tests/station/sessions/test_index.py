@@ -5,6 +5,7 @@ import pytest
 
 from station.results.result_files import ResultFolder
 from station.sessions.index import FILE, Filter, Index
+from station.sessions.reader import read_session
 from station.sessions.session import Session
 
 from .work import FixedClock, today
@@ -172,6 +173,17 @@ def test_damaged_session_hides_no_other(root, damage, said):
     assert len(entries) == 3
     assert [entry.folder.name for entry in entries.values() if entry.damage] == [name]
     assert said in entries[name].damage
+
+
+def test_session_that_makes_the_program_fail_hides_no_other(root, monkeypatch):
+    (name,), read = folders(root, camera="Other"), read_session
+    monkeypatch.setattr(
+        "station.sessions.index.read_session", lambda folder: read(folder) if folder.name != name else 1 / 0
+    )
+    with Index(root, rebuild=True) as index:
+        damage = {entry.folder.name: entry.damage for entry in index.sessions()}
+    assert damage.pop(name) == "it cannot be read: ZeroDivisionError('division by zero')"
+    assert list(damage.values()) == ["", ""]
 
 
 @pytest.mark.parametrize("number", ["NaN", "1e999", "9" * 400, "[1]", '{"x": 1}', '"\\ud800"', "null"])

@@ -169,6 +169,21 @@ def test_result_that_was_never_confirmed_is_removed_without_a_word(session):
         assert (reopened.state.notices, reopened.leftovers) == ((), ())
 
 
+def test_what_a_crash_left_half_written_is_removed_and_nothing_else(session, tmp_path):
+    (tmp_path / "answer.txt").write_text("1")
+    session.give([tmp_path / "answer.txt"])
+    session.close()
+    halves = [".a.part", "originals/.a.part", "given/1/.a.part", "derived/1/.unfinished-a/result.json"]
+    others = ["a.part", "originals/a.part", "given/1/a.part"]
+    for name in halves + others:
+        (session.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (session.folder / name).write_text("half")
+    again(session).close()
+    left = {str(path.relative_to(session.folder)) for path in session.folder.rglob("*")}
+    assert not {*halves, "derived/1"} & left
+    assert set(others) <= left
+
+
 def test_opened_again_it_is_what_it_was(session, camera):
     session.learn({"distance_mm": 1550.0, "done": True, "name": "é"})
     session.begin_step("shots")
