@@ -23,6 +23,7 @@ from procedures.field.maps import derive, lateral_colour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.plan import location_of
 from procedures.field.samplings import as_polynomial
+from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import FORMULAS, CameraModel, distortion
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_radial
@@ -31,6 +32,7 @@ from procedures.geometry.facts import GeometryFacts
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.plan import pose_advice
 from procedures.geometry.rig import estimate_rig
+from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Check, verdict_of
 from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
@@ -160,6 +162,15 @@ def chart_views() -> Any:
     return [view_of(one, CHART, "view") for one in (*planes, corner)]
 
 
+def wide_bundle() -> Any:
+    """A first camera of 170 degrees."""
+    lens = polynomial((1500, 1000), 608.0, (754.0, 496.0), (-0.012, 0.004, -0.0015, 0.0002))
+    nodes, index = chart_nodes(CELL_MM)[::16], np.arange(36)
+    seen = [lens.project(nodes @ pose.R.T + pose.t) for pose in poses(lens, 6, 380.0, 26.0)]
+    views = [ChartView("view", index, one, np.tile(np.eye(2) * 1e-4, (36, 1, 1))) for one in seen]
+    return first_bundle(nodes, views, lens.size)
+
+
 def cameras() -> Any:
     """One lens by every formula, its projection and derivatives, and a rig of three."""
     lens = CameraModel("OPENCV", np.array([900.0, 910, 500, 330, -0.1, 0.03, 1e-3, -2e-3]), 1000, 660)
@@ -169,7 +180,7 @@ def cameras() -> Any:
     for name in FORMULAS:
         one, difference = as_model(lens, region, name)
         pixels = one.project(points)
-        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points).shape]
+        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points)]
         found += [one.focal_px, one.centre, distortion(one, pixels), one.prior, one.units]
     return found, estimate_rig(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)), 2000.0)
 
@@ -291,8 +302,8 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, views_checked, fields, walls,
-    noises, damaged_charts, damaged_walls, damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, wide_bundle, cameras, views_checked,
+    fields, walls, noises, damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
 
 
