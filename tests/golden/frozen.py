@@ -186,4 +186,5 @@ def check_frozen(request: pytest.FixtureRequest, name: str, result: Any) -> None
     found, kept = plain(result), FROZEN / f"{name}.json"
     if request.config.getoption("--freeze"):
         kept.write_text(json.dumps(found, ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8")
-    assert list(differences(json.loads(kept.read_text(encoding="utf-8")), found)) == []
+    changed = list(differences(json.loads(kept.read_text(encoding="utf-8")), found))
+    assert not changed, changed
