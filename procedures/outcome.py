@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, Protocol, TypeVar
 
 from procedures import display
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 S = TypeVar("S")
+P = ParamSpec("P")
 
 
 class Verdict(StrEnum):
@@ -278,3 +280,16 @@ class Refused(ProcedureError):
     """The data are readable, but a result from them could not be trusted."""
 
     exit_code = 5
+
+
+def with_refusal(estimate: Callable[P, Outcome[T]]) -> Callable[P, Outcome[T]]:
+    """Decorate an estimate: its outcome is refused where it raises `Refused`."""
+
+    @wraps(estimate)
+    def outcome(*args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
+        try:
+            return estimate(*args, **kwargs)
+        except Refused as refusal:
+            return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+
+    return outcome

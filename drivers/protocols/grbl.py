@@ -6,7 +6,7 @@ Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core 
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
 from drivers.interfaces import Travel
@@ -69,8 +69,8 @@ class Status:
     """`<...>`: state, sub-state, and the fields of this report, by name."""
 
     state: str
-    sub: int = 0
-    fields: dict[str, str] = field(default_factory=dict)
+    sub: int
+    fields: dict[str, str]
 
     @property
     def override(self) -> float | None:

@@ -21,7 +21,7 @@ from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import FRAME, GeometryFacts, ViewPose, as_pose, place_of, pose_facts
 from procedures.geometry.next_view import COVER, NextView, chart_at, corner_share, next_view_words, planned_view
 from procedures.geometry.views import ChartView, chart_nodes
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Refused
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown, to_match
@@ -304,10 +304,7 @@ def chart_views(frames: Sequence[RawFrame], facts: GeometryFacts) -> tuple[list[
     views: list[ChartView] = []
     reasons = []
     for frame in frames:
-        try:
-            view = view_of(shown(frame), facts.chart, frame.path.name)
-        except Refused as refusal:
-            view = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+        view = view_of(shown(frame), facts.chart, frame.path.name)
         if view.value is None:
             reasons.append(f"{frame.path.name}: {view.reason}")
         else:

@@ -37,7 +37,7 @@ from procedures.geometry.next_view import (
 from procedures.geometry.shape import scale_spread, shape_model
 from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
-from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_refusal
 
 Array = npt.NDArray[np.float64]
 
@@ -130,6 +130,7 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
     return RigCamera(geometry.camera, views, poses, geometry.adjustment.problem.nodes, cell_uncertainty)
 
 
+@with_refusal
 def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 
@@ -138,13 +139,9 @@ def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) ->
     depth_mm : float, optional
         Depth on the first camera's axis whose uncertainty the proposed next view shall reduce.
     """
-    try:
-        times = _times(cameras)
-        placed = _placed(cameras, times)
-        fit = concluded(_adjusted(cameras))
-        rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras), depth_mm)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    times = _times(cameras)
+    placed, fit = _placed(cameras, times), concluded(_adjusted(cameras))
+    rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras), depth_mm)
     return verdict_of([_rigidity(rig)], rig)
 
 

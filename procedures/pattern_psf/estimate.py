@@ -5,10 +5,9 @@ Source: Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chap
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +29,7 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import BadParameter, Check, Outcome, Refused, Verdict, checked_type, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, verdict_of, with_refusal
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -65,7 +64,7 @@ from procedures.pattern_psf.trust import (
     checks_of,
     is_misfit,
     is_structured,
-    refusing_checks,
+    refusal_checks,
 )
 from procedures.psf import Psf, Sampling
 from procedures.psf_origin import Origin
@@ -75,7 +74,6 @@ from procedures.raw import Plane, PlaneLike, as_plane
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-T = TypeVar("T")
 
 CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 """Numbers checked for variation over the chart."""
@@ -205,6 +203,7 @@ class PatternPsf:
         }
 
 
+@with_refusal
 def estimate_psf(
     plane: PlaneLike,
     chart: Chart,
@@ -236,36 +235,45 @@ def estimate_psf(
     """
     plane, parameters = as_plane(plane), parameters or PatternParameters()
     checked_type(chart, Chart, "pass Chart.from_seed() for the chart of `station pattern`")
-    with_limits = partial(_estimate, diffraction=diffraction, sensor=sensor)
-    return _outcome(with_limits, plane, chart, parameters, sighting)
+    plane = plane if sensor is None else straighten(plane, sensor)
+    samples, solved = plane.samples, _solve(plane, chart, parameters, sighting, diffraction, sensor)
+    final, tried, light, corners = solved.final, solved.tried, solved.light, solved.corners
+    psf = final.solution.psf
+    unconverged = remaining_change(tried)
+    quality = assess(
+        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged,
+        origin=parameters.origin,
+    )  # fmt: skip
+    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
+    quality = with_parts(quality, parts.parts)
+    around = surroundings(final.fit.registration, samples.shape).cut(samples)
+    levels = float(light.black[0]), float(light.white[0])
+    noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
+    curve = quality.frequencies, quality.mtf_radial
+    evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
+    diagnostics = diagnose(
+        final.fit, psf, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
+        evidence.fine,
+    )  # fmt: skip
+    print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
+    modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
+    quality = with_modes(quality, psf, modes)
+    contradicted = beyond_diffraction(quality, diffraction)
+    inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
+    corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
+    checks = [*solved.refusals, *checks_of(diagnostics, final.fit, inputs), *corrupted]
+    result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
+    return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))
 
 
+@with_refusal
 def locate_bins(
     plane: Plane, chart: Chart, parameters: PatternParameters, sighting: ChartSighting
 ) -> Outcome[tuple[Registration, Correspondences]]:
     """The map and the bins of a chart without its PSF, unless this would be refused; see `estimate_psf`."""
-    return _outcome(_locate, plane, chart, parameters, sighting)
-
-
-def _outcome(
-    estimate: Callable[[Plane, Chart, PatternParameters, ChartSighting | None], Outcome[T]],
-    plane: Plane,
-    chart: Chart,
-    parameters: PatternParameters,
-    sighting: ChartSighting | None,
-) -> Outcome[T]:
-    """The outcome of an estimate, refused where it raises."""
-    try:
-        return estimate(plane, chart, parameters, sighting)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    except np.linalg.LinAlgError:
-        return Outcome(
-            None,
-            Verdict.REFUSED,
-            f"the photograph does not determine the PSF at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}",
-            f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
-        )
+    solved = _solve(plane, chart, parameters, sighting)
+    fit = solved.final.fit
+    return verdict_of(solved.refusals, (fit.registration, correspondences(fit)))
 
 
 def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
@@ -275,7 +283,7 @@ def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
 
 @dataclass(frozen=True)
 class _Solved:
-    """The joint fit at the chosen s and k, the trials, and what it began with."""
+    """The joint fit at the chosen s and k, the trials, what it began with, and the checks that refuse it."""
 
     final: _Attempt
     tried: tuple[Trial, ...]
@@ -283,10 +291,7 @@ class _Solved:
     corners: Array
     marks_map: Registration
     tail: TailPrior | None
-
-    def refusing_checks(self, *, raw: bool) -> list[Check]:
-        """Checks that refuse the PSF."""
-        return refusing_checks(self.final.fit, self.final.solution.psf, self.light, self.corners, raw=raw)
+    refusals: list[Check]
 
 
 def _solve(
@@ -320,59 +325,16 @@ def _solve(
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
     first_s = min(START_S, finest(cell_px, GOOD_S_OVER_T[1]))
-    final, tried = choose(
-        attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
-    )
-    return _Solved(final, tried, light, corners, marks_map, known.tail)
-
-
-def _locate(
-    plane: Plane, chart: Chart, parameters: PatternParameters, sighting: ChartSighting | None
-) -> Outcome[tuple[Registration, Correspondences]]:
-    """Run `locate_bins`; raises Refused."""
-    solved = _solve(plane, chart, parameters, sighting)
-    fit = solved.final.fit
-    return verdict_of(solved.refusing_checks(raw=plane.raw), (fit.registration, correspondences(fit)))
-
-
-def _estimate(
-    plane: Plane,
-    chart: Chart,
-    parameters: PatternParameters,
-    sighting: ChartSighting | None,
-    diffraction: Diffraction | None,
-    sensor: SensorModel | None,
-) -> Outcome[PatternPsf]:
-    """Run `estimate_psf`; raises Refused."""
-    plane = plane if sensor is None else straighten(plane, sensor)
-    samples, solved = plane.samples, _solve(plane, chart, parameters, sighting, diffraction, sensor)
-    final, tried, light, corners = solved.final, solved.tried, solved.light, solved.corners
-    psf = final.solution.psf
-    unconverged = remaining_change(tried)
-    quality = assess(
-        psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at, unconverged=unconverged,
-        origin=parameters.origin,
-    )  # fmt: skip
-    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
-    quality = with_parts(quality, parts.parts)
-    around = surroundings(final.fit.registration, samples.shape).cut(samples)
-    levels = float(light.black[0]), float(light.white[0])
-    noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
-    curve = quality.frequencies, quality.mtf_radial
-    evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
-    diagnostics = diagnose(
-        final.fit, psf, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
-        evidence.fine,
-    )  # fmt: skip
-    print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
-    modes = modes_of(evidence, quality.frequencies, final.fit.registration, print_blur, raw=plane.raw)
-    quality = with_modes(quality, psf, modes)
-    contradicted = beyond_diffraction(quality, diffraction)
-    inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
-    corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
-    checks = [*solved.refusing_checks(raw=plane.raw), *checks_of(diagnostics, final.fit, inputs), *corrupted]
-    result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))
+    s, k = parameters.s, parameters.k
+    try:
+        final, tried = choose(attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=s, k=k)
+    except np.linalg.LinAlgError as error:
+        raise Refused(
+            f"the photograph does not determine the PSF at s = {s or 'auto'}, k = {k or 'auto'}",
+            f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
+        ) from error
+    refusals = refusal_checks(final.fit, final.solution.psf, light, corners, raw=plane.raw)
+    return _Solved(final, tried, light, corners, marks_map, known.tail, refusals)
 
 
 def _probability(checks: Sequence[Check], quality: Quality, *, raw: bool) -> float:

@@ -134,7 +134,7 @@ def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Chec
     ]  # fmt: skip
 
 
-def refusing_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, *, raw: bool) -> list[Check]:
+def refusal_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, *, raw: bool) -> list[Check]:
     """Checks that refuse a normalised PSF; `corners` (12, 2) are the detected marks."""
     refused, left, correlation = Verdict.REFUSED, unexplained(fit), light.noise_correlation
     uncertainty = relative_uncertainty(psf)

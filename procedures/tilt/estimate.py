@@ -19,7 +19,7 @@ from procedures.numbers import (
     TILT_VERTICAL,
 )
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, verdict_of, with_refusal
 from procedures.psf_field import Node
 from procedures.tilt.plane import (
     Positions,
@@ -106,6 +106,7 @@ def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -
     return Quantity(float(row @ values), "um", float(np.sqrt(row @ covariance @ row)), method, n)
 
 
+@with_refusal
 def estimate_tilt(
     bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], pitch: int, parameters: TiltParameters
 ) -> Outcome[Tilt]:
@@ -126,14 +127,11 @@ def estimate_tilt(
     in_um = {_behind(position, parameters): nodes for position, nodes in bracket.items()}
     side = pitch * parameters.pixel_pitch_um / 1000
     size = (shape[1] * side, shape[0] * side)
-    try:
-        places = best_focus(in_um, shape, frequency=parameters.frequency)
-        heights, covariance = measured_heights(places, _zero_um(parameters), _position_um(bracket, parameters))
-        centre = (np.array([shape[1], shape[0]]) - 1) / 2
-        at = (np.array([one.position for one in places]) - centre) * side
-        sensor = fit_plane(at, heights, covariance, size)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    places = best_focus(in_um, shape, frequency=parameters.frequency)
+    heights, covariance = measured_heights(places, _zero_um(parameters), _position_um(bracket, parameters))
+    centre = (np.array([shape[1], shape[0]]) - 1) / 2
+    at = (np.array([one.position for one in places]) - centre) * side
+    sensor = fit_plane(at, heights, covariance, size)
     sensor = sensor.widened(chart_slope(list(bracket), parameters) ** 2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(sensor, parameters.screws, with_focus=with_focus)

@@ -64,6 +64,8 @@ Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
 NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
 ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
+AHEAD = np.array([0.0, 0.0, 1.0])
+"""Direction of the head's axis at zero."""
 MARK = 16  # characters of a file's hash that identify it
 AHEAD: Array = np.array([0.0, 0.0, 1.0])
 SURELY = 0.99  # greatest probability that is stated
@@ -207,7 +209,8 @@ def say_turns(facts: Facts) -> str:
         f"screw {i} at {angle:.0f}° by {abs(turn):.3f} of a turn, {'away from' if turn > 0 else 'towards'} the lens"
         for i, (angle, turn) in enumerate(screws, 1)
     ]
-    chance = "more than 99 %" if known.helps > SURELY else f"{100 * known.helps:.0f} %"
+    helps = known.helps or 0.0
+    chance = "more than 99 %" if helps > SURELY else f"{100 * helps:.0f} %"
     return f"Turn {'; '.join(words)}. This helps with a probability of {chance}."
 
 

@@ -59,6 +59,14 @@ class Command(Message):
         )  # fmt: skip
 
 
+def _command(
+    name: str, words: str, keys: str, word: str = "", shown: str = "", pair: str = "", *, urgent: bool = False
+) -> type[Command]:
+    """The class of a command, whose docstring is `words`."""
+    contents = {"keys": keys, "word": word, "shown": shown, "pair": pair, "urgent": urgent}
+    return cast(type[Command], type(name, (Command,), {"__doc__": words, "__module__": __name__, **contents}))
+
+
 def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
     """The keys of these commands."""
     return [command.binding() for command in commands]
@@ -66,59 +74,30 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
 
 # --- everywhere --------------------------------------------------------------------------------------------------
 
-
-class StopEverything(Command):
-    """Emergency stop: halt every device now; stages must be homed again afterwards."""
-
-    keys, urgent = "f12,ctrl+x", True  # the device bar shows it, so the footer need not
-
-
-class EndRun(Command):
-    """End the run after this exposure; at once if an axis moves, or if pressed twice."""
-
-    keys, word, urgent = "ctrl+c", "end run", True
-
-
-class ShowGuide(Command):
-    """The guide: step by step from the chart to the report."""
-
-    keys, word = "f2", "guide"
-
-
-class ShowBench(Command):
-    """The bench: devices, homing, manual moves, light, traffic on the wires."""
-
-    keys, word = "f3", "bench"
-
-
-class ShowResults(Command):
-    """The results: PSF, MTF, verdicts; comparison of two."""
-
-    keys, word = "f4", "results"
-
-
-class ShowHelp(Command):
-    """This help."""
-
-    keys, word = "f1,question_mark", "help"
-
-
-class ShowPalette(Command):
-    """Every command by name; type to search."""
-
-    keys, word, shown = "ctrl+p", "commands", "^P"
-
-
-class Leave(Command):
-    """Leave the program; a run is ended first."""
-
-    keys, word, urgent = "ctrl+q", "quit", True
-
-
-class ShowFocus(Command):
-    """Live focus: sharpness of every new photograph, and which way to turn the ring."""
-
-    keys, word = "f7", "focus"
+StopEverything = _command(
+    "StopEverything",
+    "Emergency stop: halt every device now; stages must be homed again afterwards.",
+    "f12,ctrl+x",
+    urgent=True,
+)  # the device bar shows it, so the footer need not
+EndRun = _command(
+    "EndRun",
+    "End the run after this exposure; at once if an axis moves, or if pressed twice.",
+    "ctrl+c",
+    "end run",
+    urgent=True,
+)
+ShowGuide = _command("ShowGuide", "The guide: step by step from the chart to the report.", "f2", "guide")
+ShowBench = _command(
+    "ShowBench", "The bench: devices, homing, manual moves, light, traffic on the wires.", "f3", "bench"
+)
+ShowResults = _command("ShowResults", "The results: PSF, MTF, verdicts; comparison of two.", "f4", "results")
+ShowHelp = _command("ShowHelp", "This help.", "f1,question_mark", "help")
+ShowPalette = _command("ShowPalette", "Every command by name; type to search.", "ctrl+p", "commands", shown="^P")
+Leave = _command("Leave", "Leave the program; a run is ended first.", "ctrl+q", "quit", urgent=True)
+ShowFocus = _command(
+    "ShowFocus", "Live focus: sharpness of every new photograph, and which way to turn the ring.", "f7", "focus"
+)
 
 
 EVERYWHERE: tuple[type[Command], ...] = (
@@ -128,23 +107,9 @@ EVERYWHERE: tuple[type[Command], ...] = (
 
 # --- guide -------------------------------------------------------------------------------------------------------
 
-
-class GoOn(Command):
-    """Continue the session where it stopped; stages are homed first."""
-
-    keys, word = "f5", "go on"
-
-
-class StepBack(Command):
-    """Repeat the previous step; its photographs are kept."""
-
-    keys, word = "f6", "step back"
-
-
-class NewSession(Command):
-    """Back to the first screen: begin a new session or continue another."""
-
-    keys, word = "f8", "new"
+GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", "f5", "go on")
+StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", "f6", "step back")
+NewSession = _command("NewSession", "Back to the first screen: begin a new session or continue another.", "f8", "new")
 
 
 GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
@@ -152,71 +117,26 @@ GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
 
 # --- bench -------------------------------------------------------------------------------------------------------
 
-
-class Connect(Command):
-    """Connect every device, and show the answers."""
-
-    keys, word, shown = "c", "connect", "C"
-
-
-class HomeStages(Command):
-    """Home every stage. Stages move: keep clear."""
-
-    keys, word, shown = "h", "home", "H"
-
-
-class JogBack(Command):
-    """Move the chosen axis one step towards smaller numbers."""
-
-    keys, shown = "left,minus", "Left"
-
-
-class JogForward(Command):
-    """Move the chosen axis one step towards larger numbers."""
-
-    keys, word, shown, pair = "right,plus", "move", "Right", "Left/Right"
-
-
-class AxisBefore(Command):
-    """Choose the axis above."""
-
-    keys, shown = "up", "Up"
-
-
-class AxisAfter(Command):
-    """Choose the axis below."""
-
-    keys, word, shown, pair = "down", "axis", "Down", "Up/Down"
-
-
-class StepSmaller(Command):
-    """Move by a tenth of the step."""
-
-    keys, shown = "left_square_bracket", "["
-
-
-class StepLarger(Command):
-    """Move by ten times the step."""
-
-    keys, word, shown, pair = "right_square_bracket", "step", "]", "[ ]"
-
-
-class Darker(Command):
-    """Dim the lamp by a tenth of its full power."""
-
-    keys, shown = "d", "D"
-
-
-class Brighter(Command):
-    """Brighten the lamp by a tenth of its full power."""
-
-    keys, word, shown, pair = "b", "light", "B", "D/B"
-
-
-class NextWire(Command):
-    """Show the traffic on the wire of the next device."""
-
-    keys, word, shown = "w", "wire", "W"
+Connect = _command("Connect", "Connect every device, and show the answers.", "c", "connect", shown="C")
+HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", "h", "home", shown="H")
+JogBack = _command("JogBack", "Move the chosen axis one step towards smaller numbers.", "left,minus", shown="Left")
+JogForward = _command(
+    "JogForward",
+    "Move the chosen axis one step towards larger numbers.",
+    "right,plus",
+    "move",
+    shown="Right",
+    pair="Left/Right",
+)
+AxisBefore = _command("AxisBefore", "Choose the axis above.", "up", shown="Up")
+AxisAfter = _command("AxisAfter", "Choose the axis below.", "down", "axis", shown="Down", pair="Up/Down")
+StepSmaller = _command("StepSmaller", "Move by a tenth of the step.", "left_square_bracket", shown="[")
+StepLarger = _command(
+    "StepLarger", "Move by ten times the step.", "right_square_bracket", "step", shown="]", pair="[ ]"
+)
+Darker = _command("Darker", "Dim the lamp by a tenth of its full power.", "d", shown="D")
+Brighter = _command("Brighter", "Brighten the lamp by a tenth of its full power.", "b", "light", shown="B", pair="D/B")
+NextWire = _command("NextWire", "Show the traffic on the wire of the next device.", "w", "wire", shown="W")
 
 
 BENCH: tuple[type[Command], ...] = (
@@ -227,23 +147,18 @@ BENCH: tuple[type[Command], ...] = (
 
 # --- live focus --------------------------------------------------------------------------------------------------
 
-
-class TurnNear(Command):
-    """Turn the simulated ring one step towards near, and take a photograph."""
-
-    keys, shown = "left,minus", "Left"
-
-
-class TurnFar(Command):
-    """Turn the simulated ring one step towards infinity, and take a photograph."""
-
-    keys, word, shown, pair = "right,plus", "turn the ring", "Right", "Left/Right"
-
-
-class EndFocus(Command):
-    """End live focus, or return to the choice of the source."""
-
-    keys, word, shown = "escape", "end", "Esc"
+TurnNear = _command(
+    "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", "left,minus", shown="Left"
+)
+TurnFar = _command(
+    "TurnFar",
+    "Turn the simulated ring one step towards infinity, and take a photograph.",
+    "right,plus",
+    "turn the ring",
+    shown="Right",
+    pair="Left/Right",
+)
+EndFocus = _command("EndFocus", "End live focus, or return to the choice of the source.", "escape", "end", shown="Esc")
 
 
 FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
@@ -251,23 +166,15 @@ FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
 
 # --- results -----------------------------------------------------------------------------------------------------
 
-
-class NextPlane(Command):
-    """Show the next colour plane."""
-
-    keys, word, shown = "p", "plane", "P"
-
-
-class Compare(Command):
-    """Compare: keep this result and show every other chosen one together with it. Again: end."""
-
-    keys, word, shown = "c", "compare", "C"
-
-
-class Reload(Command):
-    """Search the disk for results again."""
-
-    keys, word, shown = "r", "look again", "R"
+NextPlane = _command("NextPlane", "Show the next colour plane.", "p", "plane", shown="P")
+Compare = _command(
+    "Compare",
+    "Compare: keep this result and show every other chosen one together with it. Again: end.",
+    "c",
+    "compare",
+    shown="C",
+)
+Reload = _command("Reload", "Search the disk for results again.", "r", "look again", shown="R")
 
 
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)

@@ -76,26 +76,34 @@ def field_spots(
     )
 
 
+def shared_uncertainties(field: PsfField, plane: PlaneResult) -> dict[str, float]:
+    """By how much, in quadrature, uncertainties of a plane's result at the centre exceed the field's own there: by the
+    blur of the print and other causes that all places share."""
+    shared = {}
+    for name, own in _in_unit(field, 0, 0, plane).items():
+        whole = plane.numbers.get(SAME_AS.get(name, name), own)
+        shared[name] = math.sqrt(max(whole.uncertainty**2 - own.uncertainty**2, 0.0))
+    return shared
+
+
 def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, dict[str, Quantity]]]:
-    """How far out the nodes reach around the frame, of its half sides, and the numbers at the nine places there.
-
-    plane : the result at the centre; by what its uncertainties exceed the field's own there, those at all places do
-    """
-
-    def numbers(u: float, v: float) -> dict[str, Quantity]:
-        found = _numbers(field, u, v, (), None)
-        return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in found.items()}
-
-    def widened(name: str, one: Quantity) -> Quantity:
-        whole = plane.numbers.get(SAME_AS.get(name, name), one)
-        shared = max(whole.uncertainty**2 - centre[name].uncertainty ** 2, 0.0)
-        return replace(one, uncertainty=math.hypot(one.uncertainty, math.sqrt(shared)))
-
+    """How far out the nodes reach around the frame, of its half sides, and the numbers at the nine places there."""
     share = max(REACH, key=lambda share: sum(_reached(field, share * u, share * v) for _, _, u, v in _nine()))
-    centre, places = numbers(0, 0), {name: (share * u, share * v) for name, _, u, v in _nine()}
-    reached = {name: numbers(*at) for name, at in places.items() if _reached(field, *at)}
-    return share * OUT, {place: {name: widened(name, one) for name, one in known.items()}
-                         for place, known in reached.items()}  # fmt: skip
+    shared = shared_uncertainties(field, plane)
+    return share * OUT, {
+        place: {
+            name: replace(one, uncertainty=math.hypot(one.uncertainty, shared[name]))
+            for name, one in _in_unit(field, share * u, share * v, plane).items()
+        }
+        for place, _, u, v in _nine()
+        if _reached(field, share * u, share * v)
+    }
+
+
+def _in_unit(field: PsfField, u: float, v: float, plane: PlaneResult) -> dict[str, Quantity]:
+    """The numbers at a place in a plane's unit."""
+    numbers = _numbers(field, u, v, (), None)
+    return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in numbers.items()}
 
 
 def _nine() -> Iterator[tuple[str, Place, float, float]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.field.measuring import MeasuredFrames
-from procedures.outcome import BadParameter, Miss, Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Miss, Outcome, Verdict
 from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
@@ -33,10 +33,7 @@ def measure_tilt(
         reason = "no photograph with a known position gives a PSF" + (f"; {miss.reason}" if miss else "")
         return Outcome(None, Verdict.REFUSED, reason, miss.remedy if miss else "add names and positions to the table")
     rows, columns = measured.planes[plane].samples.shape
-    try:
-        return estimate_tilt(bracket, (int(rows), int(columns)), measured.planes[plane].pitch, parameters)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    return estimate_tilt(bracket, (int(rows), int(columns)), measured.planes[plane].pitch, parameters)
 
 
 def known_optics(first: Path, pitch_um: float | None, focal_length_mm: float | None) -> tuple[float, float | None]:

@@ -17,7 +17,7 @@ from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
 
 if TYPE_CHECKING:
-    from station.results.explanation import CauseCount, PlaneExplanation
+    from station.results.explanation import BatchExplanation, PlaneExplanation
 
 MOST_TERMS = 3
 
@@ -27,16 +27,31 @@ MOST_TERMS = 3
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
 def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
     """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
-    from station.results.explanation import explain_batch, explain_result, is_batch, read_explained, result_folder
+    from station.results.explanation import explain_batch, is_batch, result_folder
 
-    if is_batch(folder := result_folder(result)):
-        causes = explain_batch(folder)
-        _write({"result": str(folder), "causes": [asdict(one) for one in causes]}, _batch_lines(causes), as_json)
-        check_strict((None for _ in causes), strict=strict)
+    folder = result_folder(result)
+    if not is_batch(folder):
+        entry, lines, verdicts = _explained(folder, twin=twin)
+        _write({"result": str(folder), **entry}, lines, as_json)
+        check_strict(verdicts, strict=strict)
         return
-    folder, measurement = read_explained(result)
+    batch = explain_batch(folder)
+    entry, lines = {"result": str(folder), **asdict(batch)}, _batch_lines(batch)
+    if batch.typical:
+        more, words, _ = _explained(Path(batch.typical), twin=twin)
+        entry |= more
+        lines += ["", f"Of those that passed, one with the median uncertainty, {batch.typical}:", *words]
+    _write(entry, lines, as_json)
+    check_strict((None for _ in batch.causes), strict=strict)
+
+
+def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
+    """The explanation of a result: entry of the record, lines, and verdicts."""
+    from station.results.explanation import explain_result, read_explained
+
+    _, measurement = read_explained(folder)
     planes = explain_result(measurement)
-    entry: dict[str, Any] = {"result": str(folder), "planes": [asdict(one) for one in planes]}
+    entry: dict[str, Any] = {"planes": [asdict(one) for one in planes]}
     lines = [line for one in planes for line in _plane_lines(one)]
     if twin:
         from station.demo.digital_twin import predictions
@@ -47,9 +62,10 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
             effects = predictions(measurement.by_name[first.plane].details)
         entry["twin"] = [asdict(one) for one in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
-        lines += [f"  {one.words}: MTF50 ± {first.uncertainty:.2g} becomes ± {one.uncertainty:.2g}" for one in effects]
-    _write(entry, lines, as_json)
-    check_strict((one.verdict for one in planes), strict=strict)
+        lines += [
+            f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
+        ]
+    return entry, lines, [one.verdict for one in planes]
 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
@@ -57,22 +73,27 @@ def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
 
 
 def _plane_lines(one: PlaneExplanation) -> list[str]:
-    from procedures.choice import TERMS
     from procedures.numbers import label
+    from station.results.explanation import WORDS
 
     lines = [f"{one.plane}: {one.verdict}" + (f", because {one.reason}" if one.reason else "")]
     lines += [f"  what helps: {one.remedy}"] if one.remedy else []
     if one.terms:
-        lines.append(f"  {label(one.number)} {one.value}; the parts of its variance:")
-    for part in one.terms[:MOST_TERMS]:
-        lines.append(f"    {part.share:4.0%} {TERMS[part.term]}; to ± {part.uncertainty_then:.2g}: {part.remedy}")
-    return lines
+        first, *others = one.terms[:MOST_TERMS]
+        lines += [
+            f"  {label(one.number)} {one.value}, {first.share:.0%} of its variance by the {WORDS[first.term]}.",
+            f"  Best: {first.remedy}; ± falls from {one.uncertainty:.2g} to {first.uncertainty_then:.2g} at best.",
+            *(f"    {part.share:4.0%} {WORDS[part.term]}; to ± {part.uncertainty_then:.2g}: {part.remedy}"
+              for part in others),
+        ]  # fmt: skip
+    return [*lines, *([f"  {one.prediction}"] if one.prediction else [])]
 
 
-def _batch_lines(causes: Sequence[CauseCount]) -> list[str]:
-    if not causes:
-        return ["every photograph passed"]
-    return [line for one in causes for line in (f"{one.count:6d}  {one.reason}", f"        what helps: {one.remedy}")]
+def _batch_lines(batch: BatchExplanation) -> list[str]:
+    lines = [] if batch.causes else ["every photograph passed"]
+    for one in batch.causes:
+        lines += [f"{one.count:6d}  {one.reason}", f"        what helps: {one.remedy}"]
+    return [*lines, *(f"outlier: {one}" for one in batch.outliers)]
 
 
 @command("verify", strict=True, as_json=True)

@@ -344,6 +344,6 @@ def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | 
     return PlaneResult.of_outcome(
         name, outcome,
         numbers=numbers() if callable(numbers) else numbers,
-        curves=getattr(estimate, "curves", {}) if estimate is not None else {},
+        curves=getattr(estimate, "curves", {}),
         estimate=estimate, pitch=0, details=details or {},
     )  # fmt: skip

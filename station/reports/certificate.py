@@ -156,7 +156,7 @@ def _over_the_frame(report: Report) -> list[Section]:
         heads = [label(name, plane.unit) + (f", {name.unit}" if name.unit == "pixel" else "") for name in AT_PLACES]
         words = f"Plane {plane.name}, frequencies in {plane.unit}; sides and corners at {out:.2g} of the half sides."
         blocks += [Note(words), Table(rows, ["", *heads], style="numbers")]
-    return [Section("Over the frame", blocks)] if blocks else []
+    return [Section("Over the frame", blocks, new_page=True)] if blocks else []
 
 
 def _expanded(one: Quantity | None) -> str:

@@ -13,7 +13,7 @@ from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 from reportlab.lib.utils import ImageReader
 from reportlab.pdfgen.canvas import Canvas
-from reportlab.platypus import BaseDocTemplate, Frame, Image, KeepTogether, PageTemplate, Paragraph, Spacer
+from reportlab.platypus import BaseDocTemplate, Frame, Image, KeepTogether, PageBreak, PageTemplate, Paragraph, Spacer
 from reportlab.platypus import Table as PrintedTable
 
 from station.drawing import colours
@@ -72,6 +72,7 @@ def _printed_pages(report: Report, pages: int) -> tuple[bytes, int]:
 
     story = [Paragraph("Calibration station", SMALL), Paragraph("Certificate of measurement", TITLE)]
     for section in certificate_sections(report):
+        story += [PageBreak()] if section.new_page else []
         story += [Paragraph(section.heading, HEAD)] if section.heading else []
         story += [part for block in section.blocks for part in _printed(block)]
     signed = ["date", "", _letters(report.details.authoriser or "operator")]

@@ -5,11 +5,15 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from procedures.choice import TERMS
+from procedures.geometry.next_view import NextView, next_view_words
 from procedures.numbers import Group, in_group
 from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
@@ -41,6 +45,21 @@ REMEDIES = {
     "scale": "measure the chart with a better ruler, and give its record by --scale",
 }
 """Remedy of each term of a budget."""
+WORDS = {
+    **TERMS,
+    "points": "noise of the chart's points",
+    "flatness": "flatness of the chart",
+    "model": "model of the camera",
+    "shutter": "time between the rows",
+    "scale": "scale of the chart",
+}
+"""Description of each term of a budget."""
+OUTLIER = 3.5
+"""Robust standard deviations from the median: B. Iglewicz, D. Hoaglin, How to detect and handle outliers, ASQC 1993."""
+LEAST_VALUES = 5
+"""Values among which an outlier can be recognised."""
+MAD = 1.4826
+"""Standard deviation over median absolute deviation of a normal distribution."""
 PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
 """Beginning of a batch's reason."""
 HALVED = ("noise",)
@@ -59,7 +78,10 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first."""
+    """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first.
+
+    prediction : gain of the most useful further photograph, in words; empty where the record has none
+    """
 
     plane: str
     verdict: str
@@ -69,6 +91,7 @@ class PlaneExplanation:
     value: str = ""
     uncertainty: float = 0.0
     terms: Sequence[BudgetShare] = field(default_factory=tuple)
+    prediction: str = ""
 
 
 @dataclass(frozen=True)
@@ -78,6 +101,16 @@ class CauseCount:
     count: int
     reason: str
     remedy: str
+
+
+@dataclass(frozen=True)
+class BatchExplanation:
+    """A batch: causes of what did not pass, photographs whose headline number is an outlier, in words, and the folder
+    of the photograph that passed with the median uncertainty, "" without one."""
+
+    causes: Sequence[CauseCount]
+    outliers: Sequence[str] = ()
+    typical: str = ""
 
 
 def result_folder(path: Path) -> Path:
@@ -103,7 +136,9 @@ def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
-    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
+    plain = PlaneExplanation(
+        plane.name, str(plane.verdict), plane.reason, plane.remedy, prediction=_next_view(plane.details)
+    )
     name = next((one for one in in_group(Group.LINE) if _budget(plane, one)), "")
     if plane.verdict is Verdict.REFUSED or not name:
         return plain
@@ -115,9 +150,16 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
         if one > 0
     ]
     value = f"{stated(number.value, number.uncertainty)} {number.unit}"
-    return PlaneExplanation(
-        plane.name, plain.verdict, plain.reason, plain.remedy, name, value, number.uncertainty, tuple(shares)
-    )
+    return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
+
+
+def _next_view(details: Mapping[str, Any]) -> str:
+    """The gain of the further view of the chart that the record of a geometry proposes, in words; else empty."""
+    if (known := details.get("next_view")) is None:
+        return ""
+    view = NextView(**known)
+    pose, gain = next_view_words(view), f"from {view.before:.2g} to {view.after:.2g}"
+    return f"One more view, with the chart in {pose}: the uncertainty of the {view.of}, falls {gain}."
 
 
 def _saved(term: str) -> float:
@@ -130,12 +172,13 @@ def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
     entry: Any = plane.details.get(name)
     budget = entry.get("budget") if isinstance(entry, dict) else None
     known = {} if not isinstance(budget, dict) else budget
-    return {term: float(one) for term, one in known.items() if term in TERMS and isinstance(one, int | float)}
+    return {term: float(one) for term, one in known.items() if term in WORDS and isinstance(one, int | float)}
 
 
-def explain_batch(folder: Path) -> list[CauseCount]:
-    """The causes of what did not pass, the most frequent first. Raises BadInput if the rows are damaged."""
+def explain_batch(folder: Path) -> BatchExplanation:
+    """Causes, outliers and a typical photograph. Raises BadInput if the rows are damaged."""
     causes: Counter[tuple[str, str]] = Counter()
+    headlines: list[tuple[float, float, Mapping[str, Any]]] = []
     path = folder / "results.jsonl"
     try:
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -145,9 +188,35 @@ def explain_batch(folder: Path) -> list[CauseCount]:
                 for one in row["files"]:
                     reason = reason.replace(one, "the photograph").replace(Path(one).name, "the photograph")
                 causes[(reason, row["remedy"])] += 1
+            elif (known := _headline(row)) is not None:
+                headlines.append((float(known["uncertainty"]), float(known["value"]), row))
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise BadInput(f"{printable(path)} cannot be read: {error}", "run the batch again") from error
-    return [CauseCount(count, *cause) for cause, count in causes.most_common()]
+    counted = [CauseCount(count, *cause) for cause, count in causes.most_common()]
+    if not headlines:
+        return BatchExplanation(counted)
+    uncertainties, values, rows = zip(*headlines, strict=True)
+    odd = [f"{printable(', '.join(rows[i]['files']))}: {stated(values[i], uncertainties[i])}"
+           for i in np.flatnonzero(outliers(values, values, uncertainties))]  # fmt: skip
+    middle = rows[int(np.argsort(uncertainties)[len(rows) // 2])]
+    return BatchExplanation(counted, odd, str(folder / middle["folder"]))
+
+
+def _headline(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The headline number of a row's first plane that has one with an uncertainty."""
+    numbers = [plane["numbers"] for plane in row["planes"].values()]
+    known = (one[name] for one in numbers for name in in_group(Group.LINE, one) if "uncertainty" in one[name])
+    return next(known, None)
+
+
+def outliers(
+    known: Sequence[float] | npt.NDArray[np.float64], values: npt.ArrayLike, uncertainties: npt.ArrayLike
+) -> npt.NDArray[np.bool_]:
+    """Which values with standard uncertainties are outliers among the known ones."""
+    middle = np.median(known)
+    spread = MAD * np.median(np.abs(np.asarray(known) - middle))
+    away: npt.NDArray[np.bool_] = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
+    return away & (np.size(known) >= LEAST_VALUES)
 
 
 def read_explained(path: Path) -> tuple[Path, Measurement]:

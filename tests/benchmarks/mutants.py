@@ -397,7 +397,7 @@ class Area:
 
     def _in_time(self, announcements: int, grace_s: float) -> bool:
         """Follow the tests until the pipe is closed: whether none took too long."""
-        load = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        load = min(3.0, max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)))
         limit_s = 6 * GRACE_S * load  # tests are collected
         while select.select([announcements], [], [], limit_s)[0]:
             names = os.read(announcements, 1 << 16).decode().split("\n")[:-1]

@@ -12,7 +12,7 @@ from drivers.errors import EmergencyStopped, LineLost, NoAnswer, SystemClock
 from drivers.protocols.framing import LineSplitter
 from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
-from drivers.wire.connection import STOP_TRIES, Outgoing, Transcript
+from drivers.wire.connection import STOP_TRIES, WRITE_S, Outgoing, Transcript
 
 
 class Lines:
@@ -181,9 +181,9 @@ def test_a_listener_hears_everything_even_unasked(bench):
 def test_questions_are_asked_again_orders_are_not(bench):
     transport = SerialTransport(bench.address("head"), Lines, clock=bench.clock)
     transport.open(nobody)
-    for tries in (1, 3):
+    for tries in ({}, {"tries": 3}):
         with pytest.raises(NoAnswer):
-            transport.request(b"silence\n", echo, 0.2, tries=tries)
+            transport.request(b"silence\n", echo, 0.2, **tries)
     assert sum(p.way == ">" for p in transport.transcript.last()) == 4
     transport.close()
 
@@ -261,6 +261,31 @@ def test_an_order_that_is_not_allowed_any_more_is_not_written(loop):
         loop.request(b"order\n", echo, 1.0, allowed=refuse)
     assert not any(b"order" in p.data for p in loop.transcript.last())
     assert loop.request(b"hello\n", echo, 1.0) == b"hello"
+
+
+def test_a_port_is_opened_as_it_is_configured(monkeypatch):
+    port = SimpleNamespace(open=lambda: setattr(port, "is_open", True), read=lambda n: time.sleep(0.01) or b"")
+    port.cancel_read, port.close, port.in_waiting = (lambda: None), (lambda: setattr(port, "is_open", False)), 0
+    asked = []
+    monkeypatch.setattr("serial.serial_for_url", lambda url, do_not_open: asked.append((url, do_not_open)) or port)
+    for options, lines in (({}, {}), ({"baud": 9600, "dtr": False, "rts": True}, {"dtr": False, "rts": True})):
+        for name in ("dtr", "rts", "exclusive"):
+            vars(port).pop(name, None)
+        transport = SerialTransport("/dev/ttyX", Lines, **options)
+        assert not transport.is_open
+        transport.open(nobody)
+        assert (transport.is_open, port.is_open, port.exclusive) == (True, True, True)
+        assert (port.baudrate, port.timeout, port.write_timeout) == (options.get("baud", 115200), 0.25, WRITE_S)
+        assert {name: vars(port)[name] for name in ("dtr", "rts") if name in vars(port)} == lines
+        transport.set_lines(rts=False)
+        assert port.rts is False
+        transport.close()
+        assert (transport.is_open, port.is_open) == (False, False)
+        with pytest.raises(LineLost, match="is closed; connect first"):
+            transport.write(b"x")
+        with pytest.raises(LineLost, match="is not open"):
+            transport.set_lines(rts=True)
+    assert asked == [("/dev/ttyX", True)] * 2
 
 
 PORTS = [

@@ -1,6 +1,7 @@
 """The watchdog at its twin: heartbeats keep the motors enabled, and without them every axis has lost its position."""
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,7 +10,7 @@ from drivers.grbl import GrblStage
 from drivers.protocols.grbl import GrblAxis, GrblParser
 from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
-from drivers.watchdog import StrigWatchdog
+from drivers.watchdog import StrigWatchdog, WatchdogOptions
 from simulators.bench.bench import Setup, SimulatedBench
 
 AXES = [GrblAxis("z_mm", "X", 3000.0), GrblAxis("x_mm", "Y", 1500.0), GrblAxis("y_mm", "Z", 1500.0)]
@@ -82,6 +83,17 @@ def test_the_motors_are_enabled_by_homing_and_released_by_closing(lab):
     assert [on for on, _ in lab.enabled] == [True, False]
     with pytest.raises(NotHomed, match=r"released by closing the watchdog .* home the stage"):
         lab.stage.move_to(z_mm=0.0)
+
+
+def test_heartbeats_state_the_deadlines_of_the_protocol(lab, monkeypatch):
+    beat, stated = lab.box.beat, set()
+    monkeypatch.setattr(lab.box, "beat", lambda ms: (stated.add(ms), beat(ms)))
+    lab.stage.home()
+    lab.clock.sleep(1.0)
+    assert stated == {100, 1000}  # firmware/STRIG.md
+    parts = SimpleNamespace(other={"shutter": lab.box, "rail": lab.stage}.get)
+    made = WatchdogOptions(box="shutter", stages=("rail",)).make(parts)
+    assert (made.address, lab.stage.power) == (lab.box.address, made.power)
 
 
 def test_an_axis_that_moves_stops_100_ms_after_the_last_heartbeat(lab):

@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected, WasReset
+from drivers.interfaces import Condition
 from drivers.protocols.zaber import FLAGS, REJECTIONS, ZaberParser, checksum
 from drivers.zaber import ZaberAxis, ZaberStage
 
@@ -86,6 +87,20 @@ def test_every_command_carries_its_checksum_and_an_id_of_its_own(homed):
     assert all(b == (a + 1) % 100 for a, b in pairwise(ids))
 
 
+def test_only_the_reply_of_the_device_and_the_question_is_taken(homed, monkeypatch):
+    def request(order, answer, *_):
+        number = int(order.split()[2].split(b":")[0])
+        late, other, own = (b"1 1 %02d OK IDLE -- 1", b"2 1 %02d OK IDLE -- 2", b"1 1 %02d OK IDLE -- 256000")
+        bodies = [late % ((number - 1) % 100), other % number, own % number]
+        replies = [b"@0%s:%s\r\n" % (one, checksum(b"0" + one)) for one in bodies]
+        heard = ZaberParser().feed(b"!01 1 IDLE --\r\n" + b"".join(replies))
+        assert len(heard) == 4
+        return next(one for one in map(answer, heard) if one is not None)
+
+    monkeypatch.setattr(homed._transport, "request", request)
+    assert homed._reading(AXES[0]) == -30.0 + 256000 * STEP
+
+
 def test_every_missing_device_of_the_chain_is_named(make):
     axes = [*AXES, ZaberAxis("y_mm", 5, 0.001), ZaberAxis("roll_deg", 7, 0.001)]
     with pytest.raises(NoAnswer, match="no answer from devices 5, 7"):
@@ -95,11 +110,6 @@ def test_every_missing_device_of_the_chain_is_named(make):
 def test_an_axis_that_is_not_there_is_named(make):
     with pytest.raises(Rejected, match="there is no such axis"):
         make([ZaberAxis("pan_deg", 1, STEP, axis=3)]).connect()
-
-
-def test_speed_is_set_in_the_devices_own_unit(homed, chain):
-    # 10 deg/s / 0.000234375 deg * 1.6384
-    assert chain.devices[1].motors[0].settings["maxspeed"] == round(10.0 / STEP * 1.6384)
 
 
 def test_a_stall_is_an_alarm_that_homing_clears(homed, chain):
@@ -128,6 +138,7 @@ def test_answers_without_checksum_once_they_are_on_are_those_of_a_device_that_wa
         homed.position()
     assert not homed.condition().usable
     homed.close()
+    assert homed.condition() == Condition("not connected", False, "connect it")
     homed.connect()
     homed.home()
     homed.move_to(pan_deg=10.0)
@@ -175,10 +186,11 @@ def test_an_unknown_axis_is_named_with_those_that_are(homed):
 def test_a_question_is_asked_three_times(homed, bench):
     now_s = bench.clock.now_s()
     bench.cables["head"].faults.silent = ((now_s, now_s + 60.0),)
-    before = len(sent(homed))
-    with pytest.raises(NoAnswer):
-        homed.position()
-    assert len(sent(homed)) == before + 3
+    for ask in (homed.position, lambda: homed._status(AXES[0])):
+        before = len(sent(homed))
+        with pytest.raises(NoAnswer):
+            ask()
+        assert len(sent(homed)) == before + 3
 
 
 def test_a_stop_is_repeated_while_an_axis_refuses_to_report(homed, monkeypatch):

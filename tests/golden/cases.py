@@ -87,7 +87,7 @@ def field(folder: Path) -> Words:
     """Six charts in one frame."""
     (folder / "frames").mkdir()
     cv2.imwrite(str(folder / "frames" / "charts.pgm"), six_charts())
-    return "psf", "field", folder / "frames"
+    return "psf", "field", folder / "frames", "--certificate"
 
 
 def edge(folder: Path) -> Words:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.chart_bins.turned_view import TurnedView, find_turned, joined, quarters
 from procedures.geometry.views import ChartView
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict, with_refusal
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
@@ -56,6 +56,7 @@ def locate_chart(samples: Array32) -> ChartLocation:
     return ChartLocation(one_chart(charts))
 
 
+@with_refusal
 def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
@@ -69,11 +70,6 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation
         Name of the view.
     location : SeenChart, optional
         The chart in another plane, moved to this one; None: it is searched for.
-
-    Raises
-    ------
-    Refused
-        If there is no chart in it, or one that cannot be used.
     """
     plane = as_plane(plane)
     location = location or locate_chart(plane.samples)
@@ -110,19 +106,12 @@ def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str
     try:
         location = locate_chart(guide.samples)
     except Refused as refusal:
-        return dict.fromkeys(planes, _refused(refusal))
+        return dict.fromkeys(planes, Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy))
     views = {}
     for name, plane in planes.items():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
-        try:
-            views[name] = view_of(plane, chart, source, location.moved(x, y))
-        except Refused as refusal:
-            views[name] = _refused(refusal)
+        views[name] = view_of(plane, chart, source, location.moved(x, y))
     return views
-
-
-def _refused(refusal: Refused) -> Outcome[ChartView]:
-    return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
 def on_sensor(bins: Correspondences, plane: Plane, source: str) -> ChartView:

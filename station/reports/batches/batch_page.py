@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
@@ -18,6 +17,7 @@ from station.drawing.plots import DASHED, Figure, drawn, legend, points
 from station.drawing.style import axes_grid, title_along
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
 from station.results.comparison import measurement_words
+from station.results.explanation import OUTLIER, outliers
 
 MAX_LINES = 500
 """Photographs in the page's table and figures; summary.csv has all."""
@@ -27,12 +27,6 @@ MAX_BINS = 40
 """Bins of a histogram, at most."""
 MAX_NAME = 18
 """Characters of a camera's name in a legend."""
-OUTLIER = 3.5
-"""Robust standard deviations from the median: B. Iglewicz, D. Hoaglin, How to detect and handle outliers, ASQC 1993."""
-LEAST_VALUES = 5
-"""Values among which an outlier can be recognised."""
-MAD = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution."""
 MARKERS = "osD^vPX"
 
 
@@ -158,7 +152,7 @@ def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
     if number is None:
         return "—"
     words = stated(number.value, number.uncertainty)
-    if group is None or not _outliers(group, [number.value], [number.uncertainty])[0]:
+    if group is None or not outliers(group.values, [number.value], [number.uncertainty])[0]:
         return words
     return html('<strong class="outlier">{}<small>outlier</small></strong>', words)
 
@@ -168,15 +162,6 @@ def _unit(report: BatchReport, name: str) -> str:
 
 
 # --- distributions ---
-
-
-def _outliers(group: NumberGroup, values: npt.ArrayLike, uncertainties: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which values with standard uncertainties are outliers among those of the group."""
-    all_values = np.asarray(group.values)
-    middle = np.median(all_values)
-    spread = MAD * np.median(np.abs(all_values - middle))
-    away: npt.NDArray[np.bool_] = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
-    return away & (len(all_values) >= LEAST_VALUES)
 
 
 def _distributions(report: BatchReport) -> list[Block]:
@@ -191,7 +176,7 @@ def _distributions(report: BatchReport) -> list[Block]:
             f"{value:.4g}"
             for value in (np.median(values), np.std(values, ddof=len(values) > 1), values.min(), values.max())
         ]
-        count = str(np.count_nonzero(_outliers(one, values, one.uncertainties)))
+        count = str(np.count_nonzero(outliers(values, values, one.uncertainties)))
         rows.append(
             [one.camera or "—", plane_name(one.plane), label(one.number), str(len(values)), *shown, count, unit]
         )
@@ -221,7 +206,7 @@ def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport)
             x, values, own = np.array(at), [one.value for one in numbers], [one.uncertainty for one in numbers]
             name_of_group = _short(group, several=len(cameras) > 1)
             points(axes, x, values, own, colour=colour, marker=marker, ls="none", label=name_of_group)
-            odd = _outliers(group, values, own)
+            odd = outliers(group.values, values, own)
             axes.plot(x[odd], np.array(values)[odd], "o", ms=9, mfc="none", mec=MARK, mew=1.4)
             for place, file, number in measured:
                 words = f"{group.plane} {stated(number.value, number.uncertainty)} {unit_of(number)}"

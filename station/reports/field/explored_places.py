@@ -10,7 +10,9 @@ from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
+from station.calibration.field import shared_uncertainties
 from station.reports.explore import ExploredPlace, ExploredPlaces
+from station.results.plane_result import PlaneResult
 
 COLUMNS = 7
 """Places along the frame's longer side."""
@@ -19,25 +21,36 @@ POINTS = 41
 DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
 
 
-def explored_places(field: PsfField) -> ExploredPlaces:
-    """A grid of places over the frame."""
+def explored_places(field: PsfField, centre: PlaneResult) -> ExploredPlaces:
+    """A grid of places over the frame, with what their uncertainties share with the result at the centre."""
+    known = shared_uncertainties(field, centre)
+    shared = np.array([known[name] / centre.factor for name in OF_PLACES])
     points = mesh(*grid(field.shape, COLUMNS))
     enclosed, parameters = field.inside(points), field.parameters(points)
-    return ExploredPlaces(field.shape, [_spot(field, *one) for one in zip(points, enclosed, parameters, strict=True)])
+    return ExploredPlaces(
+        field.shape, [_spot(field, shared, *one) for one in zip(points, enclosed, parameters, strict=True)]
+    )
 
 
-def _spot(field: PsfField, place: np.ndarray, enclosed: bool, parameters: np.ndarray) -> ExploredPlace:
+def _spot(
+    field: PsfField, shared: np.ndarray, place: np.ndarray, enclosed: bool, parameters: np.ndarray
+) -> ExploredPlace:
     x, y = map(float, place)
     noise, interpolation = field.covariances(x, y)
     psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
     only_noise = Psf.of(parameters, noise, field.k, field.s, interpolation)
     radius = radius_direction(field.shape, x, y)
     (values, total), (_, by_noise) = mtf50_about(psf, radius), mtf50_about(only_noise, radius)
-    numbers = {str(name): Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
     rest = np.sqrt(np.maximum(total**2 - by_noise**2, 0))
+    total = np.hypot(total, shared)
+    numbers = {str(name): Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
     budgets = {
-        str(name): {"noise and truncation": float(a), "interpolation between the charts": float(b)}
-        for name, a, b in zip(OF_PLACES, by_noise, rest, strict=True)
+        str(name): {
+            "noise and truncation": float(a),
+            "interpolation between the charts": float(b),
+            "common to all places": float(c),
+        }
+        for name, a, b, c in zip(OF_PLACES, by_noise, rest, shared, strict=True)
     }
     frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
     curves = {"frequency": frequencies}

@@ -67,7 +67,8 @@ def field_page(report: Report) -> str:
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
-    spots = {name: explored_places(one.interpolation.field) for name, one in whole.fitted.items()}
+    centres = {one.name: one for one in report.planes}
+    spots = {name: explored_places(one.interpolation.field, centres[name]) for name, one in whole.fitted.items()}
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 

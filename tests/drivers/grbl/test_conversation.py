@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, DeviceError, NoAnswer, Rejected
 from drivers.grbl import GrblStage
-from drivers.protocols.grbl import GrblAxis, GrblParser
+from drivers.protocols.grbl import PAUSES, RESUMABLE, GrblAxis, GrblParser
 from drivers.transport import SerialTransport
 
 from .axes import AXES
@@ -35,6 +35,18 @@ def test_a_controller_that_keeps_its_travel_to_itself_needs_it_configured(make, 
     for number in (130, 131, 132):
         del twin.settings[number]
     with pytest.raises(BadConfiguration, match="does not report the travel of X; set travel or space"):
+        make().connect()
+
+
+def test_pauses_are_the_states_of_the_manual():
+    # gnea/grbl doc/markdown/interface.md, real-time status reports
+    assert PAUSES.keys() == {("Door", 0), ("Door", 1), ("Door", 2), ("Door", 3), ("Hold", 0), ("Hold", 1)}
+    assert set(RESUMABLE) == {("Door", 0), ("Hold", 0)}
+
+
+def test_an_axis_without_travel_between_its_switches_is_refused(make, twin):
+    twin.settings[21], twin.settings[27] = 1, 750.0
+    with pytest.raises(BadConfiguration, match="z_mm has no travel between its switches"):
         make().connect()
 
 

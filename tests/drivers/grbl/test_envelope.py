@@ -1,5 +1,6 @@
 """Travel, rates and places as the controller is set to them."""
 
+import numpy as np
 import pytest
 
 from drivers.errors import Alarm, BadConfiguration, OutsideTravel, Rejected
@@ -46,6 +47,27 @@ def test_a_long_move_on_a_slow_controller_has_the_time_it_needs(make, twin, benc
     assert bench.clock.now_s() - begin_s == pytest.approx(1399 / 500 * 60 + 500 / 60 / 10, abs=1.0)
 
 
+def test_pace_is_the_fastest_that_every_axis_allows(homed, rng):
+    axes = homed.envelopes
+    for scale in (0.5, 3.0, 300.0):
+        for z, x in scale * rng.standard_normal((10, 2)):
+            length = np.hypot(z, x)
+            shares = {"z_mm": abs(z) / length, "x_mm": abs(x) / length}
+            feed, duration_s = homed.pace({"z_mm": z, "x_mm": x})
+            rates = [feed * share / min(axes[n].axis.feed_per_min, axes[n].rate_per_min) for n, share in shares.items()]
+            assert max(rates) == pytest.approx(1)
+            a = min(axes[name].acceleration_per_s2 / share for name, share in shares.items())
+            v = min(feed / 60, np.sqrt(length * a))  # of a trapezoid, or of a triangle
+            assert duration_s == pytest.approx(2 * v / a + (length - v**2 / a) / v)
+
+
+def test_half_a_step_is_no_move(homed):
+    resolution = homed.envelopes["z_mm"].resolution
+    assert homed.pace({"z_mm": 0.49 * resolution, "x_mm": 0.0}) == (0.0, 0.0)
+    feed, duration_s = homed.pace({"z_mm": -0.51 * resolution, "x_mm": 0.0})
+    assert (feed, duration_s > 0) == (3000.0, True)
+
+
 def test_with_hard_limits_the_travel_keeps_off_the_switches(make, twin, bench):
     twin.settings[21] = 1
     stage = make()
@@ -82,20 +104,6 @@ def test_a_machine_space_from_zero_upwards(make, bench):
     stage = make()
     goes_everywhere(stage, bench)
     assert stage.link.report().machine[0] == pytest.approx(1500.0)
-
-
-@pytest.mark.parametrize(("down", "ends"), [(0, (2.0, 1500.0)), (7, (0.0, 1498.0))])
-def test_the_place_of_homing_is_in_the_travel_where_it_is_the_origin_of_hard_limits(make, bench, down, ends):
-    # it lies a pull-off from its switch, and the other switch as much nearer
-    rebuilt(bench, options="Z", settings={21: 1, 23: down})
-    stage = make()
-    stage.connect()
-    stage.home()
-    travel = stage.travel()["z_mm"]
-    assert travel == Travel(*ends)
-    assert travel.holds(stage.position()["z_mm"])
-    for end in ends:
-        stage.move_to(z_mm=end)
 
 
 def test_a_space_that_homing_contradicts_is_refused_and_can_be_configured(make, bench):
@@ -156,9 +164,29 @@ def test_homing_has_the_time_that_the_firmware_takes_until_it_gives_up_itself(se
     assert needed_s < limit_s < 4 * needed_s
 
 
-def test_homing_has_twice_the_way_there_and_back_and_ten_seconds():
-    # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
-    assert Controls({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}).homing_limit_s({0: 100.0}) == 2 * 25 + 12 + 10
+@pytest.mark.parametrize(
+    ("settings", "lengths", "limit_s"),
+    [
+        # 1.5 travels to find the switch and 1 back, at 10 mm/s: 25 s; twelve pull-offs of 1 mm at 1 mm/s
+        ({25: 600.0, 24: 60.0, 27: 1.0, 110: 6000.0}, {0: 100.0}, 2 * 25 + 12 + 10),
+        ({}, {0: 100.0}, 60 * (5 * 100 / 500 + 12 / 25) + 10),  # GRBL's own settings
+        ({110: 100.0}, {0: 100.0, 1: 50.0, 2: 10.0}, 60 * (5 * 100 / 100 + 5 * 10 / 500 + 2 * 12 / 25) + 10),
+        # Z, then X with Y, then each of the others; on grblHAL as $44 to $49 say
+        ({}, {i: 100.0 * (i + 1) for i in range(6)}, 60 * (5 * (300 + 200 + 400 + 500 + 600) / 500 + 5 * 12 / 25) + 10),
+        ({44: 1.0, 50: 2.0}, {0: 100.0, 1: 50.0}, 60 * (5 * 100 / 500 + 12 / 25) + 10),
+        ({27: 2.0, 43: 3.0, 45: 1.0}, {0: 100.0, 1: 50.0}, 60 * (5 * 100 / 500 + 3 * 12 * 2 / 25) + 10),
+    ],
+)
+def test_homing_has_twice_the_way_there_and_back_and_ten_seconds(settings, lengths, limit_s):
+    assert Controls(settings).homing_limit_s(lengths) == pytest.approx(limit_s)
+
+
+def test_homing_has_the_time_of_an_axis_whose_travel_is_configured(make, twin):
+    for number in (130, 131, 132):
+        del twin.settings[number]
+    stage = make([GrblAxis("z_mm", "X", 3000.0, travel=1500.0, space=(200.0, 1700.0))])
+    stage.connect()
+    assert stage._homing_limit_s() == stage.link.controls.homing_limit_s({0: 1500.0})
 
 
 HARD, DOWN, ORIGIN = {21: 1.0, 27: 1.5}, {23: 4.0}, {22: 9.0}
@@ -169,6 +197,7 @@ HARD, DOWN, ORIGIN = {21: 1.0, 27: 1.5}, {23: 4.0}, {22: 9.0}
     ("controls", "ends", "travel"),
     [
         (Controls({}), (-300.0, 0.0), (0.0, 300.0)),
+        (Controls({21: 1.0}), (-300.0, 0.0), (0.0, 300.0)),
         (Controls({132: 80.0}), (-80.0, 0.0), (0.0, 80.0)),
         (Controls({27: 1.5, **DOWN}), (-300.0, 0.0), (0.0, 300.0)),
         (Controls(HARD), (-300.0, 0.0), (1.5, 298.5)),
@@ -188,7 +217,7 @@ def test_ends_and_travel_of_an_axis_follow_from_the_settings(controls, ends, tra
         length = ends[1] - ends[0]
         seen = travel if direction > 0 else (length - travel[1], length - travel[0])
         assert found.travel == Travel(*seen)
-        assert found.to_user(found.zero) == 0.0
+        assert str(found.to_user(found.zero)) == "0.0"  # not -0.0
         assert found.to_machine(found.to_user(ends[0] + 7.0)) == ends[0] + 7.0
         assert found.homed_inside(ends[0] - 0.003) == found.homed_inside(ends[1] + 0.003) is True
         assert found.homed_inside(ends[0] - 0.005) == found.homed_inside(ends[1] + 0.005) is False

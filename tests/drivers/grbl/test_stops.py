@@ -52,7 +52,8 @@ def test_an_alarm_is_named_and_homing_recovers_from_it(homed, bench, twin, code,
 
 def test_a_move_beyond_its_time_is_stopped(homed, twin):
     twin.settings[110] = 60.0  # fifty times slower than the driver assumes
-    with pytest.raises(NoAnswer, match="still moves after"):
+    limit_s = 2 * homed.pace({"z_mm": 499.0})[1] + 2  # from 1499 mm
+    with pytest.raises(NoAnswer, match=f"still moves after {limit_s:.1f} s"):
         homed.move_to(z_mm=1000.0)
     assert not homed.moving()
 
@@ -72,19 +73,26 @@ def deaf(twin):
     return lambda: setattr(twin, "_send", say)
 
 
-def test_homing_that_ends_without_an_answer_is_reset(make, bench, twin):
-    stage = make()
+def test_homing_that_ends_without_an_answer_is_reset(make, bench, twin, monkeypatch):
+    stage, speaks = make(), []
     stage.connect()
     twin.settings[25] = 1.0  # it searches for hours
-    stage._homing_limit_s = lambda: 1.0
-    hears_again = deaf(twin)
-    with pytest.raises(NoAnswer):
-        stage.home()
+    command = stage.link.command
+
+    def then_deaf(words, *given):
+        speaks.append(deaf(twin))
+        return command(words, *given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(stage, "_homing_limit_s", lambda: 1.0)
+        patched.setattr(stage.link, "command", then_deaf)
+        with pytest.raises(NoAnswer):
+            stage.home()
     assert not bench.world.axes["z_mm"].moves(bench.clock.now_s())
-    assert not stage.condition().usable
-    hears_again()
+    assert stage.condition().word.startswith("homing was given up")
+    assert (stage.condition().usable, stage.condition().remedy) == (False, "home the stage")
+    speaks[0]()
     twin.settings[25] = 3000.0
-    del stage._homing_limit_s
     stage.home()
     assert stage.condition().usable
 

@@ -63,20 +63,6 @@ def test_noise_is_suppressed_and_a_clear_kernel_is_unchanged(
     assert np.linalg.norm(filtered - h) < share * np.linalg.norm(noisy - h)
 
 
-def test_large_kernels_are_estimated_from_their_centre(rng: np.random.Generator) -> None:
-    k = 21
-    y = np.arange(k) - k // 2
-    h = np.exp(-(y[:, None] ** 2 + y**2) / 10).ravel()
-    h /= h.sum()
-    errors = 1e-6 * np.eye(k * k)
-    noisy = h + 1e-3 * rng.standard_normal(k * k)
-    middle = np.arange(k * k).reshape(k, k)[2:-2, 2:-2].ravel()
-    C = prior_covariance(noisy, errors, S)
-    inner = prior_covariance(noisy[middle], errors[np.ix_(middle, middle)], S)
-    assert C.shape == (k * k, k * k)
-    np.testing.assert_allclose(C[np.ix_(middle, middle)], inner, rtol=1e-9)
-
-
 @pytest.mark.delicate
 @pytest.mark.parametrize(
     ("noise", "expected"),

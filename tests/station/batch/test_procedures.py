@@ -6,20 +6,11 @@ The record of every item, of those that failed too, follows the schema that is g
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
 
-from procedures.field import measuring
-from procedures.outcome import Outcome
-from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import Screws, fit_plane, turns_for
-from station.batch.item import Job, finished, work
-from station.batch.procedure_file import read_procedure
-from station.calibration import tilt as tilt_module
-from station.calibration.folder_photographs import Item, find_frames
 from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
 from tests.program import run
@@ -95,66 +86,6 @@ def test_sensors_of_each_folder(batch, tmp_path):
     assert good["specification"] == "meets"
 
 
-def test_tilt_of_each_bracket(tmp_path, monkeypatch):
-    """The nine charts would take minutes to render: what is measured in them is given, all else is as it is."""
-    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
-    plane = fit_plane(places, 2 + 1.5 * places[:, 0], 0.01 * np.eye(9), (36.0, 24.0))
-    known = Tilt(plane, np.zeros(9), Screws(), turns_for(plane, Screws(), with_focus=False), False)
-    monkeypatch.setattr(
-        measuring, "measure", lambda frames, *rest: SimpleNamespace(frames=[(one, "0" * 64) for one in ()], misses=[])
-    )
-    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(known))
-    monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
-    monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
-    for name in ("good", "no_table"):
-        (tmp_path / name).mkdir()
-        for at in range(3):
-            cases.save(tmp_path / name / f"{at}.png", np.full((8, 8), 0.5))
-    (tmp_path / "good" / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
-    (tmp_path / "p.toml").write_text(
-        'procedure = "tilt"\n[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
-        "[limits]\ntilt_horizontal = { max = 10 }\n"
-    )
-    out = tmp_path / "out"
-    job = Job(read_procedure(tmp_path / "p.toml"), out, finished(out))
-    items = [Item(tuple(find_frames([tmp_path / name], out))) for name in ("no_table", "good")]
-    bad, good = (work(item, job) for item in items)
-    assert bad.verdict == "unreadable"
-    assert "focus.csv" in bad.reason
-    assert good.verdict == "pass"
-    assert good.specification == "does not meet"  # 1.5 um/mm over 36 mm are 54
-    tilt = record_of(out, {"folder": good.folder}, "tilt")["planes"]["Y"]["tilt_horizontal"]
-    assert tilt["value"] == pytest.approx(54.0, abs=1e-6)
-    # another table is another measurement, though the photographs are the same
-    (tmp_path / "good" / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.3\n")
-    again = work(items[1], Job(read_procedure(tmp_path / "p.toml"), out, finished(out)))
-    assert not again.reused
-
-
-@pytest.mark.nightly
-def test_photographs_are_corrected_each_by_itself(batch, tmp_path):
-    (tmp_path / "in").mkdir()
-    cases.correct(tmp_path)
-    shutil.move(tmp_path / "photo.tiff", tmp_path / "in" / "photo.tiff")
-    (tmp_path / "in" / "broken.tiff").write_bytes(b"no picture")
-    text = '[settings]\nfield = "grey.h5"\n[limits]\nmtf50_after = { min = 0.3 }\nnoise_gain = { max = 1 }\n'
-    rows, out = batch("correct", text, tmp_path / "in", options=("--reports",))
-    assert rows["in/broken.tiff"]["verdict"] == "unreadable"
-    good = rows["in/photo.tiff"]
-    assert (good["verdict"], good["specification"]) == ("doubtful", "does not meet")
-    assert "Noise of the picture over the photograph's ≤ 1 is missed" in good["against"]
-    record = record_of(out, good, "correct")
-    assert record["result"]["mtf50_after"] == record["predicted"]["mtf50_after"]["median"]
-    assert {"corrected.tiff", "corrected.dng", "report.html"} <= record["files"].keys()
-    again, _ = batch("correct", text, tmp_path / "in")
-    assert again["in/photo.tiff"]["reused"]
-    shutil.copy(tmp_path / "grey.h5", tmp_path / "other.h5")
-    with (tmp_path / "grey.h5").open("ab") as file:
-        file.write(b"\0")  # another field under the same name
-    again, _ = batch("correct", text, tmp_path / "in")
-    assert not again["in/photo.tiff"]["reused"]
-
-
 def test_renders_are_filtered_each_by_itself(batch, tmp_path):
     (tmp_path / "in").mkdir()
     cases.rays(tmp_path / "in")
@@ -191,10 +122,3 @@ def test_rigs_are_pairs_of_folders(batch, tmp_path):
     assert record["rig"]["specification"]["verdict"] == "meets"
     assert Path(good["folder"]).name.startswith("a_left-")
     assert record_of(out, rows["c_left/result.json"], "rig")["rig"]["verdict"] == "refused"
-
-
-def test_a_table_names_the_two_results_of_a_rig(batch, tmp_path):
-    cases.rig(tmp_path)
-    (tmp_path / "rigs.csv").write_text("left/result.json,right/result.json\n")
-    rows, _ = batch("rig", 'pairs = { table = "rigs.csv" }\n', tmp_path, code=0)
-    assert rows["left/result.json"]["verdict"] == "pass"

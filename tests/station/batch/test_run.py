@@ -96,17 +96,6 @@ def test_every_result_is_as_the_psf_command_writes_it(done):
             assert row["specification"] == "meets"
 
 
-def test_summary_has_a_line_for_each_plane(done):
-    with (done.out / "summary.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    assert [line["verdict"] for line in lines] == [row["verdict"] for row in done.rows]
-    for line, row in zip(lines, done.rows, strict=True):
-        if row["verdict"] == "pass":
-            mtf50 = row["planes"]["G1"]["numbers"]["mtf50_horizontal"]
-            assert float(line["mtf50_horizontal [cycles/pixel]"]) == pytest.approx(mtf50["value"])
-            assert float(line["mtf50_horizontal_uncertainty [cycles/pixel]"]) == pytest.approx(mtf50["uncertainty"])
-
-
 def test_record_tells_the_batch(done):
     files = {".lock", "report.html", "result.json", "results", "results.jsonl", "summary.csv"}
     assert {path.name for path in done.out.iterdir()} == files

@@ -9,6 +9,8 @@ import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
 from drivers.watchdog import in_background
+from drivers.wire.connection import Transcript
+from station.bench.motions import StopRecord, stops_on_wires
 from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
 from station.common.stop_signals import ENDING, TURN_S, guarded
 from station.guide.active_devices import ActiveDevices
@@ -258,6 +260,22 @@ def test_a_wire_that_took_no_stop_is_named(bench):
     (stop,) = bench.stops_since(0)
     assert stop.wires["stage"] is None
     assert stop.wires["head"] is not None
+
+
+def test_a_stop_has_the_times_at_which_its_own_bytes_went_out():
+    wires = {name: Transcript() for name in ("stage", "head", "light")}
+    entries = {"stage": [(1.0, "!"), (2.0, ">"), (3.5, "x"), (4.0, "!"), (5.0, "!")], "head": [(3.0, "x"), (3.1, "<")]}
+    for name, passed in entries.items():
+        for time_s, way in passed:
+            wires[name].record(time_s, way, b"!")
+    stops = [StopRecord(1.0), StopRecord(3.0)]
+    stops[0].done.set()
+    late = (1.5, "!", b"!")
+    threading.Timer(0.05, lambda: (wires["light"].record(*late), stops[1].done.set())).start()  # it is still under way
+    first, second = stops_on_wires(stops, wires)
+    assert (first.asked_s, first.wires) == (1.0, {"stage": 1.0, "head": None, "light": 1.5})
+    assert (second.asked_s, second.wires) == (3.0, {"stage": 4.0, "head": None})
+    assert second.record()["after_ms"] == {"stage": 1000.0, "head": None}
 
 
 def test_nothing_homes_after_a_stop_that_came_before(bench):

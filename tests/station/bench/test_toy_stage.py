@@ -7,10 +7,13 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from drivers.errors import BadConfiguration
+from drivers.grbl import GrblOptions
 from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
 from station.bench import device_models
@@ -85,6 +88,14 @@ def test_an_unknown_driver_is_refused(station):
 def test_its_table_is_checked_like_a_built_in_one(driver):
     device_models.read_devices({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}})
     assert device_models.options_of("toy-stage") is driver.ToyOptions
+    with pytest.raises(BadConfiguration, match='write driver = "toy-stage"'):
+        device_models.read_devices({"stage": {"driver": "toy-stag", "port": "/dev/ttyUSB0"}})
+
+
+def test_a_built_in_driver_cannot_be_replaced(driver, monkeypatch):
+    entry = SimpleNamespace(name="grbl", load=lambda: driver.ToyOptions)
+    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry])
+    assert device_models.options_of("grbl") is GrblOptions
 
 
 def go_on(self):

@@ -5,8 +5,12 @@ import json
 import pytest
 
 from procedures.choice import COMMON, TERMS, combined
+from procedures.outcome import Verdict
 from station.demo import digital_twin
-from station.results.explanation import REMEDIES
+from station.results.explanation import REMEDIES, explain_batch, explain_result, result_folder
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from tests.program import run
 
 from ...golden.cases import chart_photograph
@@ -23,6 +27,22 @@ def result(tmp_path_factory):
 
 def test_every_term_of_a_budget_has_a_remedy():
     assert REMEDIES.keys() >= TERMS.keys()
+
+
+def test_the_last_result_of_a_session_is_meant(tmp_path):
+    for number in (1, 2, 10):
+        (tmp_path / "derived" / str(number)).mkdir(parents=True)
+        (tmp_path / "derived" / str(number) / "result.json").touch()
+    assert result_folder(tmp_path) == tmp_path / "derived" / "10"
+    two = tmp_path / "derived" / "2"
+    assert result_folder(two) == result_folder(two / "result.json") == two
+
+
+def test_a_plane_without_a_budget_has_its_cause_alone():
+    planes = PlaneResult("G1", Verdict.PASS), PlaneResult("B", Verdict.REFUSED, "dark", "light")
+    blue, green = explain_result(Measurement("station/psf/1", RecordHead("pattern"), planes))
+    assert (blue.plane, blue.verdict, blue.reason, blue.remedy) == ("B", "refused", "dark", "light")
+    assert (green.number, green.value, green.uncertainty, green.terms) == ("", "", 0.0, ())
 
 
 def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
@@ -69,6 +89,18 @@ def test_causes_of_a_batch_are_counted(batch):
     run("explain", batch, "--strict", code=1)
     assert cause["count"] == 2
     assert cause["remedy"]
+
+
+def test_batch_names_outliers_and_a_typical_photograph(result, tmp_path):
+    """Six photographs that agree and one that does not; the uncertainties' median is the fourth's."""
+    values = [0.5, 0.501, 0.499, 0.502, 0.498, 0.5, 0.6]
+    rows = [{"files": [f"{i}.png"], "reason": "", "remedy": "", "folder": str(result), "planes": {"Y": {"numbers": {
+        "mtf50_horizontal": {"value": value, "unit": "cycles/pixel", "uncertainty": 0.001 * (i + 1)}}}}}
+        for i, value in enumerate(values)]  # fmt: skip
+    (tmp_path / "results.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    batch = explain_batch(tmp_path)
+    assert [one.partition(":")[0] for one in batch.outliers] == ["6.png"]
+    assert batch.typical == str(result)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from station.procedure import PhotographProcedure, PlaneSettings
 from station.procedure.base import beside, chart_source, plane_result
 from station.results.result_files import plain
+from station.results.units import Unit
 
 MEAN = Quantity(0.5, "1", 0.1, "mean", 9)
 
@@ -47,6 +48,8 @@ def test_a_photograph_becomes_a_record(photograph):
     assert record["planes"]["Y"]["mean"]["value"] == pytest.approx(0.75, abs=1e-4)
     assert not measured.refused
     assert Mean().measure(paths[:1], PlaneSettings()).refused
+    assert (Mean.has_page, Mean.usual_page, Mean.has_mtf, Mean().steps(paths)) == (True, True, False, 2)
+    assert [Mean().draws(one) for one in (measured, Mean().measure(paths[:1], PlaneSettings()))] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -61,6 +64,7 @@ def test_a_plane_has_the_numbers_of_its_estimate(value, numbers):
     plane = plane_result("Y", Outcome(value, Verdict.DOUBTFUL, "dim", "more light"), {"kept": 3})
     assert (plane.name, plane.verdict, plane.reason, plane.remedy) == ("Y", Verdict.DOUBTFUL, "dim", "more light")
     assert (plane.numbers, plane.curves, plane.details["kept"]) == (numbers, {}, 3)
+    assert (plane.pitch, plane.duration_s, plane.unit) == (0, 0.0, Unit.CYCLES)
 
 
 def test_a_chart_is_given_once(tmp_path):

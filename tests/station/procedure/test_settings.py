@@ -8,6 +8,8 @@ import pytest
 from procedures.outcome import BadParameter
 from station.common.models import TableSource, fields_of, read_model
 from station.procedure.base import Settings, named_files, setting, to_record
+from station.procedure.psf import ChartPsfSettings, PsfSettings
+from station.procedure.schema import BUILTIN, procedure_named
 
 
 class Model(Settings, frozen=True, kw_only=True):
@@ -24,6 +26,16 @@ class Model(Settings, frozen=True, kw_only=True):
 
 class Required(Settings, frozen=True, kw_only=True):
     radius_mm: Annotated[float, setting("Radius of the screws' circle.")]
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_settings_of_every_procedure_are_constant_and_given_by_name(name):
+    models = [one for one in procedure_named(name).Settings.__mro__ if issubclass(one, Settings)]
+    for model in models:
+        assert model.__struct_config__.frozen
+        assert model.__struct_config__.forbid_unknown_fields
+        with pytest.raises(TypeError, match="positional"):
+            model(None)
 
 
 def test_a_table_becomes_the_model():
@@ -86,3 +98,11 @@ def test_files_lie_beside_the_procedure_where_they_are_there(tmp_path):
     assert Model(table=Path("a.csv")).placed(tmp_path).table == tmp_path / "a.csv"
     assert Model(table=Path("b.csv")).placed(tmp_path).table == Path("b.csv")
     assert named_files(Model(table=Path("b.csv"))) == [Path("b.csv")]
+
+
+def test_what_was_stated_of_the_optics_stands_in_the_record():
+    assert PsfSettings().given() == {}
+    stated = PsfSettings(raw="8x6,RGGB,u16le,64,1023", f_number=8.0, pixel_pitch_um=4.0, trust_typed=True)
+    assert stated.given() == {"pixel_pitch_um": 4.0, "f_number": 8.0, "raw": str(stated.layout), "trust_typed": True}
+    assert PsfSettings(s=4).sampling() == {"s": 4, "k": None, "solver": "ls"}
+    assert ChartPsfSettings(k=13, print_blur=0.3).sampling() == {"s": None, "k": 13, "solver": "ls", "print_blur": 0.3}

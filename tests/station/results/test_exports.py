@@ -167,7 +167,15 @@ def test_the_first_axis_of_fits_runs_along_a_row():
     ((header, found),) = units(primary_image(image, [("LOW", 1.5e-300)]))
     assert (header["NAXIS1"], header["NAXIS2"], header["BITPIX"]) == ("3", "2", "-64")
     np.testing.assert_array_equal(found, image)
+    assert b"QUOTES  = '" + b"''" * 34 + b"'" in primary_image(image, [("QUOTES", "'" * 40)])
     cube = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
     table = table_of_one_cube("PSF", cube, [("EXTNAME", "X")])
-    assert b"TDIM1   = '(4,3,2)" in table
+    text = table[:5760].decode("ascii")
+    cards = [(text[at : at + 8].strip(), text[at + 10 : at + 80].strip()) for at in range(0, 5760, 80)]
+    assert [card for card in cards if card[0]] == [
+        ("SIMPLE", "T"), ("BITPIX", "8"), ("NAXIS", "0"), ("EXTEND", "T"), ("END", ""),
+        ("XTENSION", "'BINTABLE'"), ("BITPIX", "8"), ("NAXIS", "2"), ("NAXIS1", "96"), ("NAXIS2", "1"),
+        ("PCOUNT", "0"), ("GCOUNT", "1"), ("TFIELDS", "1"), ("TTYPE1", "'PSF     '"), ("TFORM1", "'24E     '"),
+        ("TDIM1", "'(4,3,2) '"), ("EXTNAME", "'X       '"), ("END", ""),
+    ]  # fmt: skip
     assert table.endswith(cube.astype(">f4").tobytes() + bytes(2880 - 96))

@@ -69,6 +69,7 @@ def test_wider_guard_bands_never_make_a_verdict_of_doubt_sure(offset, coverage, 
 
 def test_number_without_uncertainty_has_no_guard_band():
     assert [one(Limit("gamma", most=most)).judged for most in (0.5, 0.499)] == ["meets", "does not meet"]
+    assert [one(Limit("gamma", least=least)).judged for least in (0.5, 0.501)] == ["meets", "does not meet"]
 
 
 def test_number_that_the_psf_has_not_is_undecided_and_said():

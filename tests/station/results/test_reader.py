@@ -87,6 +87,9 @@ def test_a_number_that_is_none_is_nan(number, tmp_path):
     found = read_result(written(tmp_path, record(Y=entry))).planes[0].numbers["mtf50"]
     assert found.value == 1 if number is True else math.isnan(found.value)
     assert (found.uncertainty, found.n, found.method) == (0.1, 0, "")
+    del entry["mtf50"]["n"]
+    found = read_result(written(tmp_path, record(Y=entry))).planes[0].numbers["mtf50"]
+    assert (found.unit, found.n) == ("cycles/pixel", 0)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@ import csv
 import errno
 import hashlib
 import json
+import math
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,9 +20,9 @@ from procedures.physics.estimate import Physics
 from procedures.sensor.defects import IntervalNumber
 from station.drawing.pictures import psf_picture
 from station.results.plane_result import PlaneResult, numbers_of
-from station.results.psf_files import write_psf_result
+from station.results.psf_files import information_table, write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, number_record, plane_record, write_record
+from station.results.result_files import ResultFolder, json_text, number_record, plane_record, write_record
 
 
 def psf_of(h, s=4):
@@ -65,6 +66,10 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
         terms = [float(row["uncertainty"]) for row in rows if row["number"] == name]
         assert np.linalg.norm(terms) == pytest.approx(number.uncertainty, rel=1e-6)
     assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
+
+
+def test_records_are_indented_by_one_and_hold_no_number_that_json_has_not():
+    assert json_text({"a": [1, math.nan], "é": np.float64(0.5)}) == '{\n "a": [\n  1,\n  null\n ],\n "é": 0.5\n}\n'
 
 
 OLDER = '{"schema": "station/psf/1"}'
@@ -281,3 +286,14 @@ def test_interval_of_a_number_stands_as_one_entry():
     known = {"value": 3.0, "unit": "bit", "uncertainty": 0.5, "method": "known", "n": 9}
     assert number_record(Quantity(**known)) == known
     assert number_record(IntervalNumber(**known, low=2.0, high=4.0)) == {**known, "interval": [2.0, 4.0]}
+
+
+def test_information_is_a_table_of_the_upper_half_plane():
+    names = ("mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf", "equivalent_mtf_uncertainty")
+    maps = {name: np.arange(16.0).reshape(4, 4) + 100 * n for n, name in enumerate(names)}
+    table = information_table(SimpleNamespace(frequencies=np.fft.fftfreq(4), **maps)).decode()
+    rows = list(csv.reader(table.splitlines()))
+    assert rows[0] == ["frequency_x [cycles/pixel]", "frequency_y [cycles/pixel]", *names]
+    expected = [[fx, fy, *(one[j, i] for one in maps.values())]
+                for j, fy in enumerate((0, 0.25, 0.5)) for i, fx in enumerate((0, 0.25, -0.5, -0.25))]  # fmt: skip
+    np.testing.assert_array_equal(np.array(rows[1:], dtype=float), expected)

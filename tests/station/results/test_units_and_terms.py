@@ -46,6 +46,7 @@ def test_a_pitch_that_is_given_counts_before_the_cameras():
     planes = {"G1": SimpleNamespace(samples=np.zeros((40, 30)), pitch=2)}
     frame = SimpleNamespace(planes=planes, exposure=SimpleNamespace(pixel_pitch_um=5.0))
     assert pixels_of(frame) == {"G1": Pixels(2, 5.0, 30)}
+    assert Pixels() == Pixels(1, None, None)
     assert pixels_of(frame, 3.0) == {"G1": Pixels(2, 3.0, 30)}
 
 
@@ -168,6 +169,12 @@ def test_conditions_are_the_mean_and_range_of_every_probe():
     assert temperature_during({"environment": {"a": {"humidity": {"value": 3}}}}) is None
     words = [condition_words(entry["temperature"]) for entry in found.values()]
     assert words == ["20.00 to 21.00 °C, standard uncertainty 0.20 °C", "5.00 °C"]
+    for u, shown in (
+        (0.0, "5.00 °C, standard uncertainty 0.00 °C"),
+        (0.004, "5.0000 °C, standard uncertainty 0.0040 °C"),
+        (20.0, "5 °C, standard uncertainty 20 °C"),
+    ):
+        assert condition_words({"min": 5.0, "max": 5.0, "unit": "°C", "uncertainty": u}) == shown
 
 
 def test_the_plane_that_is_asked_for_or_green_is_taken(tmp_path):

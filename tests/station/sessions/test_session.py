@@ -184,16 +184,6 @@ def test_what_a_crash_left_half_written_is_removed_and_nothing_else(session, tmp
     assert set(others) <= left
 
 
-def test_opened_again_it_is_what_it_was(session, camera):
-    session.learn({"distance_mm": 1550.0, "done": True, "name": "é"})
-    session.begin_step("shots")
-    session.judge(take(session, camera), True)
-    session.finish_step("shots")
-    before = session.state
-    with again(session) as reopened:
-        assert reopened.state == before
-
-
 def test_known_facts_are_not_written_again(session):
     session.learn({"distance_mm": 1550.0})
     size = (session.folder / "journal.jsonl").stat().st_size
