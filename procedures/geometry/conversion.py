@@ -94,15 +94,6 @@ class RadialCamera:
     tangential: Array
     difference: Difference
 
-    def distort(self, points: Array) -> Array:
-        """Positions (n, 2) in the photograph of points (n, 2) of the corrected picture."""
-        params = np.array([*self.centre, *self.tangential, *self.coefficients])
-        return _distorted((points - self.centre) / self.unit_px, params, self.formula, self.unit_px)
-
-    def project(self, rays: Array) -> Array:
-        """Pixels (n, 2) of rays (n, 3)."""
-        return self.distort(self.focal_px * rays[:, :2] / rays[:, 2:] + self.centre)
-
 
 def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
     """The camera by OpenCV's formula with `count` distortion coefficients.

@@ -67,6 +67,7 @@ ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the 
 AHEAD = np.array([0.0, 0.0, 1.0])
 """Direction of the head's axis at zero."""
 MARK = 16  # characters of a file's hash that identify it
+AHEAD: Array = np.array([0.0, 0.0, 1.0])
 SURELY = 0.99  # greatest probability that is stated
 
 
