@@ -64,10 +64,8 @@ Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
 NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
 ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
-AHEAD = np.array([0.0, 0.0, 1.0])
-"""Direction of the head's axis at zero."""
 MARK = 16  # characters of a file's hash that identify it
-AHEAD: Array = np.array([0.0, 0.0, 1.0])
+AHEAD: Array = np.array([0.0, 0.0, 1.0])  # direction of the head's axis at zero
 SURELY = 0.99  # greatest probability that is stated
 
 
