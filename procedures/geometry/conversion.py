@@ -186,8 +186,8 @@ def as_kalibr(camera: CameraModel, region: Array) -> KalibrCamera:
         own = len(shape) + 4
         lost = _difference(_kalibr_projection(model, params, rays) - pixels)
         fits.append(KalibrCamera(model, params[:own], params[own:], lost))
-    least = min(one.difference.rms_px for one in fits)
-    return next(one for one in fits if one.difference.rms_px <= max(EQUIVALENT * least, EXACT_PX))
+    least = min(fit.difference.rms_px for fit in fits)
+    return next(fit for fit in fits if fit.difference.rms_px <= max(EQUIVALENT * least, EXACT_PX))
 
 
 def _kalibr_at(model: tuple[str, str], rays: Array, params: Array) -> Array:

@@ -51,8 +51,8 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
 
     _, measurement = read_explained(folder)
     planes = explain_result(measurement)
-    entry: dict[str, Any] = {"planes": [asdict(one) for one in planes]}
-    lines = [line for one in planes for line in _plane_lines(one)]
+    entry: dict[str, Any] = {"planes": [asdict(plane) for plane in planes]}
+    lines = [line for plane in planes for line in _plane_lines(plane)]
     if twin:
         from station.demo.digital_twin import predictions
 
@@ -60,12 +60,12 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
         with progress(1) as shown:
             shown("photographing with the digital twin", 0)
             effects = predictions(measurement.by_name[first.plane].details)
-        entry["twin"] = [asdict(one) for one in effects]
+        entry["twin"] = [asdict(effect) for effect in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
         lines += [
             f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
         ]
-    return entry, lines, [one.verdict for one in planes]
+    return entry, lines, [plane.verdict for plane in planes]
 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
@@ -91,9 +91,9 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
 
 def _batch_lines(batch: BatchExplanation) -> list[str]:
     lines = [] if batch.causes else ["every photograph passed"]
-    for one in batch.causes:
-        lines += [f"{one.count:6d}  {one.reason}", f"        what helps: {one.remedy}"]
-    return [*lines, *(f"outlier: {one}" for one in batch.outliers)]
+    for cause in batch.causes:
+        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
+    return [*lines, *(f"outlier: {outlier}" for outlier in batch.outliers)]
 
 
 @command("verify", strict=True, as_json=True)
@@ -121,6 +121,6 @@ def verify(certificate: Path, originals: Path | None, signer: Path | None, stric
         checks.append(one)
     if as_json:
         click.echo(json.dumps({"certificate": str(certificate), "checks": [asdict(one) for one in checks]}, indent=1))
-    if any(one.agrees is False for one in checks):
+    if any(check.agrees is False for check in checks):
         raise click.exceptions.Exit(BadInput.exit_code)
-    check_strict(("pass" if one.agrees else "doubtful" for one in checks), strict=strict)
+    check_strict(("pass" if check.agrees else "doubtful" for check in checks), strict=strict)

@@ -132,7 +132,7 @@ def is_batch(folder: Path) -> bool:
 def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
     """The explanation of every plane, that of the worst verdict first."""
     planes = sorted(measurement.planes, key=lambda one: -one.verdict.rank)
-    return [_explain_plane(one) for one in planes]
+    return [_explain_plane(plane) for plane in planes]
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
