@@ -111,8 +111,8 @@ class _Stream:
 
     def _clock_of(self, samples: Sequence[ImuSample]) -> ClockOffset:
         """The clocks' offset in this block. Its freshest delivery may wait for a part of a period."""
-        offset_s, device_s = min((one.received_s - one.device_s, one.device_s) for one in samples)
-        waited_s = 1 / (self.rate_hz * len({one.received_s for one in samples}))
+        offset_s, device_s = min((sample.received_s - sample.device_s, sample.device_s) for sample in samples)
+        waited_s = 1 / (self.rate_hz * len({sample.received_s for sample in samples}))
         least = LeastOffset(device_s, offset_s, self._resolution_s + waited_s)
         first = self._first = self._first or least
         drift, drift_within, span_s = 0.0, DRIFT, device_s - first.device_s

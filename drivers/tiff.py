@@ -40,7 +40,7 @@ def rational(*values: float, signed: bool = False) -> Entry:
     """An entry of fractions that round to these numbers, with denominators up to a million."""
     parts = [Fraction(value).limit_denominator(1_000_000) for value in values]
     code, most = ("<2i", 2**31 - 1) if signed else ("<2I", 2**32 - 1)
-    raw = b"".join(struct.pack(code, min(one.numerator, most), one.denominator) for one in parts)
+    raw = b"".join(struct.pack(code, min(part.numerator, most), part.denominator) for part in parts)
     return (SRATIONAL if signed else RATIONAL), len(values), raw
 
 

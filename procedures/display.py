@@ -30,9 +30,9 @@ def _lines(value: object) -> Iterator[str]:
             if hasattr(number, "uncertainty"):
                 unit = "" if number.unit == "1" else f" {number.unit}"
                 yield f"  {name} = {number.value:.5g} ± {number.uncertainty:.2g}{unit}"
-    for one in fields(value):
-        if one.name != "numbers" and getattr(value, one.name) is not None:
-            yield f"  {one.name}: {_short(getattr(value, one.name))}"
+    for field in fields(value):
+        if field.name != "numbers" and getattr(value, field.name) is not None:
+            yield f"  {field.name}: {_short(getattr(value, field.name))}"
 
 
 def _short(value: Any) -> str:

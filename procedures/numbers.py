@@ -634,13 +634,13 @@ def _words(name: str, unit: str) -> tuple[str, str]:
 def in_group(group: Group, names: Iterable[str] | None = None) -> list[Number]:
     """The numbers of a group in their order; of these names alone, where some are given."""
     wanted = None if names is None else set(names)
-    return [one for one in NUMBERS.values() if group in one.groups and (wanted is None or one in wanted)]
+    return [number for number in NUMBERS.values() if group in number.groups and (wanted is None or number in wanted)]
 
 
 def reference_text() -> str:
     """All numbers as tables of Markdown, section by section: the manual's reference."""
     lines: list[str] = []
-    for section in dict.fromkeys(one.section for one in NUMBERS.values()):
+    for section in dict.fromkeys(number.section for number in NUMBERS.values()):
         lines += ["", f"## {section}", "", "| name | unit | definition |", "|---|---|---|"]
         for (unit, definition), names in _alike(section).items():
             lines.append(f"| {', '.join(f'`{one}`' for one in names)} | {unit} | {definition} |")
@@ -650,7 +650,7 @@ def reference_text() -> str:
 def _alike(section: str) -> dict[tuple[str, str], list[Number]]:
     """The numbers of a section, those of one definition together."""
     groups: dict[tuple[str, str], list[Number]] = {}
-    for one in NUMBERS.values():
-        if one.section == section:
-            groups.setdefault((one.unit, one.definition), []).append(one)
+    for number in NUMBERS.values():
+        if number.section == section:
+            groups.setdefault((number.unit, number.definition), []).append(number)
     return groups

@@ -175,7 +175,7 @@ class Check:
 
 def verdict_of(checks: Iterable[Check], value: T | None = None) -> Outcome[T]:
     """The value with the worst verdict of the failed checks; their causes by severity, then by evidence."""
-    failed = sorted((one for one in checks if one.fails), key=lambda one: (-one.severity.rank, -one.evidence))
+    failed = sorted((check for check in checks if check.fails), key=lambda one: (-one.severity.rank, -one.evidence))
     by_name: dict[str, Check] = {}
     for one in failed:
         by_name.setdefault(one.name, one)
@@ -199,12 +199,12 @@ def with_doubt(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
 def worst_of(outcomes: Mapping[str, WithVerdict]) -> Outcome[Any]:
     """The worst verdict of several outcomes by name, without a value; the cause that most put first comes first. Causes
     with one remedy count as one."""
-    worst = max((one.verdict for one in outcomes.values()), key=lambda one: one.rank)
+    worst = max((outcome.verdict for outcome in outcomes.values()), key=lambda one: one.rank)
     ranked = [[(name, cause) for cause in causes_of(one)] for name, one in outcomes.items() if one.verdict is worst]
     first = _by_remedy([pair for causes in ranked for pair in causes[:1]])
     others = _by_remedy([pair for causes in ranked for pair in causes[1:]])
     led = {one.remedy for one in first}
-    return _of_causes([*first, *(one for one in others if one.remedy not in led)], worst, None)
+    return _of_causes([*first, *(other for other in others if other.remedy not in led)], worst, None)
 
 
 def _by_remedy(named: Sequence[tuple[str, Cause]]) -> list[Cause]:

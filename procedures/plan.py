@@ -547,7 +547,7 @@ def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
 
 
 def _plain(hint: Any) -> Any:
-    return next((one for one in get_args(hint) if one is not NoneType), hint) if NoneType in get_args(hint) else hint
+    return next((arg for arg in get_args(hint) if arg is not NoneType), hint) if NoneType in get_args(hint) else hint
 
 
 def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:

@@ -28,7 +28,7 @@ START = 8
 def about_origin(psf: Psf, origin: Origin, numbers: Callable[[Psf], list[DrawnNumber]]) -> list[DrawnNumber]:
     """Numbers of the PSF about its origin, with their gradients by the parameters, the origin's among them."""
     if origin not in PLACES:
-        return [replace(one, method=_method(one, origin)) for one in numbers(psf)]
+        return [replace(number, method=_method(number, origin)) for number in numbers(psf)]
     point, by_parameters = PLACES[origin](psf)
     moved = numbers(_about(psf, point))
     ways = [[numbers(_about(psf, point + way * step)) for way in (1, -1)] for step in STEP_PX * np.eye(2)]

@@ -259,11 +259,11 @@ def assess(
 def _read_from_curve(numbers: Sequence[DrawnNumber], f: Array, uncertainty: Array, fall: Array) -> dict[str, float]:
     """An uncertainty of a curve as that of the numbers read from it; `fall` is the negative derivative of the curve."""
     parts = {}
-    for one in numbers:
-        crossed, known = one.unit == CYCLES, frequency_of(one.name)
-        place = one.value if crossed else known[0] if known else NYQUIST
+    for number in numbers:
+        crossed, known = number.unit == CYCLES, frequency_of(number.name)
+        place = number.value if crossed else known[0] if known else NYQUIST
         steepness = max(float(np.interp(place, f, fall)), 1e-9) if crossed else 1.0
-        parts[one.name] = float(np.interp(place, f, uncertainty)) / steepness
+        parts[number.name] = float(np.interp(place, f, uncertainty)) / steepness
     return parts
 
 

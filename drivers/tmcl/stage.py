@@ -106,7 +106,7 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
         if unsealed:
             reason = f"module {', '.join(unsealed)} does not report that it was switched off"
             return Caveat(reason, "home after its power was cut")
-        return next((c for name, one in self.envelopes.items() if (c := one.caveat(name))), None)
+        return next((c for name, envelope in self.envelopes.items() if (c := envelope.caveat(name))), None)
 
     def travel_s(self, name: str, way: float) -> float:
         """Duration of a move of this length, in the axis' unit; known after `connect`."""

@@ -132,7 +132,7 @@ def correct(
         If the field has other planes or is coarser than the picture, photographs are from different cameras, or one was
         processed (see `checks`).
     """
-    p, frame, further = parameters or CorrectionParameters(), as_frame(frame), [as_frame(one) for one in others]
+    p, frame, further = parameters or CorrectionParameters(), as_frame(frame), [as_frame(other) for other in others]
     for one in fields.values():
         checked_type(one, PsfField, "pass a field by plane, as read_field gives, or outcome.result() of each")
     development = frame.development

@@ -52,7 +52,7 @@ class TextureEvidence:
 
     def checks(self, *, raw: bool) -> list[Check]:
         """Tests of the corruptions that every textured scene shows."""
-        scores = {name: one.score for name, one in self.strengths.items()}
+        scores = {name: strength.score for name, strength in self.strengths.items()}
         return [
             *noise_checks(self.masks, self.textured, raw=raw),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
@@ -64,7 +64,7 @@ class TextureEvidence:
 
     def _wide(self) -> float:
         amounts = [self.strengths[name] for name in WIDE_NAMES]
-        return max(one.value / math.hypot(one.uncertainty, WIDE_MODEL) for one in amounts)
+        return max(amount.value / math.hypot(amount.uncertainty, WIDE_MODEL) for amount in amounts)
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
@@ -74,12 +74,12 @@ class TextureEvidence:
             return modes
         share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, WIDE_MODEL)
         amounts = [self.strengths[name] for name in WIDE_NAMES]
-        amounts = [replace(one, uncertainty=math.hypot(one.uncertainty, model)) for one in amounts]
+        amounts = [replace(amount, uncertainty=math.hypot(amount.uncertainty, model)) for amount in amounts]
         wide = [
             _unseen(one, WIDE_PRIOR, share) * mask_gain(f, radius) for one, radius in zip(amounts, WIDE_PX, strict=True)
         ]
         return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
 
 
-def _unseen(one: Strength, prior: float, present: float = 1.0) -> float:
-    return nuisance(one.unseen, one.uncertainty, prior, present)
+def _unseen(strength: Strength, prior: float, present: float = 1.0) -> float:
+    return nuisance(strength.unseen, strength.uncertainty, prior, present)

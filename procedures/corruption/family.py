@@ -166,8 +166,8 @@ def strengths(parts: Sequence[SampleGroup], directions: Sequence[Array], gram: A
     gram : (n, n) sum of the parts' projected Gram matrices, with the priors of the shared parameters
     noise : standard deviation of the residual
     """
-    columns = [np.column_stack([one, part.residual]) for part, one in zip(parts, directions, strict=True)]
-    free = [part.without_own(one) for part, one in zip(parts, columns, strict=True)]
+    columns = [np.column_stack([direction, part.residual]) for part, direction in zip(parts, directions, strict=True)]
+    free = [part.without_own(column) for part, column in zip(parts, columns, strict=True)]
     right = np.sum([part.shared.T @ one.astype(np.float32) for part, one in zip(parts, free, strict=True)], axis=0)
     followed = np.linalg.solve(gram, right.astype(np.float64)).astype(np.float32)
     left = [

@@ -97,7 +97,7 @@ def mask_scores(
 def noise_checks(masks: Sequence[Strength], smoothing: Sequence[Strength], *, raw: bool) -> list[Check]:
     """Tests of sharpening and of smoothing by the noise: the largest score of all radii counts."""
     return [
-        SHARPENED.check(max(one.score for one in masks), raw=raw, places=len(masks)),
+        SHARPENED.check(max(mask.score for mask in masks), raw=raw, places=len(masks)),
         SMOOTHED.check(max(-one.score for one in smoothing), raw=raw, places=len(smoothing)),
     ]
 

@@ -24,11 +24,11 @@ def features(checks: Iterable[Check], relative: float, printed: float, *, raw: b
     """Statistics over thresholds by the checks' names, the largest two, logarithms of the uncertainty without the
     print's blur and of what that adds, and whether it is a RAW file."""
     ratios: dict[str, float] = {}
-    for one in checks:
-        if one.given and one.threshold:
-            over, under = (one.threshold, one.statistic) if one.least else (one.statistic, one.threshold)
+    for check in checks:
+        if check.given and check.threshold:
+            over, under = (check.threshold, check.statistic) if check.least else (check.statistic, check.threshold)
             ratio = over / under if over < LARGEST * under else LARGEST
-            ratios[one.name] = max(ratios.get(one.name, 0.0), float(np.clip(ratio, 0.0, LARGEST)))
+            ratios[check.name] = max(ratios.get(check.name, 0.0), float(np.clip(ratio, 0.0, LARGEST)))
     largest = [*sorted(ratios.values(), reverse=True), 0.0, 0.0]
     own = max(relative**2 - printed**2, 1e-8) ** 0.5
     return {

@@ -415,7 +415,7 @@ def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment
     p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
-    chi_square = sum(float(np.sum(one**2)) for one in problem.view_residuals(state))
+    chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
     held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
     variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0

@@ -55,7 +55,7 @@ class VarianceParts:
         rest = sum(squares.values())
         # what is known of missing terms leaves a formula less uncertain than its response to the reference
         share = min(1.0, total**2 / rest) if rest > 0 else 1.0
-        squares = {term: share * one for term, one in squares.items()} | {MODEL: max(total**2 - rest, 0.0)}
+        squares = {term: share * square for term, square in squares.items()} | {MODEL: max(total**2 - rest, 0.0)}
         return {term: float(np.sqrt(squares[term])) for term in TERMS}
 
 

@@ -125,7 +125,7 @@ def _flat_poses(camera: CameraModel, nodes: Array, view: ChartView) -> list[Pose
     board, points, turn = _normalised(camera, nodes, view)
     _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
     poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
-    return [one for one in poses if np.isfinite(one.R).all() and np.isfinite(one.t).all()]
+    return [pose for pose in poses if np.isfinite(pose.R).all() and np.isfinite(pose.t).all()]
 
 
 def _first_pose(camera: CameraModel, nodes: Array, view: ChartView) -> Pose:

@@ -186,18 +186,18 @@ class CameraSet(CameraModel):
     @classmethod
     def of(cls, cameras: Sequence[CameraModel]) -> CameraSet:
         """The set of these cameras."""
-        params = np.concatenate([one.params for one in cameras])
-        return cls(" and ".join(one.model for one in cameras), params, 0, 0, tuple(cameras))
+        params = np.concatenate([camera.params for camera in cameras])
+        return cls(" and ".join(camera.model for camera in cameras), params, 0, 0, tuple(cameras))
 
     @cached_property
     def prior(self) -> Array:
         """Prior as a linear map (m, p) from the parameters to values of N(0, 1)."""
-        return np.asarray(block_diag(*(one.prior for one in self.cameras)))
+        return np.asarray(block_diag(*(camera.prior for camera in self.cameras)))
 
     @cached_property
     def information(self) -> Array:
         """Information (p, p) of the prior."""
-        return np.asarray(block_diag(*(one.information for one in self.cameras)))
+        return np.asarray(block_diag(*(camera.information for camera in self.cameras)))
 
     def part(self, camera: int) -> tuple[CameraModel, slice]:
         """A camera, and the place of its parameters."""

@@ -94,15 +94,6 @@ class RadialCamera:
     tangential: Array
     difference: Difference
 
-    def distort(self, points: Array) -> Array:
-        """Positions (n, 2) in the photograph of points (n, 2) of the corrected picture."""
-        params = np.array([*self.centre, *self.tangential, *self.coefficients])
-        return _distorted((points - self.centre) / self.unit_px, params, self.formula, self.unit_px)
-
-    def project(self, rays: Array) -> Array:
-        """Pixels (n, 2) of rays (n, 3)."""
-        return self.distort(self.focal_px * rays[:, :2] / rays[:, 2:] + self.centre)
-
 
 def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
     """The camera by OpenCV's formula with `count` distortion coefficients.
@@ -195,8 +186,8 @@ def as_kalibr(camera: CameraModel, region: Array) -> KalibrCamera:
         own = len(shape) + 4
         lost = _difference(_kalibr_projection(model, params, rays) - pixels)
         fits.append(KalibrCamera(model, params[:own], params[own:], lost))
-    least = min(one.difference.rms_px for one in fits)
-    return next(one for one in fits if one.difference.rms_px <= max(EQUIVALENT * least, EXACT_PX))
+    least = min(fit.difference.rms_px for fit in fits)
+    return next(fit for fit in fits if fit.difference.rms_px <= max(EQUIVALENT * least, EXACT_PX))
 
 
 def _kalibr_at(model: tuple[str, str], rays: Array, params: Array) -> Array:

@@ -184,7 +184,7 @@ class Geometry:
     @property
     def points(self) -> int:
         """Number of correspondences."""
-        return sum(len(one.view) for one in self.views)
+        return sum(len(view.view) for view in self.views)
 
     @property
     def formula(self) -> FittedFormula | None:

@@ -76,4 +76,4 @@ class GeometryFacts(FieldFacts):
 
     def before(self, number: int) -> tuple[ChartPose, ...]:
         """The poses of the views before one."""
-        return tuple(one.pose for one in self.poses if one.number < number)
+        return tuple(pose.pose for pose in self.poses if pose.number < number)

@@ -57,7 +57,7 @@ def fit_formulas(camera: CameraModel, covariance: Array, region: Array) -> tuple
 
 def most_apt(formulas: tuple[FittedFormula, ...], tolerance_px: float) -> FittedFormula:
     """The simplest formula whose loss over the whole covered frame is within a tolerance, or else least."""
-    whole = [one for one in formulas if one.share > ALMOST_ALL] or list(formulas)
+    whole = [formula for formula in formulas if formula.share > ALMOST_ALL] or list(formulas)
     apt = (one for one in whole if one.difference.rms_px <= tolerance_px)
     return next(apt, min(whole, key=lambda one: one.difference.rms_px))
 

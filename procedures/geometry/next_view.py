@@ -81,12 +81,12 @@ def next_views(fit: Adjustment, pixel: tuple[float, float] | None = None) -> lis
     nodes = problem.nodes + fit.state.deviations_mm(problem.shape)
     views = _ranked(camera, information, nodes, problem.shape, sigma, distances, pixel=pixel)
     of = "" if pixel is None else f"direction of pixel {pixel[0]:g}, {pixel[1]:g}, pixel rms"
-    return [replace(one, of=of) for one in views] if of else views
+    return [replace(view, of=of) for view in views] if of else views
 
 
 def typical_noise(fit: Adjustment) -> float:
     """Standard deviation of a point in the existing views."""
-    variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in fit.problem.views])
+    variances = np.concatenate([np.einsum("naa->na", view.covariance) for view in fit.problem.views])
     return float(np.sqrt(np.median(variances))) * fit.scale
 
 
@@ -273,26 +273,26 @@ def _rms(A: Array, covariance: Array) -> float:
     return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
 
 
-def advice(one: NextView) -> str:
+def advice(view: NextView) -> str:
     """The pose with its effect."""
-    return f"next, the chart in {next_view_words(one)}; {one.of}: {one.before:.4g} now, {one.after:.4g} with it"
+    return f"next, the chart in {next_view_words(view)}; {view.of}: {view.before:.4g} now, {view.after:.4g} with it"
 
 
-def next_view_words(one: NextView) -> str:
+def next_view_words(view: NextView) -> str:
     """Description of the pose."""
-    return ", ".join(_words(one))
+    return ", ".join(_words(view))
 
 
-def _words(one: NextView) -> Iterator[str]:
+def _words(view: NextView) -> Iterator[str]:
     x, y = ("left", "middle", "right"), ("upper", "middle", "lower")
-    row, column = (names[(share >= 0.5) + (share > 0.5)] for names, share in ((y, one.at[1]), (x, one.at[0])))
+    row, column = (names[(share >= 0.5) + (share > 0.5)] for names, share in ((y, view.at[1]), (x, view.at[0])))
     yield "the middle of the frame" if (row, column) == ("middle", "middle") else f"the {row} {column} of the frame"
-    yield f"{one.distance_mm:.0f} mm away"
-    if one.yaw_deg:
-        edge = "right" if one.yaw_deg > 0 else "left"
-        yield f"its {edge} edge nearer by a turn of {abs(one.yaw_deg):.0f} degrees"
-    if one.pitch_deg:
-        edge = "upper" if one.pitch_deg > 0 else "lower"
-        yield f"its {edge} edge nearer by a turn of {abs(one.pitch_deg):.0f} degrees"
-    if not (one.yaw_deg or one.pitch_deg):
+    yield f"{view.distance_mm:.0f} mm away"
+    if view.yaw_deg:
+        edge = "right" if view.yaw_deg > 0 else "left"
+        yield f"its {edge} edge nearer by a turn of {abs(view.yaw_deg):.0f} degrees"
+    if view.pitch_deg:
+        edge = "upper" if view.pitch_deg > 0 else "lower"
+        yield f"its {edge} edge nearer by a turn of {abs(view.pitch_deg):.0f} degrees"
+    if not (view.yaw_deg or view.pitch_deg):
         yield "frontal"

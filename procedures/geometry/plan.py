@@ -151,7 +151,7 @@ def _planned(
     rim: tuple[float, float], aim: tuple[float, float] | None = None,
 ) -> NextView | None:  # fmt: skip
     camera, pixel = nominal_camera(shape, principal_px), None if aim is None else in_pixels(aim, shape[::-1])
-    before = [as_pose(one) for one in poses]
+    before = [as_pose(pose) for pose in poses]
     return planned_view(camera, before, chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim, pixel)
 
 

@@ -76,7 +76,7 @@ class RigCamera:
     @property
     def sources(self) -> tuple[str, ...]:
         """Names of the photographs."""
-        return tuple(one.source for one in self.views)
+        return tuple(view.source for view in self.views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class RigPoses:
 
 def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
     """A calibrated camera for `estimate_rig`."""
-    views, poses = (tuple(getattr(one, name) for one in geometry.views) for name in ("view", "pose"))
+    views, poses = (tuple(getattr(view, name) for view in geometry.views) for name in ("view", "pose"))
     return RigCamera(geometry.camera, views, poses, geometry.adjustment.problem.nodes, cell_uncertainty)
 
 
@@ -144,7 +144,7 @@ def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) ->
     """
     times = _times(cameras)
     placed, fit = _placed(cameras, times), concluded(_adjusted(cameras))
-    rig = _rigid(fit, times, placed, max(one.cell_uncertainty for one in cameras), depth_mm)
+    rig = _rigid(fit, times, placed, max(camera.cell_uncertainty for camera in cameras), depth_mm)
     return verdict_of([_rigidity(rig)], rig)
 
 
@@ -160,15 +160,15 @@ def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
             "the cameras of a rig must photograph one chart; the widths of their charts differ",
             "calibrate the cameras with photographs of one chart, and give its width to all",
         )
-    names = [name for one in cameras for name in one.sources]
+    names = [name for camera in cameras for name in camera.sources]
     if len(set(names)) < len(names):
         places = {name: i for i, name in enumerate(dict.fromkeys(names))}
-        return [[places[name] for name in one.sources] for one in cameras]
-    if len({len(one.views) for one in cameras}) == 1:
-        return [list(range(len(one.views))) for one in cameras]
+        return [[places[name] for name in camera.sources] for camera in cameras]
+    if len({len(camera.views) for camera in cameras}) == 1:
+        return [list(range(len(camera.views))) for camera in cameras]
     raise Refused(
         f"simultaneous photographs must have the same name, or all cameras equally many; got "
-        f"{' and '.join(str(len(one.views)) for one in cameras)}, and no name in common",
+        f"{' and '.join(str(len(camera.views)) for camera in cameras)}, and no name in common",
         "give the same name to photographs that were taken together",
     )
 
@@ -187,7 +187,7 @@ def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> lis
                     a, b = (cameras[i].poses[times[i].index(common[0])] for i in (other, c))
                     poses[c] = _compose(_compose(b, _inverse(a)), known)
     if any(pose is None for pose in poses):
-        most = max(len(set(one) & set(other)) for i, one in enumerate(times) for other in times[:i])
+        most = max(len(set(time) & set(other)) for i, time in enumerate(times) for other in times[:i])
         raise Refused(
             f"a rig needs {FEWEST_CHARTS} charts photographed by two cameras at the same time, and every camera "
             f"connected to the first in this way; two cameras have at most {most} in common",
@@ -199,10 +199,10 @@ def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> lis
 def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
     """All cameras, poses, and the one chart."""
     nodes = cameras[0].nodes
-    views = [replace(view, camera=c) for c, one in enumerate(cameras) for view in one.views]
+    views = [replace(view, camera=c) for c, camera in enumerate(cameras) for view in camera.views]
     problem = AdjustmentProblem(nodes, views, shape_model(nodes))
-    poses = tuple(pose for one in cameras for pose in one.poses)
-    return adjust(problem.flat_state(CameraSet.of([one.camera for one in cameras]), poses), problem)
+    poses = tuple(pose for camera in cameras for pose in camera.poses)
+    return adjust(problem.flat_state(CameraSet.of([camera.camera for camera in cameras]), poses), problem)
 
 
 def _rigid(

@@ -113,7 +113,7 @@ def _asymmetric(s: Array, q: Array) -> list[Array]:
     (x, y), none = s.T, 0 * q
     terms = [(2 * x * y, q + 2 * y * y), (q + 2 * x * x, 2 * x * y)]
     terms += [(q, none), (q * q, none), (none, q), (none, q * q)]
-    return [np.column_stack(one) for one in terms]
+    return [np.column_stack(term) for term in terms]
 
 
 def _factor(params: Array, q: Array) -> Array:

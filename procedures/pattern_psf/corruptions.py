@@ -28,7 +28,7 @@ DOTS_VISIBLE = 0.008
 def corruption_checks(evidence: TextureEvidence, *, raw: bool, structured: bool) -> list[Check]:
     """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
     checks = evidence.checks(raw=raw)
-    return [replace(one, prior=SYMPTOM * one.prior) for one in checks] if structured else checks
+    return [replace(check, prior=SYMPTOM * check.prior) for check in checks] if structured else checks
 
 
 def print_prior(edges: Array) -> float:
@@ -52,6 +52,6 @@ def modes_of(
     cell_px, square = block_size_px(registration) / BLOCK, 2 * (np.pi * f) ** 2
     kinds = [evidence.strengths[name] for name in (ZOOM, RIM)]
     # of the variance x^2 along x over a disk of radius 1, the mean is 1/4
-    varied = math.hypot(*(one.value for one in kinds if abs(one.score) > VARIED)) / 4
+    varied = math.hypot(*(kind.value for kind in kinds if abs(kind.score) > VARIED)) / 4
     modes = {PRINT_BLUR: print_blur_mode(f, (print_blur * cell_px) ** 2), "variation": square * varied}
     return modes | evidence.modes(f, raw=raw)

@@ -88,10 +88,10 @@ def error_parts(
         name: {group: float(np.sqrt(variance[i])) for group, variance in added.items()} for i, name in enumerate(names)
     }
     variations = [
-        one
+        variation
         for i, name in enumerate(names)
         if name in checked
-        for one in _variations(name, quality.numbers[name].value, changes[:, i], float(np.sqrt(last[i] * scale)))
+        for variation in _variations(name, quality.numbers[name].value, changes[:, i], float(np.sqrt(last[i] * scale)))
     ]
     mismatch = {name: float(ratio[i]) for i, name in enumerate(names) if name in quality.numbers}
     return ErrorParts(parts, mismatch, tuple(variations))

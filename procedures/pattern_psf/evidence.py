@@ -59,7 +59,7 @@ def examine(
 def _in_residual(residual: Variogram, absorbed: float) -> list[Strength]:
     """Masks in the noise of the residual, of which the fit has absorbed a part: that looks like a mask too."""
     scores = mask_scores([residual], MASK_RADII)
-    return [replace(one, uncertainty=math.hypot(one.uncertainty, AMOUNT_ABSORBED * absorbed)) for one in scores]
+    return [replace(score, uncertainty=math.hypot(score.uncertainty, AMOUNT_ABSORBED * absorbed)) for score in scores]
 
 
 def _strengths(
@@ -76,8 +76,8 @@ def _strengths(
     cells, (frame, used) = SampleGroup(shared, own, fit.residual, row * TILES + column), whole.frame
     pictures = _pictures(whole, samples, levels)
     at = o.rows + window.y - whole.window.y, o.columns + window.x - whole.window.x
-    in_cells = np.stack([one[at] for one in pictures.values()], axis=1) * o.weight[:, None]
-    in_frame = np.stack([one[used] for one in pictures.values()], axis=1) * whole.weight[used][:, None]
+    in_cells = np.stack([picture[at] for picture in pictures.values()], axis=1) * o.weight[:, None]
+    in_frame = np.stack([picture[used] for picture in pictures.values()], axis=1) * whole.weight[used][:, None]
     gram = gram + frame.projected_gram()
     return dict(zip(pictures, strengths([cells, frame], [in_cells, in_frame], gram, fit.residual_std), strict=True))
 
@@ -91,7 +91,7 @@ def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]
     )
     pictures = directions.filters(wide) | directions.wide_masks(wide) | directions.variations(wide, *np.meshgrid(x, y))
     ghost = directions.mirrored(samples, (window.x, window.y), whole.value.shape)
-    cut = {name: one[BORDER:-BORDER, BORDER:-BORDER] for name, one in pictures.items()}
+    cut = {name: picture[BORDER:-BORDER, BORDER:-BORDER] for name, picture in pictures.items()}
     return cut | {directions.GHOST: (ghost - levels[0]) / (levels[1] - levels[0])}
 
 

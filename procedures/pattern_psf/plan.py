@@ -335,7 +335,7 @@ def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
 
 def _weights(outcomes: Sequence[Outcome[Any]]) -> list[float]:
     """Weights 1/u_i^2 of the shots, whose sum is 1/u^2 of their mean; none for a plane that every shot refuses."""
-    return [1 / uncertainty(one) ** 2 for one in outcomes if one.verdict is not Verdict.REFUSED]
+    return [1 / uncertainty(outcome) ** 2 for outcome in outcomes if outcome.verdict is not Verdict.REFUSED]
 
 
 def goal_of(weights: Sequence[float], wanted: float) -> Goal:
@@ -363,4 +363,4 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     for frame in frames:
         shots.append(estimate_shot(frame, facts, shots, known))
     names = list(shots[0]) if shots else []
-    return {name: combine([one[name] for one in shots]) for name in names}
+    return {name: combine([shot[name] for shot in shots]) for name in names}

@@ -115,7 +115,7 @@ class ChartFit:
         """Largest correlation of the residual at lag one, along rows or columns."""
         grid, variance = self.residual_image, float(np.var(self.residual))
         products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
-        lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
+        lags = [float(np.nansum(product)) / max(int(np.isfinite(product).sum()), 1) / variance for product in products]
         return max(lags, key=abs)
 
     @property

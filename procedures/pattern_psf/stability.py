@@ -76,7 +76,7 @@ def _mtf(h: Array, s: int, frequencies: Array) -> Array:
 def _sensitivity(mean: Array, std: Array) -> Array:
     """s(Omega) for every threshold; NaN where the region is empty."""
     regions = [mean >= least for least in THRESHOLDS]
-    return np.array([std[one].mean() / mean[one].mean() if one.any() else np.nan for one in regions])
+    return np.array([std[region].mean() / mean[region].mean() if region.any() else np.nan for region in regions])
 
 
 def _summary(mtfs: Array, frequencies: Array, limit: float) -> Array:

@@ -220,9 +220,9 @@ def _with_print_blur(main: PatternPsf, measured: Quantity | None, prior: float) 
     return replace(main, quality=with_modes(quality, main.psf, {PRINT_BLUR: change}))
 
 
-def _black(plane: Plane, one: PatternPsf) -> float:
+def _black(plane: Plane, psf: PatternPsf) -> float:
     """Black over white at the chart's centre."""
-    light = measure_light(plane.samples, one.registration, plane.quantisation)
+    light = measure_light(plane.samples, psf.registration, plane.quantisation)
     return float(light.black[0] / light.white[0])
 
 

@@ -66,7 +66,7 @@ class Grid:
             step = SMALL * np.eye(count)[i]
             above, below = (sensor_otf(parts, values + e, fx / self.pitch, fy / self.pitch) for e in (step, -step))
             slopes.append(shift * lens * (above - below) / (2 * SMALL))
-        slopes += [shift * sensor * one for one in lens_slopes]
+        slopes += [shift * sensor * slope for slope in lens_slopes]
         h, J = self.samples(otf), self.samples(np.stack(slopes)).T
         total = h.sum()
         h = h / total

@@ -97,7 +97,7 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
         content = _list(list_opcodes)
         new.append(struct.pack(order + "HHII", tag, UNDEFINED, len(content), len(out)))
         out += content + b"\0" * (len(content) % 2)
-    retained = [one for one in entries if struct.unpack_from(order + "H", one)[0] not in lists]
+    retained = [entry for entry in entries if struct.unpack_from(order + "H", entry)[0] not in lists]
     rewritten = sorted([*retained, *new], key=lambda one: int(struct.unpack_from(order + "H", one)[0]))
     struct.pack_into(order + "I", out, pointer, len(out))
     out += struct.pack(order + "H", len(rewritten)) + b"".join(rewritten) + struct.pack(order + "I", following)
@@ -120,8 +120,8 @@ def _with_version(data: bytes) -> bytes:
 
 def _list(opcodes: Sequence[Opcode]) -> bytes:
     parts = [struct.pack(">I", len(opcodes))]
-    for one in opcodes:
-        parts.append(struct.pack(">I4sII", one.number, VERSION, OPTIONAL, len(one.data)) + one.data)
+    for opcode in opcodes:
+        parts.append(struct.pack(">I4sII", opcode.number, VERSION, OPTIONAL, len(opcode.data)) + opcode.data)
     return b"".join(parts)
 
 
@@ -140,7 +140,7 @@ def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], in
             continue
         visited.add(at)
         entries, following = _entries(data, at, order, name)
-        values = {struct.unpack_from(order + "H", one)[0]: one for one in entries}
+        values = {struct.unpack_from(order + "H", entry)[0]: entry for entry in entries}
         is_dng = is_dng or DNG_VERSION in values
         photometric = struct.unpack_from(order + "H", values[PHOTOMETRIC], 8)[0] if PHOTOMETRIC in values else None
         if result is None and photometric in (CFA, LINEAR_RAW):

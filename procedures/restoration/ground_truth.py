@@ -55,7 +55,7 @@ def compare_to_ground_truth(
     BadInput
         If the ground truth has other planes than the photographs, or another size, or is one of them.
     """
-    each, truth = [_planes_of(one) for one in photographs], _planes_of(truth)
+    each, truth = [_planes_of(photograph) for photograph in photographs], _planes_of(truth)
     check_ground_truth(each, truth)
     restoration = outcome.value
     if restoration is None:
@@ -111,8 +111,8 @@ def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:
             f"the ground truth must be of the photographs' camera: they have {words(first)}, it has {words(truth)}",
             "give a photograph of the same camera, neither cropped nor rotated",
         )
-    for n, one in enumerate(photographs, start=1):
-        if all(np.array_equal(plane.samples, truth[name].samples) for name, plane in one.items()):
+    for n, photograph in enumerate(photographs, start=1):
+        if all(np.array_equal(plane.samples, truth[name].samples) for name, plane in photograph.items()):
             raise BadInput(f"the ground truth is photograph {n}", "give a sharp photograph")
 
 
@@ -200,7 +200,7 @@ def _without_noise(error: Array, noise: float) -> float:
 
 
 def _stack(planes: Planes) -> Array:
-    return np.stack([one.samples.astype(np.float64) for one in planes.values()])
+    return np.stack([plane.samples.astype(np.float64) for plane in planes.values()])
 
 
 def _as_planes(picture: Array, planes: Planes) -> Array:

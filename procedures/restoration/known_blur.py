@@ -91,7 +91,7 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
     each = [blur_relation(frames[0], frame, known, which) for frame, which in zip(frames, ORDER, strict=False)]
     ratios, offsets = (tuple(one) for one in zip(*each, strict=True))
     shapes = shapes_over(frames[0], known.shape, known, read)
-    if len(shapes) > 1 and all(isinstance(one, MeasuredShape) for one in shapes) and not any(offsets):
+    if len(shapes) > 1 and all(isinstance(shape, MeasuredShape) for shape in shapes) and not any(offsets):
         ratios = ()  # given by their half-widths
     each_one = shapes * (len(frames) // len(shapes))
     return BlurSpec(KnownShapes(each_one, ratios, offsets), known.max_w)

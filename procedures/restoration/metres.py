@@ -77,7 +77,7 @@ def ambiguity(photographs: Sequence[Array], masks: Sequence[Masks], w: Array, no
 
     photographs : (C, H, W) each, registered; noise : their standard deviation.
     """
-    z, levels = np.stack([np.asarray(one, np.float64) for one in photographs]), levels_of(masks)
+    z, levels = np.stack([np.asarray(photograph, np.float64) for photograph in photographs]), levels_of(masks)
     cost = cost_volume(z, masks, np.full(len(z), max(noise, 1e-5)), levels, 1)
     terms = z.shape[1] * len(z) * (len(z) - 1) / 2
     variance, margin = np.empty(w.shape), SURFACE // 2

@@ -210,7 +210,7 @@ def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Arra
 
 
 def _arrays(shapes: Sequence[Shape]) -> list[npt.NDArray[np.float64]]:
-    return [one for one in shapes if not isinstance(one, ShapeField)]
+    return [shape for shape in shapes if not isinstance(shape, ShapeField)]
 
 
 def _ratios(source: KnownShapes, max_w: float, photographs: Sequence[Array]) -> tuple[float, ...]:
@@ -242,7 +242,7 @@ def _masks_of_shapes(
 
 def _spread(motion: SceneBlur, defocus: AdditionalDefocus, shape: Size) -> SceneBlur:
     fields = [one if isinstance(one, ShapeField) else ShapeField(((one,),)) for one in defocus.shapes]
-    slopes = [one * motion.unit.per_pixel for one in defocus.ratios]
+    slopes = [ratio * motion.unit.per_pixel for ratio in defocus.ratios]
 
     def spread(masks: Sequence[Masks], n: int) -> Sequence[Masks]:
         convolved = with_defocus(masks, fields, slopes, [n * offset for offset in defocus.offsets])
@@ -272,7 +272,7 @@ def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
     if focal is None:
 
         def planar(n: int) -> Sequence[Masks]:
-            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w)
+            stacks = planar_stacks([exposure.planar_path for exposure in exposures], n * max_w)
             check_extent(stacks[0].R, (n * shape[0], n * shape[1]))
             return stacks
 
@@ -309,7 +309,7 @@ def _of_flat_scene(
         motion = given_kernels(source.kernels, len(photographs), source.doubt)
     else:
         effort = source.effort if isinstance(source.effort, KernelEffort) else None
-        grey = np.stack([one.mean(axis=0) for one in photographs])
+        grey = np.stack([photograph.mean(axis=0) for photograph in photographs])
         kernels = kernels_of_rotated_scene(grey, None if max_w is None else int(np.ceil(max_w)), effort, report)
         report(kernels)
         motion = kernels.shapes
@@ -346,7 +346,7 @@ def _motion_of_part(
     source: UnknownMotion, box: Box, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], object]
 ) -> MotionShapes:
     x, y, width, height = box
-    cut = np.stack([one[:, y : y + height, x : x + width].mean(axis=0) for one in photographs])
+    cut = np.stack([photograph[:, y : y + height, x : x + width].mean(axis=0) for photograph in photographs])
     largest = int(np.ceil(max_w))
     # the image moves opposite to the rig
     paths = [-path for path in source.paths]

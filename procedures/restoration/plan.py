@@ -176,9 +176,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
             "take all of them again",
         )
     planes = [planes_of(frame, answers) for frame in blurred]
-    pictures = [stacked(one) for one in planes]
+    pictures = [stacked(plane) for plane in planes]
     if not is_mosaic(planes[0]):
-        pictures = [one * (pictures[0].mean() / one.mean()) for one in pictures]
+        pictures = [picture * (pictures[0].mean() / picture.mean()) for picture in pictures]
     try:
         parameters = parameters_of(answers)
         report, rounds = getattr(frames, "progress", lambda done, total: None), parameters.scheme.rounds + 1

@@ -33,7 +33,7 @@ def progress(taken: int, known: RestorationFacts, path: Callable[[str], Shake | 
         return Goal(left)
     share = USUAL * (known.max_w or 0.0)
     now, after = (
-        100 * picture_error([one * share for one in points[:n]], known.first_noise, known.first_contrast)
+        100 * picture_error([point * share for point in points[:n]], known.first_noise, known.first_contrast)
         for n in (taken, taken + 1)
     )
     return Goal(left, "picture", "% of white", now, after)
@@ -42,7 +42,7 @@ def progress(taken: int, known: RestorationFacts, path: Callable[[str], Shake | 
 def blur_points(which: str, known: RestorationFacts, shake: Shake | None) -> Array | None:
     """Points (n, 2) of a photograph's blur over the widest one; None where it is not known before the estimate."""
     f_numbers = [known.f_numbers[one] for one in known.blurred]
-    widest = min((one for one in f_numbers if one), default=None)
+    widest = min((number for number in f_numbers if number), default=None)
     f_number = known.f_numbers[which]
     if known.blur_by == APERTURES and widest and f_number:
         return DISC * (widest / f_number)

@@ -43,7 +43,7 @@ def fit_time_shift(
 ) -> TimeShift:
     """The shift of least residual, uniform within `within_s`; masks_at : the masks of a shift for a frame. Raises what
     those of 0 raise."""
-    z = checks.check_photographs([_middle(one) for one in photographs])
+    z = checks.check_photographs([_middle(photograph) for photograph in photographs])
     shape, trust = (z.shape[2], z.shape[3]), checks.trust_of(z)
     freedom = shape[0] * shape[1] / WINDOW**2
 

@@ -69,7 +69,7 @@ def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int =
         variance - dark_variance @ weights,
         dark_mean,
         dark_variance,
-        column(one.exposure_s for one in recording.darks),
+        column(dark.exposure_s for dark in recording.darks),
         spread,
         int(np.median(column(one.samples for one in recording.lights))),
     )
@@ -94,8 +94,8 @@ def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, r
 
 def light_spread(recording: SensorRecording) -> float:
     """Relative standard deviation of the light from one picture to the next, without noise of the pictures."""
-    change = column(one.change for one in recording.lights) ** 2
-    noise = column(one.change_variance for one in recording.lights)
+    change = column(light.change for light in recording.lights) ** 2
+    noise = column(light.change_variance for light in recording.lights)
     signal = recording.signal
     bright = signal > 0.05 * signal.max()
     share = (change - noise)[bright] / (2 * signal[bright] ** 2)

@@ -238,16 +238,16 @@ def count_checks(recording: SensorRecording) -> list[Check]:
 
 def ladder_checks(recording: SensorRecording) -> list[Check]:
     """Checks of the ladder's pictures."""
-    variance = column(one.variance for one in recording.lights)
+    variance = column(light.variance for light in recording.lights)
     signal = recording.signal
     top = saturation_index(variance)
     fitted = int(np.sum(signal <= REGRESSION * signal[top]))
     judged = int(np.sum((signal >= RANGE[0] * signal[top]) & (signal <= RANGE[1] * signal[top])))
     spread = light_spread(recording)
-    longest = float(column(one.exposure_s for one in recording.lights).max())
-    longest_dark = float(column(one.exposure_s for one in recording.darks).max())
-    clipped = float(np.max(column(one.bottom for one in recording.darks)))
-    least_noise = float(column(one.variance for one in recording.darks).min())
+    longest = float(column(light.exposure_s for light in recording.lights).max())
+    longest_dark = float(column(dark.exposure_s for dark in recording.darks).max())
+    clipped = float(np.max(column(dark.bottom for dark in recording.darks)))
+    least_noise = float(column(dark.variance for dark in recording.darks).min())
     steady = "let the lamp warm up, use direct current, and exposure times of whole periods of the mains"
     return [
         Check("black", clipped, CLIPPED_BLACK, REFUSED,
@@ -286,9 +286,9 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
 def _processing(recording: SensorRecording, fitted: Mask) -> list[Check]:
     """Whether the noise of neighbouring pixels is correlated, in the levels from which the gain is fitted."""
     noise = [
-        one.noise
-        for one, used in zip(recording.lights, fitted, strict=True)
-        if used and one.variance > LEAST_DARK_VARIANCE
+        light.noise
+        for light, used in zip(recording.lights, fitted, strict=True)
+        if used and light.variance > LEAST_DARK_VARIANCE
     ]
     lines = [(lag == 0).astype(np.float64) for lag in (LAG_X, LAG_Y)]  # subtracted means correlate rows and columns
     scores = (

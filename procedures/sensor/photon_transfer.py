@@ -341,7 +341,7 @@ def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n
     lift = float(np.mean(spread)) * np.sqrt(2 / np.pi)  # error expected by noise alone
     error = np.mean(np.abs(deviation), axis=1)
     lowest, highest = deviation.min(axis=1), deviation.max(axis=1)
-    others = [100 * float(np.mean(np.abs(one.deviation[0, one.used]))) for one in alternatives]
+    others = [100 * float(np.mean(np.abs(alternative.deviation[0, alternative.used]))) for alternative in alternatives]
     away = max((abs(other - error[0]) for other in others), default=0.0)
     spread_of_error = float(np.hypot(np.std(error[1:]), away / np.sqrt(3)))
     method = "relative deviation from the line with the least relative deviations, 5 % to 95 % of saturation"

@@ -147,7 +147,7 @@ class SensorRecording:
     @property
     def signal(self) -> Array:
         """Mean of each bright level less the dark at its exposure."""
-        return column(one.mean for one in self.lights) - self.dark_weights @ column(one.mean for one in self.darks)
+        return column(light.mean for light in self.lights) - self.dark_weights @ column(one.mean for one in self.darks)
 
 
 def column(values: Iterable[float]) -> Array:

@@ -134,7 +134,7 @@ def estimate_edges(plane: PlaneLike, diffraction: Diffraction | None = None) -> 
         sightings = find_edges(plane.samples)
     except Refused as refusal:
         return [EdgeOutcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
-    outcomes = [_measure_sighting(one, plane, diffraction) for one in sightings]
+    outcomes = [_measure_sighting(sighting, plane, diffraction) for sighting in sightings]
     return sorted(outcomes, key=lambda one: list(Verdict).index(one.verdict))
 
 
@@ -230,14 +230,14 @@ def _result(
     # the normal of x = slope y is (1, -slope); turned, x and y change places
     normal = (90.0 - abs(tilt)) * (-1 if slope > 0 else 1) if strip.turned else -tilt
     numbers = _numbers(strip, course, profile, mtf, draws)
-    budgets = {name: {"noise": one.uncertainty} | _by_modes(one, mtf, modes) for name, one in numbers.items()}
+    budgets = {name: {"noise": number.uncertainty} | _by_modes(number, mtf, modes) for name, number in numbers.items()}
     return EdgeMtf(
         roi=strip.roi,
         turned=strip.turned,
         frequencies=FREQUENCIES,
         mtf=mtf,
         uncertainty=np.sqrt(np.var(draws, axis=0) + sum(mode**2 for mode in modes.values())),
-        numbers={name: replace(one, uncertainty=combined(budgets[name])) for name, one in numbers.items()},
+        numbers={name: replace(number, uncertainty=combined(budgets[name])) for name, number in numbers.items()},
         budgets=budgets,
         normal_deg=normal,
         order=course.order,

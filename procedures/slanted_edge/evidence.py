@@ -100,7 +100,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     fields, growth, exponent, inflation = [], math.nan, math.nan, [1.0, 1.0]
     if min(dark, bright) > rounding:
         fields = [Variogram.of(plain, side) for side in sides]
-        inflation = [one.inflation(variance) for one, variance in zip(fields, (dark, bright), strict=True)]
+        inflation = [field.inflation(variance) for field, variance in zip(fields, (dark, bright), strict=True)]
         logarithm = math.log(bright / dark)
         growth = logarithm / math.sqrt(sum(2 / np.count_nonzero(side) for side in sides))
         levels = np.maximum(profile.light[:2], 1e-3 * profile.contrast)

@@ -62,7 +62,7 @@ class _Segment:
 def find_edges(samples: Array32) -> list[EdgeSighting]:
     """Detect the slanted edges of a plane, the best first. Raises Refused if there is none, with the reason."""
     segments = _merged(_segments(samples))
-    slanted = [one for one in segments if MIN_ANGLE_DEG <= one.angle_deg <= MAX_ANGLE_DEG]
+    slanted = [segment for segment in segments if MIN_ANGLE_DEG <= segment.angle_deg <= MAX_ANGLE_DEG]
     detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]
     if not detected:
         raise Refused(*_why_none(segments, slanted))
@@ -78,7 +78,7 @@ def longest_segment(samples: Array32) -> Array | None:
 def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
     """The edge that `find_edges` gives this region, or None."""
     try:
-        return next((one for one in find_edges(samples) if one.strip.roi == roi), None)
+        return next((edge for edge in find_edges(samples) if edge.strip.roi == roi), None)
     except Refused:
         return None
 
@@ -225,9 +225,9 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
 def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
     """The edges without those on the line of a better one."""
     kept: list[EdgeSighting] = []
-    for one in sightings:
-        if not any(_same(one, other) for other in kept):
-            kept.append(one)
+    for sighting in sightings:
+        if not any(_same(sighting, other) for other in kept):
+            kept.append(sighting)
     return kept
 
 

@@ -138,24 +138,29 @@ def estimate_tilt(
     places = best_focus(in_um, shape, frequency=parameters.frequency)
     heights, covariance = measured_heights(places, _zero_um(parameters), _position_um(bracket, parameters))
     centre = (np.array([shape[1], shape[0]]) - 1) / 2
-    at = (np.array([one.position for one in places]) - centre) * side
+    at = (np.array([place.position for place in places]) - centre) * side
     sensor = fit_plane(at, heights, covariance, size)
     slope = chart_slope(list(bracket), parameters)
     sensor = sensor.widened(slope**2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(sensor, parameters.screws, with_focus=with_focus)
+<<<<<<< HEAD
     astigmatism = np.array([one.optima[1].at - one.optima[0].at for one in places])
     tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus, slope)
+=======
+    astigmatism = np.array([place.optima[1].at - place.optima[0].at for place in places])
+    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus)
+>>>>>>> main
     return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 
 def measured_heights(places: Sequence[PlaceFocus], zero_um: float, position_um: float) -> tuple[Array, Array]:
     """Heights (N,) of the sensor behind the image in um, and covariance (N, N): noise of the PSFs, and the positions'
     errors, common to a photograph's charts."""
-    sources = sorted({name for one in places for optimum in one.optima for name in optimum.sensitivities})
+    sources = sorted({name for place in places for optimum in place.optima for name in optimum.sensitivities})
     J = np.array([[sum(o.sensitivities.get(name, 0.0) for o in one.optima) / 2 for name in sources] for one in places])
-    noise = np.array([sum(o.variance for o in one.optima) / 4 for one in places])
-    best = np.array([sum(o.at for o in one.optima) / 2 for one in places])
+    noise = np.array([sum(o.variance for o in place.optima) / 4 for place in places])
+    best = np.array([sum(o.at for o in place.optima) / 2 for place in places])
     return zero_um - best, np.diag(noise) + position_um**2 * J @ J.T
 
 
@@ -199,7 +204,7 @@ def _checks(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> 
     uncertain = max(numbers[name].uncertainty for name in (TILT_HORIZONTAL, TILT_VERTICAL))
     z = np.sort(list(positions))
     low, high = (z[0] + z[1]) / 2, (z[-1] + z[-2]) / 2
-    best = [optimum.at for one in places for optimum in one.optima]
+    best = [optimum.at for place in places for optimum in place.optima]
     return [
         Check("misfit", -ndtri(sensor.chance), -ndtri(UNLIKELY), doubtful,
               f"best focus differs from a smooth surface by {sensor.misfit:.1f} times its uncertainty",

@@ -65,9 +65,8 @@ Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
 NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
 ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
-AHEAD = np.array([0.0, 0.0, 1.0])
-"""Direction of the head's axis at zero."""
 MARK = 16  # characters of a file's hash that identify it
+AHEAD: Array = np.array([0.0, 0.0, 1.0])  # direction of the head's axis at zero
 SURELY = 0.99  # greatest probability that is stated
 
 
@@ -121,10 +120,10 @@ def after_rail(step: Step) -> tuple[Request, ...]:
     known = [one.key for one in RAIL if isinstance(one, Ask)]
     requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in known)
     return tuple(
-        replace(one, proposed=width_within_reach, check=check_width)
-        if isinstance(one, Ask) and one.key == "chart_width_mm"
-        else one
-        for one in requests
+        replace(request, proposed=width_within_reach, check=check_width)
+        if isinstance(request, Ask) and request.key == "chart_width_mm"
+        else request
+        for request in requests
     )
 
 
@@ -191,11 +190,11 @@ def worth_turning(facts: Facts) -> bool:
 
 def result_facts(results: Mapping[str, Any]) -> Facts:
     """The turns and their probability of improvement, for the measured plane."""
-    tilts: list[Tilt] = [one for one in results.values() if one is not None]
+    tilts: list[Tilt] = [result for result in results.values() if result is not None]
     if not tilts:
         return {HELPS: 0.0}
     (tilt,) = tilts
-    turns: dict[str, Fact] = {f"{TURN}{i}": one.value for i, one in enumerate(tilt.turns.turns, 1)}
+    turns: dict[str, Fact] = {f"{TURN}{i}": turn.value for i, turn in enumerate(tilt.turns.turns, 1)}
     return {**turns, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value}
 
 
@@ -410,7 +409,7 @@ def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
 
 def without_laser(facts: Facts) -> Facts:
     """The facts without the rangefinder's reading: the chart may be mounted anywhere."""
-    return {name: one for name, one in facts.items() if name != "distance_mm"}
+    return {name: fact for name, fact in facts.items() if name != "distance_mm"}
 
 
 # --- Facts of a guided tilt: the screws, the distance of each photograph of the bracket, and the required turns ---

@@ -221,8 +221,8 @@ def turns_for(sensor: TiltedPlane, screws: Screws, *, with_focus: bool) -> Turns
     )
     per_turn = 1000 * screws.pitch_mm
     turns = tuple(
-        Quantity(one.value / per_turn, "turn", one.uncertainty / per_turn, "its move over the screw's pitch", n)
-        for one in moves
+        Quantity(move.value / per_turn, "turn", move.uncertainty / per_turn, "its move over the screw's pitch", n)
+        for move in moves
     )
     rng = np.random.default_rng(SEED)
     true = rng.multivariate_normal(plane, covariance, DRAWS, method="eigh")

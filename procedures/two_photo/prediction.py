@@ -33,7 +33,7 @@ def noise_of_two(first: Array32, second: Array32) -> float:
 
 def together(uncertainties: Sequence[float]) -> float:
     """Uncertainty by several far photographs together: their information adds up."""
-    return 1 / math.sqrt(sum(1 / one**2 for one in uncertainties))
+    return 1 / math.sqrt(sum(1 / uncertainty**2 for uncertainty in uncertainties))
 
 
 def information(near: Array32, ratio: float, noise: float, s: int, k: int) -> Array:

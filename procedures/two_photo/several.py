@@ -68,13 +68,13 @@ def estimate_psf_of_wall(
     BadParameter
         If there are fewer than two photographs.
     """
-    planes, parameters = [as_plane(one) for one in photographs], parameters or TwoPhotoParameters()
+    planes, parameters = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
     if len(planes) < 2:
         raise BadParameter(f"a wall needs two photographs or more; got {len(planes)}", "add one from farther away")
     if len(planes) == 2:
         return estimate_psf_of_pair(planes[0], planes[1], parameters, diffraction)
     given = parameters
-    raw = all(one.raw for one in planes)
+    raw = all(plane.raw for plane in planes)
     return or_refused(lambda: _joined(_pairs(planes, given, diffraction), given, diffraction, raw=raw), given)
 
 
@@ -88,7 +88,7 @@ class _WallPair:
 
 def _pairs(planes: list[Plane], parameters: TwoPhotoParameters, diffraction: Diffraction | None) -> list[_WallPair]:
     """The nearest photograph with each of the others, in the order of their distances. Raises Refused."""
-    sightings = [register(planes[0].samples, one.samples) for one in planes[1:]]
+    sightings = [register(planes[0].samples, plane.samples) for plane in planes[1:]]
     distances = [1.0, *(_times_as_far(one) for one in sightings)]
     order = np.argsort(distances)
     near, others = int(order[0]), [int(i) for i in order[1:]]
@@ -138,9 +138,9 @@ def _joined(
 
 def weights(estimates: Sequence[Psf]) -> list[Array]:
     """Matrices (k^2 + q, k^2 + q) of sum I by which the parameters of the estimates are weighted."""
-    inverses = [scipy.linalg.inv(_with_ridge(one)) for one in estimates]
+    inverses = [scipy.linalg.inv(_with_ridge(estimate)) for estimate in estimates]
     whole = scipy.linalg.inv(np.sum(inverses, axis=0))
-    return [np.asarray(whole @ one) for one in inverses]
+    return [np.asarray(whole @ inverse) for inverse in inverses]
 
 
 def _with_ridge(psf: Psf) -> Array:

@@ -74,7 +74,7 @@ def estimate_vignetting(
     """
     if not flats:
         raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
-    named = [one if isinstance(one, tuple) else _named(one, n) for n, one in enumerate(flats, 1)]
+    named = [flat if isinstance(flat, tuple) else _named(flat, n) for n, flat in enumerate(flats, 1)]
     outcomes: dict[str, Outcome[PlaneVignetting]] = {}
     for name, first in named[0][1].items():
         try:
@@ -85,7 +85,7 @@ def estimate_vignetting(
     green = outcomes[REFERENCE].value if REFERENCE in outcomes else None
     if green is None:
         return outcomes
-    return {name: one if name == REFERENCE else _with_colour(one, green) for name, one in outcomes.items()}
+    return {name: outcome if name == REFERENCE else _with_colour(outcome, green) for name, outcome in outcomes.items()}
 
 
 def _named(flat: FrameLike, number: int) -> tuple[str, Mapping[str, Plane]]:

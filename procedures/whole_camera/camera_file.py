@@ -92,7 +92,7 @@ def write_camera_numbers(path: Path, camera: WholeCamera, provenance: Mapping[st
         file.create_dataset("covariance", data=numbers.covariance)
         blocks = file.create_group("blocks")
         for name in ("first", "second", "how", "why"):
-            _put_texts(blocks, name, [getattr(one, name) for one in numbers.blocks])
+            _put_texts(blocks, name, [getattr(block, name) for block in numbers.blocks])
         _write_geometry(file.create_group("geometry"), camera)
         _write_places(file.create_group("places"), camera)
         for colour in camera.colours:
@@ -120,13 +120,13 @@ def _write_places(group: h5py.Group, camera: WholeCamera) -> None:
     for plane in dict.fromkeys(name for name, _ in camera.places):
         nodes = [one.node for name, one in camera.places if name == plane]
         places = group.create_group(plane)
-        places.create_dataset("position", data=[one.position for one in nodes]).attrs["unit"] = "pixel of the plane"
-        _put_texts(places, "source", [one.source for one in nodes])
-        places.create_dataset("number", data=[one.number for one in nodes])
+        places.create_dataset("position", data=[node.position for node in nodes]).attrs["unit"] = "pixel of the plane"
+        _put_texts(places, "source", [node.source for node in nodes])
+        places.create_dataset("number", data=[node.number for node in nodes])
 
 
 def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
-    group.create_dataset(name, data=np.array([one.encode() for one in texts], dtype="S"))
+    group.create_dataset(name, data=np.array([text.encode() for text in texts], dtype="S"))
 
 
 def read_camera_numbers(path: Path | str) -> CameraNumbers:

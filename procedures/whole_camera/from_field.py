@@ -284,39 +284,39 @@ def with_sensor_reason(part: CameraPart, charts: Mapping[str, Sequence[MeasuredC
 def psf_part(plane: str, charts: Sequence[MeasuredChart]) -> CameraPart:
     """The headline numbers of a plane at all its places, with their covariance by noise and priors."""
     names, units, values, slopes, by_priors = [], [], [], [], []
-    for i, one in enumerate(charts, 1):
-        names += [f"{i}.{name}" for name in one.numbers]
-        units += [number.unit for number in one.numbers.values()]
-        values += [number.value for number in one.numbers.values()]
-        slope = _slopes(one)
+    for i, chart in enumerate(charts, 1):
+        names += [f"{i}.{name}" for name in chart.numbers]
+        units += [number.unit for number in chart.numbers.values()]
+        values += [number.value for number in chart.numbers.values()]
+        slope = _slopes(chart)
         slopes.append(slope)
-        by_priors.append(slope @ prior_sensitivity(one.node.psf))
+        by_priors.append(slope @ prior_sensitivity(chart.node.psf))
     ends = np.cumsum([0, *(len(slope) for slope in slopes)])
     covariance, by_charts = np.zeros((ends[-1], ends[-1])), {}
-    for i, one in enumerate(charts):
+    for i, chart in enumerate(charts):
         own = slice(ends[i], ends[i + 1])
         for j in range(i):
             common = by_priors[i] @ by_priors[j].T
             covariance[own, ends[j] : ends[j + 1]], covariance[ends[j] : ends[j + 1], own] = common, common.T
-        covariance[own, own] = _own_covariance(one, slopes[i])
+        covariance[own, own] = _own_covariance(chart, slopes[i])
         rows = np.zeros((ends[-1], slopes[i].shape[1] + 2))
         rows[own, :-2] = slopes[i]
-        by_charts[_key(plane, one.node)] = rows
+        by_charts[_key(plane, chart.node)] = rows
     return CameraPart(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
 
 
-def _slopes(one: MeasuredChart) -> Array:
+def _slopes(chart: MeasuredChart) -> Array:
     """Derivatives (m, P) of a chart's numbers, reduced where they imply more than the stated uncertainty."""
-    slope = np.array([one.gradients[name] for name in one.numbers]).reshape(len(one.numbers), -1)
-    propagated = np.sqrt(np.einsum("ij,jk,ik->i", slope, one.node.psf.parameter_covariance, slope))
-    stated = np.array([number.uncertainty for number in one.numbers.values()])
+    slope = np.array([chart.gradients[name] for name in chart.numbers]).reshape(len(chart.numbers), -1)
+    propagated = np.sqrt(np.einsum("ij,jk,ik->i", slope, chart.node.psf.parameter_covariance, slope))
+    stated = np.array([number.uncertainty for number in chart.numbers.values()])
     return np.asarray(slope * np.minimum(1.0, stated / np.maximum(propagated, 1e-300))[:, None])
 
 
-def _own_covariance(one: MeasuredChart, slope: Array) -> Array:
+def _own_covariance(chart: MeasuredChart, slope: Array) -> Array:
     """Covariance of one chart's numbers; further stated uncertainties are independent."""
-    covariance = slope @ one.node.psf.parameter_covariance @ slope.T
-    stated = np.array([number.uncertainty**2 for number in one.numbers.values()])
+    covariance = slope @ chart.node.psf.parameter_covariance @ slope.T
+    stated = np.array([number.uncertainty**2 for number in chart.numbers.values()])
     return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))
 
 
@@ -363,20 +363,20 @@ def field_geometry(
     result: FieldResult, charts: Sequence[MeasuredChart], cell_mm: float, more: Sequence[ChartView] = ()
 ) -> Outcome[Geometry]:
     """The geometry from the charts of the reference plane, one view per photograph, and from more views."""
-    sources = [one.node.source for one in charts]
+    sources = [chart.node.source for chart in charts]
     if len(set(sources)) < len(sources):
         reason = "photographs with several charts give no geometry: every print has a different shape"
         return Outcome(None, Verdict.REFUSED, reason, "photograph one chart in many poses, see the plan geometry")
     plane = result.measured.planes[result.reference]
     rows, columns = plane.samples.shape
-    views = [*(on_sensor(one.correspondences, plane, one.node.source) for one in charts), *more]
+    views = [*(on_sensor(chart.correspondences, plane, chart.node.source) for chart in charts), *more]
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
 def geometry_part(result: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> CameraPart:
     """Intrinsics and distortion, with their covariance with PSF and centre of the charts."""
     plane = result.measured.planes[result.reference]
-    by_source = {one.node.source: one for one in charts}
+    by_source = {chart.node.source: chart for chart in charts}
     with_charts = {}
     views = (one.view for one in geometry.views)
     for view, response in zip(views, camera_response(geometry.adjustment), strict=True):

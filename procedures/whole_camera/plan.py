@@ -80,7 +80,7 @@ def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = 
         "The whole camera: PSF, geometry, lateral colour, vignetting, sensor",
         (
             Step("parts", "Parts", "Choose what to measure.", (LIGHT,), drawings.PANEL),
-            *(replace(one, when=with_panel) for one in light_steps),
+            *(replace(step, when=with_panel) for step in light_steps),
             *(field.step(name) for name in (*field_plan.BEFORE, "places")),
             replace(places, requests=(Tour(stops),)),
             Step(

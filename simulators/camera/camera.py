@@ -291,12 +291,12 @@ class SimulatedCamera:
         mosaic = sensor.expose(irradiance, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
             ChartTruth(
-                projection.pinhole() @ one.to_space(),
+                projection.pinhole() @ chart.to_space(),
                 projection,
-                self.optics_at(one, focus),
-                self.colour_shift_at(one, focus),
+                self.optics_at(chart, focus),
+                self.colour_shift_at(chart, focus),
             )
-            for one in scene.charts
+            for chart in scene.charts
         )
         if path is not None:
             shot = self._noted(exposure_s, iso, focus, captured_at, truths)

@@ -147,7 +147,7 @@ class IdealImage:
     def by_chart(self) -> dict[PlacedChart, list[Stroke]]:
         """The charts from back to front with their strokes."""
         charts = {stroke.chart: None for stroke in self.outlines if stroke.chart}
-        return {one: [stroke for stroke in self.outlines if stroke.chart is one] for one in charts}
+        return {chart: [stroke for stroke in self.outlines if stroke.chart is chart] for chart in charts}
 
 
 def render_region(

@@ -106,12 +106,12 @@ def draw(
     if (level := _even(sheets)) is not None:
         return np.full(shape, level, np.float32)
     n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
-    margin = 2 * -(-max(one.optics.margin_px() for one in sheets) // 2)
+    margin = 2 * -(-max(sheet.optics.margin_px() for sheet in sheets) // 2)
     wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
-    spectra = [_spectra(one, projection, margin, wide) for one in sheets]
+    spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
-        light = _laid_over(spectra, [_transfer(one.optics, colour, wide) for one in sheets], wide)
+        light = _laid_over(spectra, [_transfer(sheet.optics, colour, wide) for sheet in sheets], wide)
         samples = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
         for x, y in (place for place, its in colours.items() if its == colour):
             frame[y::period, x::period] = samples[y::period, x::period]
@@ -138,18 +138,18 @@ def draw_moving(
     n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
     # from sensor pixels at an instant to those where the sheet was drawn
     ways = [
-        [_drawn(one, projection) @ np.linalg.inv(_drawn(replace(one, pose=pose), projection))
-         for one, pose in zip(sheets, instant, strict=True)]
+        [_drawn(sheet, projection) @ np.linalg.inv(_drawn(replace(sheet, pose=pose), projection))
+         for sheet, pose in zip(sheets, instant, strict=True)]
         for instant in poses
     ]  # fmt: skip
-    margin = 2 * -(-(max(one.optics.margin_px() for one in sheets) + _farthest(ways, shape)) // 2)
+    margin = 2 * -(-(max(sheet.optics.margin_px() for sheet in sheets) + _farthest(ways, shape)) // 2)
     wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
     to_fine = np.array([[n, 0, n * margin], [0, n, n * margin], [0, 0, 1.0]])
-    spectra = [_spectra(one, projection, margin, wide) for one in sheets]
+    spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
-        layers = [_layer(one, _transfer(placed.optics, colour, wide), wide)
-                  for one, placed in zip(spectra, sheets, strict=True)]  # fmt: skip
+        layers = [_layer(spectrum, _transfer(placed.optics, colour, wide), wide)
+                  for spectrum, placed in zip(spectra, sheets, strict=True)]  # fmt: skip
         for x, y in (place for place, its in colours.items() if its == colour):
             part = frame[y::period, x::period]
             from_part = np.array([[period, 0, x], [0, period, y], [0, 0, 1.0]])

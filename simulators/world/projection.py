@@ -69,7 +69,7 @@ def coverage(segments: Segments, shape: tuple[int, int]) -> Array:
     left = np.maximum(pieces.starts[:, 0], pieces.ends[:, 0]) <= -1
     near = pieces.where(~left & (low < columns)).cut(axis=0)
     spreads = [_spread(some, shape) for some in (near, pieces.where(left))]
-    where, what = (np.concatenate([one[i].ravel() for one in spreads]) for i in (0, 1))
+    where, what = (np.concatenate([spread[i].ravel() for spread in spreads]) for i in (0, 1))
     width = columns + 1
     # float64 also without any piece; summed in place, as such an image is large
     steps = np.bincount(where, what, (rows + 2) * width).astype(np.float64, copy=False)

@@ -163,7 +163,7 @@ def chart_outlines(chart: Chart) -> Segments:
     parts.extend(_subdivided(outline(triangle), BLOCK) for triangle in triangles())
     if chart.edges:
         parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
-    columns = zip(*((one.starts, one.ends, one.weights) for one in parts), strict=True)
+    columns = zip(*((part.starts, part.ends, part.weights) for part in parts), strict=True)
     return Segments(*map(np.concatenate, columns))
 
 

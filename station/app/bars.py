@@ -55,17 +55,17 @@ class DeviceBar(Part):
     def _lines(self, width: int) -> Content:
         states, words = self._shown
         stop = literal(" F12 STOP ALL ", "bold reverse")
-        moving = [one for one in states if one.moving]
-        bad = [one for one in states if not one.condition.usable and not one.moving]
+        moving = [state for state in states if state.moving]
+        bad = [state for state in states if not state.condition.usable and not state.moving]
         parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
         parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
-        parts += self._usable([one for one in states if one.condition.usable and not one.moving], width)
+        parts += self._usable([state for state in states if state.condition.usable and not state.moving], width)
         return packed([stop, *(parts or [literal(words)])], width)
 
     def _usable(self, states: Sequence[DeviceState], width: int) -> list[Content]:
         if width >= WIDE:
-            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
-        names = " ".join(one.name for one in states)
+            return [literal(f"{self.glyphs.good} {state.name}: {state.condition.word}") for state in states]
+        names = " ".join(state.name for state in states)
         return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
@@ -74,10 +74,10 @@ def brief(condition: Condition) -> str:
     return condition.word.removeprefix("the stage is ")
 
 
-def _why(one: DeviceState) -> str:
+def _why(state: DeviceState) -> str:
     """Why a device cannot be used, and the last reported position of a stage."""
-    last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in one.places.items())
-    return brief(one.condition) + (f" (last position: {last})" if last else "")
+    last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in state.places.items())
+    return brief(state.condition) + (f" (last position: {last})" if last else "")
 
 
 class KeyLine(Part):

@@ -311,24 +311,24 @@ def angle_level(value: float, low: float, high: float, glyphs: Glyphs) -> str:
     return "".join(cells)
 
 
-def value_in_words(one: Reading) -> str:
+def value_in_words(reading: Reading) -> str:
     """Its value, to a hundredth of its tolerance."""
-    largest = max((abs(limit) for limit in (one.low, one.high) if limit), default=0.0)
+    largest = max((abs(limit) for limit in (reading.low, reading.high) if limit), default=0.0)
     places = 3 if not largest else max(0, 2 - math.floor(math.log10(largest)))
-    value = round(one.value, places) + 0.0 if math.isfinite(one.value) else one.value
+    value = round(reading.value, places) + 0.0 if math.isfinite(reading.value) else reading.value
     return f"{value:.0f}" if 1000 <= abs(value) < math.inf else f"{value:.3g}"
 
 
-def limits_in_words(one: Reading) -> str:
+def limits_in_words(reading: Reading) -> str:
     """The tolerance: "target 0.7 to 0.9"."""
-    if one.low is None and one.high is None:
+    if reading.low is None and reading.high is None:
         return ""
-    if one.high is None:
-        wanted = f"at least {one.low:.4g}"
-    elif one.low is None:
-        wanted = f"at most {one.high:.4g}"
+    if reading.high is None:
+        wanted = f"at least {reading.low:.4g}"
+    elif reading.low is None:
+        wanted = f"at most {reading.high:.4g}"
     else:
-        wanted = f"{one.low:.3g} to {one.high:.3g}"
+        wanted = f"{reading.low:.3g} to {reading.high:.3g}"
     return f"target {wanted}"
 
 

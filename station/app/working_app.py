@@ -386,12 +386,12 @@ class WorkingApp(App[int]):
     @property
     def conditions(self) -> Mapping[str, Condition]:
         """Last known condition of each device by name."""
-        return {one.name: one.condition for one in self._states}
+        return {state.name: state.condition for state in self._states}
 
     @property
     def places(self) -> Mapping[str, float]:
         """Last reported position of each axis by name."""
-        return {axis: place for one in self._states for axis, place in one.places.items()}
+        return {axis: place for state in self._states for axis, place in state.places.items()}
 
     @property
     def _start_screen(self) -> StartScreen:

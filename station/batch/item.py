@@ -71,9 +71,9 @@ class PlaneRow:
         """The numbers in the summary of a batch; a number without an uncertainty has one of 0."""
         entries = {name: self.numbers[name] for name in in_group(Group.SUMMARY, self.numbers.keys())}
         return {
-            str(name): Quantity(one["value"], str(one.get("unit", "1")), one.get("uncertainty") or 0.0, "", 0)
-            for name, one in entries.items()
-            if one["value"] is not None
+            str(name): Quantity(entry["value"], str(entry.get("unit", "1")), entry.get("uncertainty") or 0.0, "", 0)
+            for name, entry in entries.items()
+            if entry["value"] is not None
         }
 
 
@@ -165,7 +165,7 @@ def hash_of(path: Path, *, required: bool = False) -> str:
 
 def further_files(batch: BatchProcedure, paths: Sequence[Path]) -> dict[Path, str]:
     """The files besides its photographs that a result depends on, with their hashes; "" where there is none."""
-    return {one: hash_of(one) for one in batch.procedure.files(paths, batch.settings)}
+    return {file: hash_of(file) for file in batch.procedure.files(paths, batch.settings)}
 
 
 class ChangedMeanwhile(Exception):
@@ -229,7 +229,7 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
     planes = {record.name: plane_row(record) for record in records}
     name, worst = max(planes.items(), key=lambda one: VERDICTS.index(one[1].verdict))
     reason = f"{name}: {worst.reason}" if worst.reason else ""
-    judged = max((one.specification for one in planes.values()), key=JUDGED.index)
+    judged = max((plane.specification for plane in planes.values()), key=JUDGED.index)
     against = "; ".join(
         f"{one.name}: {words}" for one in records if one.specification for words in one.specification.against
     )

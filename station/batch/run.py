@@ -143,12 +143,12 @@ def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
         writers[PARQUET] = lambda path: write_parquet(path, rows, units)
     with ExitStack() as stack:
         files = {name: stack.enter_context(written(out / name, write)) for name, write in writers.items()}
-        hashes = {name: one.sha256 for name, one in files.items()}
+        hashes = {name: file.sha256 for name, file in files.items()}
         before = own_hashes(out)  # after a crash the note states which files are a batch's
         note = {name: [*before.get(name, ()), one] for name, one in hashes.items()}
         write_whole(out / PUBLISHING, json.dumps({"files": note}).encode())
-        for one in files.values():
-            one.publish()
+        for file in files.values():
+            file.publish()
         rows.replaced()
     text = sealed_text(_record(batch), hashes)
     write_whole(out / RECORD, text.encode())
@@ -187,7 +187,7 @@ def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
     bounds: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:
         if limit.at is None and limit.unit is procedure.terms.unit:
-            for name in [f"{limit.number}_{one}" for one in limit.directions] + [limit.number]:
+            for name in [f"{limit.number}_{direction}" for direction in limit.directions] + [limit.number]:
                 bounds.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
     return bounds
 

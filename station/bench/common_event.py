@@ -77,8 +77,8 @@ def measured_latency(reference: Imu, other: DelayedImu, tap: Callable[[int], Non
 def latencies(bench: Bench, tap: Callable[[str, int], None]) -> dict[str, CableLatency]:
     """The delay of each unit of a bench that is on a cable of its own. Raises DeviceError."""
     units = {name: device for name, device in bench.devices.items() if hasattr(device, "read_block")}
-    reference = next((one for one in units.values() if isinstance(one, StrigImu)), None)
-    others = {name: cast("DelayedImu", one) for name, one in units.items() if hasattr(one, "latency")}
+    reference = next((unit for unit in units.values() if isinstance(unit, StrigImu)), None)
+    others = {name: cast("DelayedImu", unit) for name, unit in units.items() if hasattr(unit, "latency")}
     if reference is None or not others:
         raise BadConfiguration(
             "a tap is compared by an inertial unit on the shutter's box with one on a cable of its own",

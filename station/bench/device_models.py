@@ -60,7 +60,7 @@ BUILTIN: Mapping[str, str] = {
 def drivers() -> dict[str, EntryPoint]:
     """All drivers by name, the built-in ones first; they cannot be replaced."""
     builtin = {name: EntryPoint(name, model, GROUP) for name, model in BUILTIN.items()}
-    return {**builtin, **{one.name: one for one in entry_points(group=GROUP) if one.name not in BUILTIN}}
+    return {**builtin, **{point.name: point for point in entry_points(group=GROUP) if point.name not in BUILTIN}}
 
 
 def options_of(driver: str) -> type[DriverOptions]:

@@ -56,7 +56,7 @@ def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
         return None
     names = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
     exposures = [asdict(frame.exposure) for frame in frames]
-    same = {name: {one[name] for one in exposures} for name in names}
+    same = {name: {exposure[name] for exposure in exposures} for name in names}
     return Exposure(**{name: next(iter(values)) for name, values in same.items() if len(values) == 1})
 
 

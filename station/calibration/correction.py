@@ -60,7 +60,7 @@ def correct_photographs(
     insisted : the field is used for any camera, and the result flagged as doubtful
     typed : the aperture of a lens that the camera does not know, which stands for its settings
     """
-    frame, *others = (_with_green(one) for one in photographs)
+    frame, *others = (_with_green(photograph) for photograph in photographs)
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
     if typed and not insisted and frame.exposure.f_number is None:
@@ -100,7 +100,7 @@ def unknown_with_typed(
     pitch = typed.pixel_pitch_um or frame.exposure.pixel_pitch_um
     tails = [
         (node.psf, Diffraction(typed.f_number, (1 if name == "Y" else 2) * pitch, WAVELENGTHS_NM[name[0]], OPERATOR))
-        for name, one in fields.items() if one.q and pitch for node in one.nodes
+        for name, field in fields.items() if field.q and pitch for node in field.nodes
     ]  # fmt: skip
     if not tails:
         return [*unknown, "the far tail (--pixel-pitch-um is needed)"]
@@ -238,4 +238,4 @@ def _maps(value: Correction) -> bytes:
         "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
         "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
     }  # fmt: skip
-    return csv_columns({name: one.ravel() for name, one in columns.items()}, 6)
+    return csv_columns({name: column.ravel() for name, column in columns.items()}, 6)

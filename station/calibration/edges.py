@@ -48,12 +48,12 @@ class EdgeRecord:
     @property
     def edges(self) -> tuple[EdgeMtf, ...]:
         """The measured edges, the best first."""
-        return tuple(one.value for one in self.outcomes if one.value is not None)
+        return tuple(outcome.value for outcome in self.outcomes if outcome.value is not None)
 
     @property
     def count(self) -> str:
         """Number of edges by verdict, as text; "" for fewer than two."""
-        verdicts = [one.verdict for one in self.outcomes]
+        verdicts = [outcome.verdict for outcome in self.outcomes]
         words = [f"{n} {verdict}" for verdict in Verdict if (n := verdicts.count(verdict))]
         return "" if len(verdicts) < 2 else f"{len(verdicts)} edges: {', '.join(words)}"
 
@@ -111,7 +111,7 @@ def edge_measurement(photograph: PhotographEdges, head: RecordHead, terms: Terms
     for record in photograph.records:
         if record.edges:
             files[f"mtf_{record.name}.csv"] = edge_table(record.edges, record.result)
-            measured = [one for one in record.outcomes if one.value is not None]
+            measured = [outcome for outcome in record.outcomes if outcome.value is not None]
             plane, unit = photograph.frame.planes[record.name], str(record.result.unit)
             files[f"edge_{record.name}.png"] = edge_picture(plane, measured, unit, record.result.factor)
     planes = tuple(replace(one.result, details=_entries(one)) for one in photograph.records)
@@ -136,7 +136,7 @@ def edge_table(edges: Sequence[EdgeMtf], result: PlaneResult) -> bytes:
 
 def _entries(record: EdgeRecord) -> dict[str, Any]:
     """Every edge that has a position, with its own verdict."""
-    edges = [_edge_entry(one, record) for one in record.outcomes if one.roi is not None]
+    edges = [_edge_entry(outcome, record) for outcome in record.outcomes if outcome.roi is not None]
     return {"edges": edges} if edges else {}
 
 

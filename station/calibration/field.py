@@ -34,8 +34,8 @@ def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> Pl
 
 def field_pixels(measured: MeasuredFrames, pitch_um: float | None = None) -> dict[str, Pixels]:
     """Pixels of every plane for units of frequency; a given pitch takes precedence over the camera's."""
-    known = pitch_um or next((one.exposure.pixel_pitch_um for one in measured.exposures), None)
-    return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in measured.planes.items()}
+    known = pitch_um or next((exposure.exposure.pixel_pitch_um for exposure in measured.exposures), None)
+    return {name: Pixels(plane.pitch, known, min(plane.samples.shape)) for name, plane in measured.planes.items()}
 
 
 def field_results(result: FieldResult, terms: Terms, pixels: Mapping[str, Pixels], limit: Limit) -> list[PlaneResult]:
@@ -103,7 +103,7 @@ def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, 
 def _in_unit(field: PsfField, u: float, v: float, plane: PlaneResult) -> dict[str, Quantity]:
     """The numbers at a place in a plane's unit."""
     numbers = _numbers(field, u, v, (), None)
-    return {name: convert_quantity(one, plane.unit, plane.factor) for name, one in numbers.items()}
+    return {name: convert_quantity(number, plane.unit, plane.factor) for name, number in numbers.items()}
 
 
 def _nine() -> Iterator[tuple[str, Place, float, float]]:

@@ -112,7 +112,7 @@ def by_folder(frames: Sequence[Path]) -> list[Item]:
     folders: dict[Path, list[Path]] = {}
     for frame in frames:
         folders.setdefault(frame.parent, []).append(frame)
-    return [Item(tuple(one)) for one in folders.values()]
+    return [Item(tuple(folder)) for folder in folders.values()]
 
 
 def naming_path(path: Path) -> Path:
@@ -132,8 +132,8 @@ def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
             alone.append(frame)
         else:
             groups.setdefault((name.parent, name.stem[: -len(ending)]), {}).setdefault(ending, frame)
-    pairs = [Item(tuple(one[end] for end in endings)) for one in groups.values() if len(one) == 2]
-    alone += [frame for one in groups.values() if len(one) == 1 for frame in one.values()]
+    pairs = [Item(tuple(group[end] for end in endings)) for group in groups.values() if len(group) == 2]
+    alone += [frame for group in groups.values() if len(group) == 1 for frame in group.values()]
     words = f"a pair's names end in {endings[0]} and {endings[1]}; this one has no partner"
     return pairs + [Item((frame,), words) for frame in alone]
 
@@ -160,14 +160,14 @@ def _named(frames: Sequence[Path], name: str) -> list[Path]:
 def _row(frames: Sequence[Path], names: Sequence[str], table: Path, least: int, most: int) -> Item:
     """The item of a row."""
     matches = [_named(frames, name) for name in names]
-    words = [f"{len(one) or 'no'} photographs are called {printable(name)}"
-             for name, one in zip(names, matches, strict=True) if len(one) != 1]  # fmt: skip
+    words = [f"{len(match) or 'no'} photographs are called {printable(name)}"
+             for name, match in zip(names, matches, strict=True) if len(match) != 1]  # fmt: skip
     if not least <= len(names) <= most:
         words.append(f"{least} photographs are required; the row has {len(names)}")
     if words:
-        here = tuple(one[0] if one else Path(name) for name, one in zip(names, matches, strict=True))
+        here = tuple(match[0] if match else Path(name) for name, match in zip(names, matches, strict=True))
         return Item(here, f"{printable(table.name)}: {'; '.join(words)}", "correct the table, or the folders")
-    return Item(tuple(one[0] for one in matches))
+    return Item(tuple(match[0] for match in matches))
 
 
 def readable(paths: Iterable[Path], read: Callable[[Path], T], missed: list[Miss]) -> Iterator[T]:

@@ -56,12 +56,12 @@ class GeometryPhotographs:
     @property
     def missed(self) -> list[Miss]:
         """The photographs without a view."""
-        return [Miss(one.path.name, one.reason, one.remedy) for one in self.records if one.view is None]
+        return [Miss(record.path.name, record.reason, record.remedy) for record in self.records if record.view is None]
 
     @property
     def exposure(self) -> Exposure:
         """Exposure of the first readable photograph."""
-        return next((one.exposure for one in self.records if one.sha256), Exposure())
+        return next((record.exposure for record in self.records if record.sha256), Exposure())
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout 
         return _Measured({}, unread=ViewRecord(path, "", None, Verdict.REFUSED, error.reason, error.remedy))
     views = views_of(frame.planes, chart, frame.path.name)
     records = {
-        name: ViewRecord(frame.path, frame.sha256, one.value, one.verdict, one.reason, one.remedy, frame.exposure)
-        for name, one in views.items()
+        name: ViewRecord(frame.path, frame.sha256, view.value, view.verdict, view.reason, view.remedy, frame.exposure)
+        for name, view in views.items()
     }
     return _Measured(records, _size(frame))
 
@@ -149,7 +149,7 @@ def conclude(
     """
     if frame_rate_hz is not None:
         parameters = replace(parameters, is_video=True)
-        shoots = [_timed(one, frame_rate_hz) for one in shoots]
+        shoots = [_timed(shoot, frame_rate_hz) for shoot in shoots]
     return [
         PlaneGeometry(one, _with_missed(calibrate_geometry(one.views, one.size, parameters), one)) for one in shoots
     ]

@@ -36,7 +36,7 @@ def geometry_measurement(
     planes: Sequence[PlaneGeometry], head: RecordHead, scale: ChartScale | None = None
 ) -> Measurement:
     """Every plane's camera with its tables, and the record of the chart's scale; `found` are the planes."""
-    cameras = {one.shoot.plane: one.outcome.value for one in planes if one.outcome.value is not None}
+    cameras = {plane.shoot.plane: plane.outcome.value for plane in planes if plane.outcome.value is not None}
     files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
         files |= _tables(table_prefix(name, len(planes)), camera)
@@ -44,9 +44,9 @@ def geometry_measurement(
         files[file] = partial(_write_camera, camera, head, scale)
     if cameras:
         files[NUMBERS] = numbers_table(row for name, one in cameras.items() for row in _numbers(name, one))
-    missed = dict.fromkeys(miss for one in planes for miss in one.shoot.missed)
+    missed = dict.fromkeys(miss for plane in planes for miss in plane.shoot.missed)
     return Measurement(
-        SCHEMA, head, tuple(_plane(one, scale) for one in planes), files=files, missed=tuple(missed),
+        SCHEMA, head, tuple(_plane(plane, scale) for plane in planes), files=files, missed=tuple(missed),
         exposure=planes[0].shoot.exposure, result=planes,
     )  # fmt: skip
 
@@ -54,7 +54,7 @@ def geometry_measurement(
 def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeometry:
     """The plane of a session with its photographs."""
     camera: Geometry | None = plane.estimate
-    views = {} if camera is None else {one.view.source: one.view for one in camera.views}
+    views = {} if camera is None else {view.view.source: view.view for view in camera.views}
     records = (
         ViewRecord(frame.path, frame.sha256, views.get(frame.path.name), plane.verdict, exposure=frame.exposure)
         for frame in frames
@@ -88,12 +88,12 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
         },
         "smoothness": [asdict(trial) for trial in geometry.trials],
-        "formulas": [_formula_entry(one) for one in geometry.formulas],
+        "formulas": [_formula_entry(formula) for formula in geometry.formulas],
         "misfit": {"probability": geometry.misfit.probability, "rms_px": geometry.misfit.rms_px},
         "residual_scale": geometry.residual_scale,
         "covered_share": geometry.covered,
         "region": geometry.region.tolist(),
-        "views": [_view_entry(one, geometry.distance_budget(i)) for i, one in enumerate(geometry.views)],
+        "views": [_view_entry(view, geometry.distance_budget(i)) for i, view in enumerate(geometry.views)],
         "next_view": None if geometry.next_view is None else asdict(geometry.next_view),
         "chart": {
             **{name: asdict(number) for name, number in geometry.shape.terms.items()},
@@ -112,28 +112,28 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
     write_camera_numbers(path, WholeCamera(join([part], {}), (), (), outcome), provenance)
 
 
-def _formula_entry(one: FittedFormula) -> dict[str, Any]:
+def _formula_entry(formula: FittedFormula) -> dict[str, Any]:
     """A parametric model: parameters with covariance, and its loss over the covered frame."""
     return {
-        "model": one.camera.model,
-        "names": list(one.camera.names),
-        "params": one.camera.params.tolist(),
-        "covariance": one.covariance.tolist(),
-        **asdict(one.difference),
-        "share": one.share,
+        "model": formula.camera.model,
+        "names": list(formula.camera.names),
+        "params": formula.camera.params.tolist(),
+        "covariance": formula.covariance.tolist(),
+        **asdict(formula.difference),
+        "share": formula.share,
     }
 
 
-def _view_entry(one: PosedView, budget: dict[str, float]) -> dict[str, Any]:
+def _view_entry(view: PosedView, budget: dict[str, float]) -> dict[str, Any]:
     """Pose, distance and residual of a view: X_camera = R X_chart + t, in mm from the chart's centre."""
     return {
-        "source": one.view.source,
-        "points": len(one.view),
-        "distance": asdict(one.distance) | {"budget": budget},
-        "tilt_deg": one.tilt_deg,
-        "residual_rms_px": one.rms_px,
-        "R": one.pose.R.tolist(),
-        "t_mm": one.pose.t.tolist(),
+        "source": view.view.source,
+        "points": len(view.view),
+        "distance": asdict(view.distance) | {"budget": budget},
+        "tilt_deg": view.tilt_deg,
+        "residual_rms_px": view.rms_px,
+        "R": view.pose.R.tolist(),
+        "t_mm": view.pose.t.tolist(),
     }
 
 
@@ -163,18 +163,18 @@ def _numbers(plane: str, geometry: Geometry) -> Iterator[tuple[str, str, Quantit
         yield plane, name, number
     for name, number in geometry.shape.terms.items():
         yield plane, f"chart_{name}", number
-    for one in geometry.views:
-        yield plane, f"distance {one.view.source}", one.distance
+    for view in geometry.views:
+        yield plane, f"distance {view.view.source}", view.distance
 
 
 def _residual_rows(geometry: Geometry) -> Iterator[tuple[object, ...]]:
     """Every correspondence: position, residual and standard uncertainty."""
     yield "source", "node", "x", "y", "residual_x", "residual_y", "sigma_x", "sigma_y"
-    for one in geometry.views:
-        sigma = np.sqrt(np.einsum("naa->na", one.view.covariance))
-        columns = np.hstack([one.view.points, one.residual_px, sigma])
-        for node, row in zip(one.view.index, columns, strict=True):
-            yield one.view.source, int(node), *(f"{value:.6g}" for value in row)
+    for view in geometry.views:
+        sigma = np.sqrt(np.einsum("naa->na", view.view.covariance))
+        columns = np.hstack([view.view.points, view.residual_px, sigma])
+        for node, row in zip(view.view.index, columns, strict=True):
+            yield view.view.source, int(node), *(f"{value:.6g}" for value in row)
 
 
 def _projection(geometry: Geometry) -> bytes:

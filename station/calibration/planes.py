@@ -156,7 +156,7 @@ def _place(plane: Plane, estimate: PatternPsf | CombinedPsf | TwoPhotoPsf) -> st
     """Position of the chart in the frame; "" without a chart."""
     if not estimate.charts:
         return ""
-    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in estimate.charts], axis=0).tolist()
+    x, y = np.mean([np.nanmean(chart.marks, axis=0) for chart in estimate.charts], axis=0).tolist()
     rows, columns = plane.samples.shape
     return str(place_of(x, y, (rows, columns)))
 

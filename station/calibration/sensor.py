@@ -90,13 +90,13 @@ def measure_sensor(
     exposures: list[Exposure] = []
     opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
     excluded = [*missed]
-    paths = watch(path for one in shots for path in one.paths)
-    for one in shots:
-        frames = readable(islice(paths, len(one.paths)), opened, excluded)
-        _gather(gathered, one, (_checked(frame, inputs, exposures) for frame in frames), excluded)
-    count = len(missed) + sum(len(one.paths) for one in shots)
+    paths = watch(path for shot in shots for path in shot.paths)
+    for shot in shots:
+        frames = readable(islice(paths, len(shot.paths)), opened, excluded)
+        _gather(gathered, shot, (_checked(frame, inputs, exposures) for frame in frames), excluded)
+    count = len(missed) + sum(len(shot.paths) for shot in shots)
     check_any(excluded, count)
-    light = any(one.photons is not None for one in shots)
+    light = any(shot.photons is not None for shot in shots)
     planes = [
         SensorPlane(
             name,
@@ -204,7 +204,7 @@ def _noise_power(of: _Gathered) -> NoisePower | None:
     dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
     if dark is None or flat is None:
         return None
-    power = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
+    power = next(spectrum for spectrum, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
     return None if power is None else replace(power, signal=flat.mean - dark.mean)
 
 

@@ -85,11 +85,11 @@ def _plane(plane: SensorPlane) -> PlaneResult:
         if pattern is not None:
             details[f"periods_{name}"] = [
                 {
-                    "pattern": one.pattern,
-                    "frequency": number_record(one.frequency),
-                    "amplitude": number_record(one.amplitude),
+                    "pattern": period.pattern,
+                    "frequency": number_record(period.frequency),
+                    "amplitude": number_record(period.amplitude),
                 }
-                for one in pattern.periods
+                for period in pattern.periods
             ]
     return PlaneResult.of_outcome(
         plane.name, plane.outcome, numbers=result.numbers, estimate=result, pitch=0, details=details
@@ -101,9 +101,9 @@ _HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95",
 
 def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
     numbers = plane.outcome.value.numbers if plane.outcome.value is not None else {}
-    for name, one in numbers.items():
-        bounds = (f"{value:.9g}" for value in (one.uncertainty, one.low, one.high))
-        yield [plane.name, name, f"{one.value:.9g}", one.unit, *bounds, one.method, str(one.n)]
+    for name, number in numbers.items():
+        bounds = (f"{value:.9g}" for value in (number.uncertainty, number.low, number.high))
+        yield [plane.name, name, f"{number.value:.9g}", number.unit, *bounds, number.method, str(number.n)]
 
 
 def _tables(name: str, result: SensorResult) -> dict[str, bytes]:
@@ -142,9 +142,9 @@ def transfer_columns(result: SensorResult) -> dict[str, Array]:
 
 
 def _spectra(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
-    for one in pattern.spectrograms:
-        for frequency, amplitude in zip(one.frequencies, one.amplitude, strict=True):
-            yield [which, one.direction, f"{frequency:.6g}", f"{amplitude:.6g}", pattern.unit]
+    for spectrogram in pattern.spectrograms:
+        for frequency, amplitude in zip(spectrogram.frequencies, spectrogram.amplitude, strict=True):
+            yield [which, spectrogram.direction, f"{frequency:.6g}", f"{amplitude:.6g}", pattern.unit]
 
 
 def _histogram(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
@@ -180,11 +180,11 @@ def summary_xml(result: SensorFiles) -> bytes:
 
 def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, IntervalNumber]) -> None:
     section = ElementTree.SubElement(parent, name)
-    for quantity, one in numbers.items():
+    for quantity, number in numbers.items():
         item = ElementTree.SubElement(section, quantity)
         parts = {
-            "unit": one.unit, "value": f"{one.value:.9g}", "uncertainty": f"{one.uncertainty:.6g}",
-            "low": f"{one.low:.9g}", "high": f"{one.high:.9g}", "method": one.method,
+            "unit": number.unit, "value": f"{number.value:.9g}", "uncertainty": f"{number.uncertainty:.6g}",
+            "low": f"{number.low:.9g}", "high": f"{number.high:.9g}", "method": number.method,
         }  # fmt: skip
         for part, value in parts.items():
             ElementTree.SubElement(item, part).text = value

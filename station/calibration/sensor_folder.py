@@ -60,9 +60,9 @@ def find_shots(folder: Path, missed: Callable[[Miss], object] = _refuse) -> tupl
     if not folder.is_dir():
         raise BadInput(f"{folder} is no folder", "name the folder of the sensor's pictures")
     shots = _listed(folder, missed)
-    if len({(one.photons is None, one.light is None) for one in shots if one.kind == LIGHT}) > 1:
+    if len({(shot.photons is None, shot.light is None) for shot in shots if shot.kind == LIGHT}) > 1:
         raise BadInput(f"{folder}: all levels must have the same measure of light", "give photons for all, or light")
-    missing = [str(path) for one in shots for path in one.paths if not _is_file(path)]
+    missing = [str(path) for shot in shots for path in shot.paths if not _is_file(path)]
     if missing:
         reason = f"{len(missing)} listed pictures do not exist, first {missing[0][:LONGEST]}"
         raise BadInput(reason, "check the names")
@@ -113,9 +113,9 @@ def _is_number(word: str) -> bool:
 def _merged(shots: Iterable[Shots]) -> list[Shots]:
     """The pictures of each exposure together, in order."""
     merged: dict[tuple[str, float, float | None, float | None], tuple[Path, ...]] = {}
-    for one in shots:
-        key = (one.kind, one.exposure_s, one.photons, one.light)
-        merged[key] = (*merged.get(key, ()), *one.paths)
+    for shot in shots:
+        key = (shot.kind, shot.exposure_s, shot.photons, shot.light)
+        merged[key] = (*merged.get(key, ()), *shot.paths)
     return [Shots(*key, paths) for key, paths in merged.items()]
 
 
@@ -150,9 +150,9 @@ def _number(where: str, name: str, value: object, *, zero: bool = True) -> float
 
 def _from_toml(path: Path) -> list[Shots]:
     levels = read_toml(path, _REMEDY).get("level")
-    if not isinstance(levels, list) or not all(isinstance(one, dict) for one in levels):
+    if not isinstance(levels, list) or not all(isinstance(level, dict) for level in levels):
         raise BadInput(f"{path} must contain [[level]] tables; it has none", _REMEDY)
-    return [_shots(f"{path}, level {n}", path.parent, one, one.get("files")) for n, one in enumerate(levels, 1)]
+    return [_shots(f"{path}, level {n}", path.parent, level, level.get("files")) for n, level in enumerate(levels, 1)]
 
 
 def _from_csv(path: Path) -> list[Shots]:
@@ -183,7 +183,7 @@ def _from_descriptor(path: Path) -> list[Shots]:
         except (IndexError, ValueError) as error:
             reason = f"{path}, line {n} must be a line of an EMVA 1288 descriptor; got {line!r}"
             raise BadInput(reason, _REMEDY) from error
-    return [replace(one, only_stack=len(one.paths) >= LEAST_PICTURES) for one in shots]
+    return [replace(shot, only_stack=len(shot.paths) >= LEAST_PICTURES) for shot in shots]
 
 
 def _finite(word: str) -> float:

@@ -77,8 +77,8 @@ def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
 def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:
     """The models of a record's planes. Raises BadInput if it is none, or of another sensitivity than a photograph."""
     with sensor_record(path) as stored:
-        for one in photographs:
-            _check_iso(stored.data, one.name, _iso_of(one))
+        for photograph in photographs:
+            _check_iso(stored.data, photograph.name, _iso_of(photograph))
         return _models(stored.data)
 
 

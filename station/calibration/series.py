@@ -111,8 +111,8 @@ def several(rows: Sequence[Any]) -> list[str]:
     return settings
 
 
-def _order(one: Point) -> tuple[Any, ...]:
-    return one.plane, one.number, *(-inf if value is None else value for value in vars(one.setting).values())
+def _order(point: Point) -> tuple[Any, ...]:
+    return point.plane, point.number, *(-inf if value is None else value for value in vars(point.setting).values())
 
 
 def _number(value: object) -> float | None:
@@ -121,13 +121,13 @@ def _number(value: object) -> float | None:
 
 def _mean_of_parts(parts: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
     """The mean of numbers of one photograph; their errors are correlated, so the uncertainty is the mean one."""
-    value = sum(one["value"] for one in parts) / len(parts)
-    return value, sum(one.get("uncertainty", 0.0) for one in parts) / len(parts), parts[0].get("unit", "1")
+    value = sum(part["value"] for part in parts) / len(parts)
+    return value, sum(part.get("uncertainty", 0.0) for part in parts) / len(parts), parts[0].get("unit", "1")
 
 
 def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:
     """The weighted mean of photographs, and its standard uncertainty."""
-    values, spreads = (np.array([one[i] for one in shots], dtype=np.float64) for i in (0, 1))
+    values, spreads = (np.array([shot[i] for shot in shots], dtype=np.float64) for i in (0, 1))
     weights = 1 / np.maximum(spreads, 1e-12) ** 2
     mean = float(weights @ values / weights.sum())
     own = float(weights.sum() ** -0.5)
@@ -139,7 +139,7 @@ def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:
 def best_apertures(points: Sequence[Point]) -> list[Best]:
     """The f-number with the greatest MTF50 of every plane, at its best focus and ISO, where there are several."""
     best = []
-    for plane in dict.fromkeys(one.plane for one in points):
+    for plane in dict.fromkeys(point.plane for point in points):
         own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50 and one.setting.f_number]
         by_aperture: dict[float, Point] = {}
         for one in own:
@@ -154,7 +154,7 @@ def best_apertures(points: Sequence[Point]) -> list[Best]:
 def _best(plane: str, by_aperture: Mapping[float, Point]) -> Best:
     """The chance is the share of draws from the points' uncertainties in which the aperture is the best."""
     points = list(by_aperture.values())
-    values, spreads = np.array([(one.value, one.uncertainty) for one in points]).T
+    values, spreads = np.array([(point.value, point.uncertainty) for point in points]).T
     drawn = values + spreads * np.random.default_rng(SEED).standard_normal((DRAWS, len(points)))
     i = int(np.argmax(values))
     chance = float(np.mean(drawn.argmax(axis=1) == i))
@@ -184,8 +184,8 @@ class BestFocus:
 def best_focuses(points: Sequence[Point]) -> list[BestFocus]:
     """The sharpest focus of every plane whose MTF50 has a maximum over the steps of the ring."""
     best = []
-    for plane in dict.fromkeys(one.plane for one in points):
-        own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50]
+    for plane in dict.fromkeys(point.plane for point in points):
+        own = [point for point in points if point.plane == plane and point.number == EDGE_MTF50]
         steps = [math.nan if one.setting.focus_steps is None else one.setting.focus_steps for one in own]
         peak = best_focus(steps, [one.value for one in own], [one.uncertainty for one in own])
         if peak is not None:
@@ -199,10 +199,10 @@ def series_table(points: Sequence[Point]) -> bytes:
             "photographs"]  # fmt: skip
     rows = [
         [
-            one.plane, one.number, *(_cell(value) for value in vars(one.setting).values()), f"{one.value:.9g}",
-            f"{one.uncertainty:.9g}", one.unit, str(one.photographs),
+            point.plane, point.number, *(_cell(value) for value in vars(point.setting).values()), f"{point.value:.9g}",
+            f"{point.uncertainty:.9g}", point.unit, str(point.photographs),
         ]
-        for one in points
+        for point in points
     ]  # fmt: skip
     return csv_bytes([head, *rows])
 

@@ -68,14 +68,14 @@ def choose(
 
 
 def _differ(apertures: Sequence[float | None]) -> bool:
-    known = [one for one in apertures if one]
+    known = [aperture for aperture in apertures if aperture]
     return len(known) == len(apertures) and max(known) > (1 + SAME_APERTURE) * min(known)
 
 
 def _aperture_reason(apertures: Sequence[float | None], ratio: Sequence[float]) -> str:
     if ratio:
         return f"--ratio states that their apertures differ by {', '.join(f'{one:g}' for one in ratio)}"
-    return f"their apertures differ: {', '.join(f'f/{one:g}' for one in apertures if one)}"
+    return f"their apertures differ: {', '.join(f'f/{aperture:g}' for aperture in apertures if aperture)}"
 
 
 def _ratios(apertures: Sequence[float | None], ratio: Sequence[float]) -> tuple[float, ...]:

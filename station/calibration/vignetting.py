@@ -46,7 +46,7 @@ def measure_flats(paths: Sequence[Path], progress: Progress = silent) -> Flats:
     """Vignetting from the readable photographs of even light. Raises BadInput for none, or several cameras."""
     missed: list[Miss] = []
     flats = flats_of(_readable_flats(paths, missed), progress)
-    planes = {name: for_want(one, missed, len(paths)) for name, one in flats.planes.items()}
+    planes = {name: for_want(plane, missed, len(paths)) for name, plane in flats.planes.items()}
     return Flats(flats.inputs, planes, tuple(missed))
 
 
@@ -79,7 +79,7 @@ def _shapes(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
 
 def vignetting_measurement(flats: Flats) -> Measurement:
     """Each plane's numbers and map, and the radial formulas of all planes with their one covariance."""
-    values = {name: one.value for name, one in flats.planes.items() if one.value is not None}
+    values = {name: plane.value for name, plane in flats.planes.items() if plane.value is not None}
     joint = joint_formula(values)
     formula = {
         "planes": list(joint.planes), "names": list(NAMES), "values": joint.values.tolist(),
@@ -88,14 +88,14 @@ def vignetting_measurement(flats: Flats) -> Measurement:
     maps = {f"vignetting_{name}.csv": _map(value) for name, value in values.items()}
     head = RecordHead("vignetting", tuple(InputFile(str(path), sha256) for path, sha256 in flats.inputs))
     return Measurement(
-        SCHEMA, head, tuple(_plane(name, one) for name, one in flats.planes.items()), {"formula": formula},
+        SCHEMA, head, tuple(_plane(name, plane) for name, plane in flats.planes.items()), {"formula": formula},
         {**maps, COVARIANCE: npy(joint.covariance)}, flats.missed,
     )  # fmt: skip
 
 
-def _map(one: PlaneVignetting) -> bytes:
-    x, y = one.places.T
-    return csv_columns({"x": x, "y": y, "light": one.value, "uncertainty": one.uncertainty}, 7)
+def _map(vignetting: PlaneVignetting) -> bytes:
+    x, y = vignetting.places.T
+    return csv_columns({"x": x, "y": y, "light": vignetting.value, "uncertainty": vignetting.uncertainty}, 7)
 
 
 def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:

@@ -23,13 +23,13 @@ def read_gain_and_noise(path: Path) -> dict[str, GainAndNoise]:
     """Gain and dark noise of every plane of a sensor's record. Raises BadInput where it has none."""
     with sensor_record(path) as stored:
         planes = stored.data["planes"]
-        entries = {name: one["gain_and_noise"] for name, one in planes.items() if "gain_and_noise" in one}
+        entries = {name: plane["gain_and_noise"] for name, plane in planes.items() if "gain_and_noise" in plane}
         if not entries:
             raise BadInput(f"{path} has no covariance of gain and noise for any plane", _GIVE)
         return {
             name: GainAndNoise(*(
-                checked_array(one[key], f"{key} of gain and noise", shape, remedy=_GIVE)
+                checked_array(entry[key], f"{key} of gain and noise", shape, remedy=_GIVE)
                 for key, shape in SHAPES.items()
             ))
-            for name, one in entries.items()
+            for name, entry in entries.items()
         }  # fmt: skip

@@ -158,9 +158,9 @@ def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[
 
 def _without_files(items: list[Item], batch: BatchProcedure) -> list[Item]:
     """The items except files that others are measured with, as ground truths beside their pairs."""
-    pairs = [one for one in items if not one.trouble]
-    used = {file for one in pairs for file in batch.procedure.files(one.paths, batch.settings)}
-    return [one for one in items if not (one.trouble and used.issuperset(one.paths))]
+    pairs = [item for item in items if not item.trouble]
+    used = {file for pair in pairs for file in batch.procedure.files(pair.paths, batch.settings)}
+    return [item for item in items if not (item.trouble and used.issuperset(item.paths))]
 
 
 def _ask(stop: object) -> None:

@@ -92,10 +92,10 @@ def _render(out: Path, seed: int) -> None:
     plan = RenderPlan(seed=seed)
     with progress_shown(steps(plan)) as progress:
         scenes, depth, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
-    for one in scenes:
-        before, after = one.psnr_db["rendered"], one.psnr_db["filtered"]
-        sentence = f"{one.name}: {before:.2f} dB as rendered, {after:.2f} dB filtered"
-        log("rendered", sentence, scene=one.name, rendered_db=before, filtered_db=after)
+    for scene in scenes:
+        before, after = scene.psnr_db["rendered"], scene.psnr_db["filtered"]
+        sentence = f"{scene.name}: {before:.2f} dB as rendered, {after:.2f} dB filtered"
+        log("rendered", sentence, scene=scene.name, rendered_db=before, filtered_db=after)
     if depth is not None:
         error = depth.figures["w_px"]["rms_error"]
         log("restored", f"{depth.outcome.verdict}: depth restored, w with an error of {error:.3f} samples", error=error)

@@ -58,7 +58,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     settings = fields_of(procedure.Settings)
 
     def measure(photographs: Any, **given: Any) -> None:
-        typed = {one.name: given.pop(one.name) for one in settings}
+        typed = {setting.name: given.pop(setting.name) for setting in settings}
         chosen = {name: value for name, value in typed.items() if value is not None and value != ()}
         chosen |= {one.name: one.kind(chosen[one.name]) for one in settings if one.choices and one.name in chosen}
         paths = [photographs] if count == 1 else list(photographs)
@@ -92,9 +92,9 @@ class ListCommand(StationCommand):
         """Repeat the option before each further value, at most one for each photograph."""
         lists = {
             name
-            for one in self.params
-            if isinstance(one, click.Option) and one.multiple and one.type is click.STRING
-            for name in one.opts
+            for param in self.params
+            if isinstance(param, click.Option) and param.multiple and param.type is click.STRING
+            for name in param.opts
         }
         most = max(2, next((n for n, arg in enumerate(args) if arg.startswith("-")), len(args)))
         spelled: list[str] = []
@@ -137,23 +137,23 @@ class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some re
             self.fail(f"give a whole number, or {self.word}; got {value!r}", param, ctx)
 
 
-def _type(one: ModelField) -> click.ParamType[Any]:
-    if one.word:
-        return NumberOr(one.word)
-    if one.choices:
-        return click.Choice(one.choices, case_sensitive=False)
-    if one.kind is int:
-        least, most = (None if bound is None else int(bound) for bound in (one.least, one.most))
+def _type(field: ModelField) -> click.ParamType[Any]:
+    if field.word:
+        return NumberOr(field.word)
+    if field.choices:
+        return click.Choice(field.choices, case_sensitive=False)
+    if field.kind is int:
+        least, most = (None if bound is None else int(bound) for bound in (field.least, field.most))
         return click.IntRange(least, most)
-    if one.kind is float:
-        return FiniteNumber(min=one.least, max=one.most)
-    return click.Path(path_type=Path) if one.kind is Path else click.STRING
+    if field.kind is float:
+        return FiniteNumber(min=field.least, max=field.most)
+    return click.Path(path_type=Path) if field.kind is Path else click.STRING
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
     """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
-    finish([one for planes, _, _ in done for one in planes], "".join(text for _, text, _ in done),
+    finish([plane for planes, _, _ in done for plane in planes], "".join(text for _, text, _ in done),
            as_json=given["as_json"], strict=given["strict"])  # fmt: skip
     if any(missed for _, _, missed in done):
         raise click.exceptions.Exit(FAILED_ITEMS)
@@ -214,8 +214,8 @@ def report(procedure: Procedure[Any], measurement: Measurement, written: Path) -
     """Log unusable photographs, every plane with its numbers, and the files written."""
     for miss in procedure.missed(measurement):
         log("missed", str(miss), level="warning", remedy=miss.remedy)
-    for one in measurement.planes:
-        log_result(one)
+    for plane in measurement.planes:
+        log_result(plane)
     for line in procedure.lines(measurement):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))

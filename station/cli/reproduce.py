@@ -25,7 +25,7 @@ DISAGREES = 1
 def _rows(ctx: click.Context) -> list[str]:
     from station.demo.reproduce.catalogue import ROWS
 
-    return [one.name for one in ROWS]
+    return [row.name for row in ROWS]
 
 
 @command("reproduce", strict=True, as_json=True)
@@ -78,7 +78,7 @@ def reproduce(
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
     if not result.agrees:
         raise click.exceptions.Exit(DISAGREES)
-    check_strict(("pass" if one.state == "reproduced" else "doubtful" for one in result.rows), strict=strict)
+    check_strict(("pass" if row.state == "reproduced" else "doubtful" for row in result.rows), strict=strict)
 
 
 def _table(result: Reproduction) -> Table:
@@ -91,12 +91,12 @@ def _table(result: Reproduction) -> Table:
     table = Table(box=None, pad_edge=False)
     for heading in ("row", "published in", "numbers", "state"):
         table.add_column(heading)
-    for one in result.rows:
-        lines, deviating = len(one.lines), one.deviating
+    for row in result.rows:
+        lines, deviating = len(row.lines), row.deviating
         numbers = f"{lines - len(deviating)} of {lines}" if lines else "-"
-        table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), TERMINAL_COLOURS[one.state]))
-        if one.reason:
-            table.add_row("", Text(one.reason, "dim"), "", "")
+        table.add_row(row.row.name, row.row.place, numbers, Text(str(row.state), TERMINAL_COLOURS[row.state]))
+        if row.reason:
+            table.add_row("", Text(row.reason, "dim"), "", "")
         for check, value in deviating:
             line = f"{check.quantity}: {check.published}; ours {shown(value)}, {check.deviation(value)}"
             table.add_row("", Text(line, "dim"), "", "")

@@ -48,12 +48,13 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
     """The explanation of a result: entry of the record, lines, and verdicts."""
     from procedures.numbers import PIXELS_PER_PATTERN
-    from station.results.explanation import explain_result, read_explained
+    from station.results.explanation import explain_result
+    from station.results.reader import read_result
 
-    _, measurement = read_explained(folder)
+    measurement = read_result(folder)
     planes = explain_result(measurement)
-    entry: dict[str, Any] = {"planes": [asdict(one) for one in planes]}
-    lines = [line for one in planes for line in _plane_lines(one)]
+    entry: dict[str, Any] = {"planes": [asdict(plane) for plane in planes]}
+    lines = [line for plane in planes for line in _plane_lines(plane)]
     if twin:
         from station.demo.digital_twin import predictions
 
@@ -61,14 +62,18 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
         with progress(1) as shown:
             shown("photographing with the digital twin", 0)
             effects = predictions(measurement.by_name[first.plane].details)
-        entry["twin"] = [asdict(one) for one in effects]
+        entry["twin"] = [asdict(effect) for effect in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
         lines += [
             f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
         ]
+<<<<<<< HEAD
     elif planes[0].terms and PIXELS_PER_PATTERN in measurement.by_name[planes[0].plane].details:
         lines.append("`--twin` predicts the effect of another distance and of more light.")
     return entry, lines, [one.verdict for one in planes]
+=======
+    return entry, lines, [plane.verdict for plane in planes]
+>>>>>>> main
 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
@@ -94,9 +99,9 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
 
 def _batch_lines(batch: BatchExplanation) -> list[str]:
     lines = [] if batch.causes else ["every photograph passed"]
-    for one in batch.causes:
-        lines += [f"{one.count:6d}  {one.reason}", f"        what helps: {one.remedy}"]
-    return [*lines, *(f"outlier: {one}" for one in batch.outliers)]
+    for cause in batch.causes:
+        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
+    return [*lines, *(f"outlier: {outlier}" for outlier in batch.outliers)]
 
 
 @command("verify", strict=True, as_json=True)
@@ -124,6 +129,6 @@ def verify(certificate: Path, originals: Path | None, signer: Path | None, stric
         checks.append(one)
     if as_json:
         click.echo(json.dumps({"certificate": str(certificate), "checks": [asdict(one) for one in checks]}, indent=1))
-    if any(one.agrees is False for one in checks):
+    if any(check.agrees is False for check in checks):
         raise click.exceptions.Exit(BadInput.exit_code)
-    check_strict(("pass" if one.agrees else "doubtful" for one in checks), strict=strict)
+    check_strict(("pass" if check.agrees else "doubtful" for check in checks), strict=strict)

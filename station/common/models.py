@@ -170,14 +170,14 @@ def _bare(hint: Any) -> Any:
     if typing.get_origin(hint) is Annotated:
         return _bare(typing.get_args(hint)[0])
     if typing.get_origin(hint) in UNIONS:
-        return _bare(next(one for one in typing.get_args(hint) if one is not type(None)))
+        return _bare(next(arg for arg in typing.get_args(hint) if arg is not type(None)))
     return hint
 
 
 def _word(hint: Any) -> str:
     """The text of a number that may also be "auto"."""
     parts = typing.get_args(hint) if typing.get_origin(hint) in UNIONS else ()
-    texts = [one for part in parts if typing.get_origin(part) is Literal for one in typing.get_args(part)]
+    texts = [arg for part in parts if typing.get_origin(part) is Literal for arg in typing.get_args(part)]
     return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""
 
 

@@ -88,7 +88,7 @@ def check_signature(data: bytes, signature: bytes, public: str, signer: Path | N
     if signer is None:
         return ProofCheck("signature", True, f"{by}with the key {public}, which is compared with no known one")
     keys = sorted(signer.glob("*.pub")) if signer.is_dir() else [signer]
-    known = next((one for one in keys if public_key(one) == public), None)
+    known = next((key for key in keys if public_key(key) == public), None)
     if known is None:
         return ProofCheck("signature", False, f"it is signed with another key, {public}")
     return ProofCheck("signature", True, f"{by}with the key of {printable(known)}")

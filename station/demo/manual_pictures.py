@@ -160,7 +160,7 @@ def _pattern(folder: Path) -> Pictures:
         "phase": otf_figures.phase_figure(psf, "phase"),
         "energy": psf_figures.energy_figure(radial_profile(psf), "energy"),
     }
-    pictures = {f"{name}.svg": _file_of(str(one.drawing)) for name, one in figures.items()}
+    pictures = {f"{name}.svg": _file_of(str(figure.drawing)) for name, figure in figures.items()}
     certificate = curves_figure([plane.result])
     assert certificate is not None
     return {
@@ -281,7 +281,7 @@ def _batch(folder: Path) -> Pictures:
         lines.append(
             BatchLine(path.name, str(plane.verdict), "", "", "", planes={plane.name: {EDGE_CROSSINGS[50]: numbers[-1]}})
         )
-    values = [one.value for one in numbers], [one.uncertainty for one in numbers]
+    values = [number.value for number in numbers], [number.uncertainty for number in numbers]
     group = NumberGroup("", plane.name, EDGE_CROSSINGS[50], numbers[0].unit, *values)
     return _of_page(batch_page(BatchReport("", {}, {}, lines, len(lines), [group])), {"batch": "MTF50 across"})
 

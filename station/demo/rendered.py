@@ -110,13 +110,13 @@ def rendered_demo(
         if plan.restored:
             pair = DepthPlan(plan.rows, plan.columns, plan.samples, plan.seed)
             depth = restored_depth(folder, out / "films", pair, threads=threads, progress=progress)
-        rows: list[RenderRow | StripRow] = [_row(one) for one in scenes]
+        rows: list[RenderRow | StripRow] = [_row(scene) for scene in scenes]
         rows += [depth_row(depth)] if depth else []
         folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(rows)))
         record = {
             "schema": SCHEMA,
             "parameters": asdict(plan),
-            "scenes": {one.name: _entry(one) for one in scenes},
+            "scenes": {scene.name: _entry(scene) for scene in scenes},
             "restored": depth and depth_entry(depth),
             "software": software(),
             "duration_s": round(time.perf_counter() - start, 3),
@@ -150,27 +150,27 @@ def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan:
     photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
 
 
-def _row(one: Rendered) -> RenderRow:
-    samples, converged = (round(float(film.count.mean())) for film in (one.film, one.reference))
+def _row(rendered: Rendered) -> RenderRow:
+    samples, converged = (round(float(film.count.mean())) for film in (rendered.film, rendered.reference))
     pictures = (
-        (f"{samples} samples", one.film.mean),
-        ("filtered", one.filtered.picture),
-        (f"{converged} samples", one.reference.mean),
+        (f"{samples} samples", rendered.film.mean),
+        ("filtered", rendered.filtered.picture),
+        (f"{converged} samples", rendered.reference.mean),
     )
-    gain = one.psnr_db["filtered"] - one.psnr_db["rendered"]
+    gain = rendered.psnr_db["filtered"] - rendered.psnr_db["rendered"]
     fact = (
-        f"PSNR {one.psnr_db['rendered']:.2f} dB as rendered, {one.psnr_db['filtered']:.2f} dB filtered:"
+        f"PSNR {rendered.psnr_db['rendered']:.2f} dB as rendered, {rendered.psnr_db['filtered']:.2f} dB filtered:"
         f" the quality of {10 ** (gain / 10):.0f} times as many samples."
     )
-    return RenderRow(one.name, pictures, one.filtered.similar, (fact,))
+    return RenderRow(rendered.name, pictures, rendered.filtered.similar, (fact,))
 
 
-def _entry(one: Rendered) -> dict[str, Any]:
+def _entry(rendered: Rendered) -> dict[str, Any]:
     return {
-        "psnr_db": one.psnr_db,
-        "similar_median": list(one.filtered.median_similar),
-        DROPPED_SAMPLES: int(one.film.dropped.sum()),
-        "photograph": {"path": f"{one.name}.dng", "sha256": one.sha256},
+        "psnr_db": rendered.psnr_db,
+        "similar_median": list(rendered.filtered.median_similar),
+        DROPPED_SAMPLES: int(rendered.film.dropped.sum()),
+        "photograph": {"path": f"{rendered.name}.dng", "sha256": rendered.sha256},
     }
 
 

@@ -181,17 +181,17 @@ def depth_row(one: RestoredDepth) -> StripRow:
     return StripRow(f"{NAME}, restored from two apertures", (before + after, depth), facts)
 
 
-def depth_entry(one: RestoredDepth) -> dict[str, Any]:
+def depth_entry(depth: RestoredDepth) -> dict[str, Any]:
     """The restoration in the record."""
     return {
         "scene": NAME,
-        "verdict": str(one.outcome.verdict),
-        "reason": one.outcome.reason,
-        "photographs": [{"path": name, "sha256": digest} for name, digest in one.sha256.items()],
+        "verdict": str(depth.outcome.verdict),
+        "reason": depth.outcome.reason,
+        "photographs": [{"path": name, "sha256": digest} for name, digest in depth.sha256.items()],
         "plane": PLANE,
-        "parameters": {"blur": "defocus", "shape": "pillbox", "ratio": RATIO, "max_w": one.plan.max_w},
-        **one.figures,
-        "diagnostics": asdict(one.restoration.diagnostics),
+        "parameters": {"blur": "defocus", "shape": "pillbox", "ratio": RATIO, "max_w": depth.plan.max_w},
+        **depth.figures,
+        "diagnostics": asdict(depth.restoration.diagnostics),
     }
 
 
@@ -237,9 +237,9 @@ def _setting(plan: DepthPlan) -> CameraSetting:
     return CameraSetting(camera.focal_mm, camera.f_number, camera.focus_mm, camera.pitch_um * PITCH)
 
 
-def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
+def _spread(depth: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
     """w scaled so that the range of the true w is black to white."""
-    return np.asarray((w - one.w.min()) / np.ptp(one.w), np.float64)
+    return np.asarray((w - depth.w.min()) / np.ptp(depth.w), np.float64)
 
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:

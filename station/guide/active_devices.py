@@ -58,7 +58,7 @@ class Snapshot:
         record |= {name: value for name, value in self.facts().items() if not name.startswith(AT)}
         if self.environment:
             record[ENVIRONMENT] = {
-                probe: {name: asdict(one) for name, one in readings.items()}
+                probe: {name: asdict(reading) for name, reading in readings.items()}
                 for probe, readings in self.environment.items()
             }
         return record | ({"silent": dict(self.silent)} if self.silent else {})
@@ -154,7 +154,7 @@ class ActiveDevices:
     def unconnected(self) -> list[str]:
         """Devices that are not connected; a stage that has not homed is not among them."""
         conditions = {name: self._device(name).condition() for name in self.names()}
-        return [name for name, one in conditions.items() if not one.usable and one.word in NOT_THERE]
+        return [name for name, condition in conditions.items() if not condition.usable and condition.word in NOT_THERE]
 
     def connect(self, name: str) -> None:
         """Connect one device. Raises DeviceError."""

@@ -36,8 +36,8 @@ def psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, fa
 
     first, pitch_um = frames[0], facts.get("pixel_pitch_um")
     pixels = pixels_of(first, float(pitch_um) if isinstance(pitch_um, int | float) else None)
-    results = (plane_result(first.planes[name], one, first.exposure) for name, one in outcomes.items())
-    return [in_terms(one, terms, pixels[one.name]) for one in results]
+    results = (plane_result(first.planes[name], outcome, first.exposure) for name, outcome in outcomes.items())
+    return [in_terms(result, terms, pixels[result.name]) for result in results]
 
 
 def _write_psf(

@@ -114,20 +114,20 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
         yield ProofCheck("numbers", None, "the record is of an earlier version that did not state its settings")
         return
     moved = {Path(name).resolve(): place for name, place in places.items() if place is not None}
-    arguments = [moved.get(Path(one).resolve(), originals or Path(one)) for one in head.arguments]
+    arguments = [moved.get(Path(argument).resolve(), originals or Path(argument)) for argument in head.arguments]
     try:
         fresh = _again(head.procedure, arguments, head.settings, head.parameters)
     except ProcedureError as error:
         yield ProofCheck("numbers", False, f"they cannot be computed again: {error}")
         return
-    pairs = [(one, fresh.by_name[one.name]) for one in measurement.planes if one.name in fresh.by_name]
+    pairs = [(plane, fresh.by_name[plane.name]) for plane in measurement.planes if plane.name in fresh.by_name]
     differences = [
         (f"{one.name} {change.name}", abs(change.other.value - change.one.value) / (change.one.uncertainty or 1))
         for one, other in pairs
         for change in changes(one, other)
     ]
     verdicts = [one.name for one, other in pairs if one.verdict is not other.verdict]
-    lost = [one.name for one in measurement.planes if one.name not in fresh.by_name]
+    lost = [plane.name for plane in measurement.planes if plane.name not in fresh.by_name]
     yield _number_check(len(differences), differences, [*verdicts, *lost])
 
 
@@ -148,7 +148,7 @@ def _again(
 
 def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
     """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
-    moved = sorted((one for one in differences if one[1] > SAME_SIGMAS), key=lambda one: -one[1])
+    moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
         return ProofCheck("numbers", True, f"all {count} were computed again and agree")
     words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]

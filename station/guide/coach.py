@@ -56,7 +56,7 @@ def ways(outline: Outline, shape: tuple[int, ...]) -> list[tuple[str, float]]:
     """The ways in which the subject must move in the frame, the farthest first, each with its share of that side."""
     shares = [side / n for side, n in zip(outline.arrow, (shape[1], shape[0]), strict=True)]
     arrows = [(RIGHT if shares[0] > 0 else LEFT, abs(shares[0])), (DOWN if shares[1] > 0 else UP, abs(shares[1]))]
-    return sorted([one for one in arrows if one[1] >= LEAST_SHARE], key=lambda one: -one[1])
+    return sorted([arrow for arrow in arrows if arrow[1] >= LEAST_SHARE], key=lambda one: -one[1])
 
 
 def way_words(outline: Outline, shape: tuple[int, ...]) -> str:

@@ -85,7 +85,7 @@ class Conversation:
         """A valid answer; the default is the known fact, else the proposed one. Raises Stopped."""
         known = self._hands.knows(ask.key) if self._hands is not None else None
         candidates = (self.facts.get(ask.key), known, ask.proposed(self.facts))
-        default = next((one for one in candidates if one is not None), None)
+        default = next((candidate for candidate in candidates if candidate is not None), None)
         asked = ask if default is None else replace(ask, default=default)
         for _ in range(MAX_INVALID_ANSWERS):
             answer = self._operator.answer(asked)

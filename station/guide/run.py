@@ -368,7 +368,7 @@ class Run:
             lambda: derive(self._session, self.plan, self._step.name, progress, self._known)
         )
         self._result = result
-        self._talk.learn(estimate.facts_from({name: one.estimate for name, one in result.planes.items()}))
+        self._talk.learn(estimate.facts_from({name: plane.estimate for name, plane in result.planes.items()}))
         causes = result.reason, result.remedy, result.other_causes
         self._talk.notify(Result(folder, result.planes, result.verdict, *causes))
 

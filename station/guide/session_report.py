@@ -182,12 +182,12 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
     )
 
 
-def _of_frame(one: PlaneResult) -> PlaneResult:
+def _of_frame(result: PlaneResult) -> PlaneResult:
     """A plane's result; for a field, with its medians over the frame."""
     from procedures.field.conclusion import FieldResult
     from station.reports.field.field_files import with_medians
 
-    return with_medians(one, one.estimate) if isinstance(one.estimate, FieldResult) else one
+    return with_medians(result, result.estimate) if isinstance(result.estimate, FieldResult) else result
 
 
 def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
@@ -195,7 +195,7 @@ def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
     from procedures.field.conclusion import FieldResult
 
     if isinstance(estimate, FieldResult):
-        yield from ((name, one.value.interpolation.field) for name, one in estimate.planes.items() if one.value)
+        yield from ((name, plane.value.interpolation.field) for name, plane in estimate.planes.items() if plane.value)
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:
@@ -248,8 +248,8 @@ def _devices(record: SessionRecord) -> Iterator[ReportLine]:
     for line in record.contents.lines:
         if line.event == "devices":
             identities = line.data["devices"]
-    for name, one in identities.items():
-        words = [str(one.get(key) or "") for key in ("model", "firmware", "serial", "address")]
+    for name, identity in identities.items():
+        words = [str(identity.get(key) or "") for key in ("model", "firmware", "serial", "address")]
         yield ReportLine(printable(name), printable(", ".join(word for word in words if word)))
 
 
@@ -272,7 +272,7 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     counting, combined = state.counting(), plane.estimate
     photographs = [(counting[place], shot) for place, shot in zip(combined.places, combined.shots, strict=True)]
     place = Counter(_place(shot) for shot, _ in photographs).most_common(1)[0][0]
-    photographs = [one for one in photographs if _place(one[0]) == place]
+    photographs = [photograph for photograph in photographs if _place(photograph[0]) == place]
     shots = [shot for shot, _ in photographs]
     series = chart_series([estimate for _, estimate in photographs], plane.pitch or 1)
     hours, kelvins = _hours(shots), _temperatures(shots)
@@ -305,7 +305,7 @@ def _hours(shots: Sequence[SessionShot]) -> Array | None:
 def _temperatures(shots: Sequence[SessionShot]) -> Array | None:
     """Temperatures at the photographs; None without a probe, or where they hardly differ."""
     readings = [temperature_during(shot.snapshot) for shot in shots]
-    if any(one is None for one in readings):
+    if any(reading is None for reading in readings):
         return None
     kelvins = np.array(readings, np.float64)
     return kelvins if np.ptp(kelvins) >= SMALLEST_CHANGE_K else None

@@ -153,9 +153,9 @@ def compute(
             with ResultFolder(into, sealed=sealed, force=True) as place:
                 entry.write(place, results, frames, _head(plan, state, frames, terms.specified(results)))
     no_shots: Outcome[Any] = Outcome(None, Verdict.REFUSED, "no shot counts", "take the shots again")
-    worst = worst_of({one.name: one for one in results}) if results else no_shots
+    worst = worst_of({result.name: result for result in results}) if results else no_shots
     causes = worst.reason, worst.remedy, worst.other_causes
-    return SessionResult(frames, {one.name: one for one in results}, worst.verdict, *causes)
+    return SessionResult(frames, {result.name: result for result in results}, worst.verdict, *causes)
 
 
 def _head(

@@ -44,7 +44,7 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     yield inspect.cleandoc(command.help or "").replace("$", "\\$").replace("\b\n", "")
     if command.epilog:
         yield from ("", f"Example: `{command.epilog.removeprefix('Example: ')}`")
-    options = [one for one in command.get_params(context) if isinstance(one, click.Option)]
+    options = [param for param in command.get_params(context) if isinstance(param, click.Option)]
     records = [one for one in (option.get_help_record(context) for option in options) if one]
     if records:
         yield ""

@@ -63,7 +63,7 @@ def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
         ]
         sorted_pages += sorted(pages, key=_place)
     more = generated or {}
-    return [replace(one, text=one.text.replace(GENERATED, more.get(one.name, ""))) for one in sorted_pages]
+    return [replace(page, text=page.text.replace(GENERATED, more.get(page.name, ""))) for page in sorted_pages]
 
 
 def _place(page: Page) -> tuple[int, str]:

@@ -278,7 +278,7 @@ class Procedure(ABC, Generic[S]):
 
     def files(self, paths: Sequence[Path], settings: S) -> list[Path]:
         """Files besides the inputs on which a measurement depends."""
-        return [beside(one, paths[0].parent) for one in named_files(settings)]
+        return [beside(file, paths[0].parent) for file in named_files(settings)]
 
     def missed(self, measurement: Measurement) -> Sequence[Miss]:
         """The unusable photographs."""
@@ -332,7 +332,7 @@ class PhotographProcedure(Procedure[S]):
             frames.append(reading.read(path))
             progress(path.name)
         outcomes = self.run(frames, settings)
-        planes = tuple(plane_result(name, one) for name, one in outcomes.items())
+        planes = tuple(plane_result(name, outcome) for name, outcome in outcomes.items())
         head = RecordHead(self.name, files_read(frames), to_record(settings))
         return Measurement(self.schema, head, planes, exposure=frames[0].exposure).compared(terms)
 

@@ -144,7 +144,7 @@ class PsfProcedure(Procedure[P]):
         from station.results.psf_files import psf_measurement
 
         pixels = settings.pixels(frames[0])
-        planes = [terms.apply(one, pixels[one.name]) for one in results]
+        planes = [terms.apply(result, pixels[result.name]) for result in results]
         given = {**asked, **settings.given()}
         parameters = {**given, **terms.parameters()}
         head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))

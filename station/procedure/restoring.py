@@ -141,7 +141,7 @@ def _source(
     settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]
 ) -> KnownShapes | RecordedMotion | UnknownMotion:
     if settings.poses:
-        poses = tuple(read_poses(Path(one)) for one in settings.poses)
+        poses = tuple(read_poses(Path(pose)) for pose in settings.poses)
         return RecordedMotion(poses, settings.focal_px, settings.max_inverse_depth)
     if settings.imu:
         late = partial(poses_of_records, [Path(one) for one in settings.imu], _exposures(settings, frames))
@@ -160,7 +160,7 @@ def _source(
 
 def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
     """Exposure times in seconds, as given, or as recorded in the files."""
-    return _repeated(settings.exposure_s, len(frames)) or [one.exposure.exposure_s for one in frames]
+    return _repeated(settings.exposure_s, len(frames)) or [frame.exposure.exposure_s for frame in frames]
 
 
 def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
@@ -182,7 +182,7 @@ def _shapes(
 
 def _measured(spec: BlurSpec) -> list[MeasuredShape]:
     shapes = spec.source.shapes if isinstance(spec.source, KnownShapes) else ()
-    return [one for one in shapes if isinstance(one, MeasuredShape)]
+    return [shape for shape in shapes if isinstance(shape, MeasuredShape)]
 
 
 def _measured_words(spec: BlurSpec) -> list[str]:
@@ -242,7 +242,7 @@ def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
     offsets = tuple(side * beta for _, beta in related)
     ratios = tuple(alpha for alpha, _ in related)
     return msgspec.structs.replace(
-        settings, ratio=ratios, offset=offsets if any(abs(one) > 1e-9 for one in offsets) else ()
+        settings, ratio=ratios, offset=offsets if any(abs(offset) > 1e-9 for offset in offsets) else ()
     )
 
 
@@ -275,8 +275,8 @@ def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Rest
 def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:
     return {
         "metres": settings.metres,
-        "f_number": [one.f_number for one in lenses],
-        "focus_m": [one.focus_mm / 1000 for one in lenses],
+        "f_number": [lens.f_number for lens in lenses],
+        "focus_m": [lens.focus_mm / 1000 for lens in lenses],
         "focal_length_mm": lenses[0].focal_length_mm,
         "pixel_pitch_um": settings.pixel_pitch_um,
         "camera_uncertainty": settings.camera_uncertainty,

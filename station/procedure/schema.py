@@ -130,7 +130,7 @@ BUILTIN: Mapping[str, str] = {
 @cache
 def added() -> dict[str, EntryPoint]:
     """Procedures of installed packages."""
-    return {one.name: one for one in entry_points(group=GROUP) if one.name not in BUILTIN}
+    return {point.name: point for point in entry_points(group=GROUP) if point.name not in BUILTIN}
 
 
 def procedure_names() -> list[str]:

@@ -72,7 +72,7 @@ def certificate_sections(report: Report) -> list[Section]:
         ["Measurement", _coloured(report.verdict, report.measurement)],
         [small("Specification", report.specification), _coloured(str(report.judged or ""), judged)],
     ]
-    reasons = [Note(f"{one.name}: {one.reason}") for one in report.planes if one.reason]
+    reasons = [Note(f"{plane.name}: {plane.reason}") for plane in report.planes if plane.reason]
     logo = [PrintedPicture(Path(details.logo).read_bytes(), "", 35)] if details.logo else []
     subject = Section(
         "",
@@ -98,7 +98,7 @@ def certificate_sections(report: Report) -> list[Section]:
 
 
 def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
-    figure, sampled = curves_figure(planes), any(one.samples is not None for one in planes)
+    figure, sampled = curves_figure(planes), any(plane.samples is not None for plane in planes)
     caption = "MTF with the band that holds 95 %" + ("; PSF on its support." if sampled else ".")
     return [PrintedPicture(figure, caption, 178)] if figure else []
 
@@ -130,18 +130,18 @@ def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
 
 def number_table(planes: Sequence[PlaneResult]) -> Table:
     """Certified numbers in all planes, and the MTF at requested frequencies, with expanded uncertainties."""
-    asked = [name for one in planes for name in one.numbers if name.startswith(ASKED) and not name.endswith(RADIAL)]
+    asked = [name for plane in planes for name in plane.numbers if name.startswith(ASKED) and not name.endswith(RADIAL)]
     rows = []
     for name in (*in_group(Group.CERTIFIED), *dict.fromkeys(asked)):
-        quantities = [one.quantity(name) for one in planes]
-        known = next((one for one in quantities if one is not None), None)
+        quantities = [plane.quantity(name) for plane in planes]
+        known = next((quantity for quantity in quantities if quantity is not None), None)
         if known is not None:
             unit = "" if known.unit == "1" else f", {known.unit}"
             rows.append([label(name, planes[0].unit) + unit, *map(_expanded, quantities)])
     heads = []
-    for one in planes:
-        judged = comparison(one).judged
-        heads.append(small(one.name, MEASUREMENT[str(one.verdict)] + (f", {judged}" if judged else "")))
+    for plane in planes:
+        judged = comparison(plane).judged
+        heads.append(small(plane.name, MEASUREMENT[str(plane.verdict)] + (f", {judged}" if judged else "")))
     return Table(rows, ["", *heads], style="few" if len(planes) < 3 else "numbers")
 
 
@@ -159,8 +159,8 @@ def _over_the_frame(report: Report) -> list[Section]:
     return [Section("Over the frame", blocks, new_page=True)] if blocks else []
 
 
-def _expanded(one: Quantity | None) -> str:
-    return "—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty)
+def _expanded(quantity: Quantity | None) -> str:
+    return "—" if quantity is None else stated(quantity.value, COVERAGE_FACTOR * quantity.uncertainty)
 
 
 def _footnote(report: Report) -> str:
@@ -176,8 +176,8 @@ def _footnote(report: Report) -> str:
 def _shots(report: Report) -> list[list[str]]:
     """Photographs with their hashes; what exceeds the room is counted."""
     rest = len(report.shots) - MAX_SHOTS
-    names = ["/".join(one.file.split("/")[-2 if one.file.endswith(RECORD) else -1 :]) for one in report.shots]
-    rows = [[name, f"SHA-256 {one.sha256}"] for name, one in zip(names, report.shots[:MAX_SHOTS], strict=False)]
+    names = ["/".join(shot.file.split("/")[-2 if shot.file.endswith(RECORD) else -1 :]) for shot in report.shots]
+    rows = [[name, f"SHA-256 {shot.sha256}"] for name, shot in zip(names, report.shots[:MAX_SHOTS], strict=False)]
     return [*rows, [f"and {rest} more", "in result.json"]] if rest > 0 else rows
 
 

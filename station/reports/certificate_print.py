@@ -103,7 +103,7 @@ def _printed(block: Block) -> Iterator[Any]:
     if isinstance(block, Note):
         yield _paragraph(block.text, SMALL)
     elif isinstance(block, Items):
-        yield from (_paragraph(f"- {one}", SMALL) for one in block.texts)
+        yield from (_paragraph(f"- {text}", SMALL) for text in block.texts)
     elif isinstance(block, PrintedPicture):
         columns, rows = ImageReader(io.BytesIO(block.data)).getSize()
         width = block.width_mm * mm

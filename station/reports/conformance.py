@@ -54,8 +54,8 @@ def conformance_record(
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "seed": seed,
         "operations": operations,
-        "kept": all(one.kept for one in trials),
-        "trials": [asdict(one) for one in trials],
+        "kept": all(trial.kept for trial in trials),
+        "trials": [asdict(trial) for trial in trials],
         "software": software(),
         "platform": f"Python {platform.python_version()}, {platform.platform()}",
     }

@@ -59,7 +59,7 @@ def explorer(report: Report, spots: Mapping[str, ExploredPlaces]) -> Markup | No
     planes = [_plane_entry(one, report, spots.get(one.name)) for one in report.planes if _uncertain(one.numbers)]
     if not planes:
         return None
-    first = next(one for one in report.planes if _uncertain(one.numbers))
+    first = next(plane for plane in report.planes if _uncertain(plane.numbers))
     others = [
         {"name": other.name, "planes": {name: _curves(curves, first.factor) for name, curves in other.planes.items()}}
         for other in report.overlays
@@ -79,8 +79,8 @@ def _uncertain(numbers: Mapping[str, Quantity]) -> dict[str, Quantity]:
 
 def _pitch_um(report: Report) -> float | None:
     """The pitch of the sensor's pixels, as given or recorded by the camera."""
-    exposures = [*(one.exposure for one in report.frames), *(one.exposure for one in report.planes)]
-    recorded = (one.pixel_pitch_um for one in exposures if one is not None)
+    exposures = [*(frame.exposure for frame in report.frames), *(plane.exposure for plane in report.planes)]
+    recorded = (exposure.pixel_pitch_um for exposure in exposures if exposure is not None)
     given = report.parameters.get("pixel_pitch_um")
     return float(given) if isinstance(given, int | float) else next((one for one in recorded if one), None)
 
@@ -99,7 +99,7 @@ def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | Non
         "name": plane.name, "colour": PLANE_COLOURS.get(plane.name, INK), "pitch": plane.pitch, "height": height,
         "numbers": _numbers(plane.numbers, budgets, plane), "curves": _curves(plane.curves, plane.factor),
         "limits": limits, "shape": spots and spots.shape,
-        "spots": [_spot_entry(one) for one in spots.places] if spots else [],
+        "spots": [_spot_entry(place) for place in spots.places] if spots else [],
         "psf": None if plane.psf is None else _psf_entry(plane.psf.h, plane.psf.s),
     }  # fmt: skip
 

@@ -32,8 +32,8 @@ def _frame(camera: CameraModel, right_in: float = 0.08) -> Axes:
 def coverage_figure(geometry: Geometry, name: str) -> Figure:
     """Points of the charts, and the outline of the covered region."""
     axes = _frame(geometry.camera)
-    for i, one in enumerate(geometry.views):
-        axes.add_artist(_dots(one.view.points, ec=f"C{i}", lw=0.8, alpha=0.6))
+    for i, view in enumerate(geometry.views):
+        axes.add_artist(_dots(view.view.points, ec=f"C{i}", lw=0.8, alpha=0.6))
     axes.add_patch(Polygon(geometry.region, fill=False, ec=INK, lw=1.0))
     axes.plot(*geometry.camera.centre, "+", color=MARK, ms=10, mew=1.4)
     words = f"{geometry.points} points of {len(geometry.views)} views; + the principal point"
@@ -89,9 +89,9 @@ def misfit_figure(geometry: Geometry, name: str) -> Figure:
     return _arrows(geometry.camera, places, misfit.at(places), name, caption, ALONG["vertical"])
 
 
-def residual_figure(geometry: Geometry, one: PosedView, name: str) -> Figure:
+def residual_figure(geometry: Geometry, view: PosedView, name: str) -> Figure:
     """Residuals of a view."""
-    return _arrows(geometry.camera, one.view.points, one.residual_px, name, f"Residuals of {one.view.source}.")
+    return _arrows(geometry.camera, view.view.points, view.residual_px, name, f"Residuals of {view.view.source}.")
 
 
 def chart_figure(geometry: Geometry, name: str) -> Figure:

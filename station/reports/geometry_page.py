@@ -75,7 +75,7 @@ def _formulas(geometry: Geometry) -> list[Figure]:
          f"{one.share:.0%}"]
         for one in geometry.formulas
     ]  # fmt: skip
-    trials = [[one.model, f"{one.roughness_px:.3g}", f"{one.left_over:.5g}"] for one in geometry.trials]
+    trials = [[trial.model, f"{trial.roughness_px:.3g}", f"{trial.left_over:.5g}"] for trial in geometry.trials]
     return [
         Figure(
             Table(rows, ["formula", "parameters", "loss, pixel rms", "largest", "of the covered frame"], style="plain"),
@@ -91,7 +91,7 @@ def _formulas(geometry: Geometry) -> list[Figure]:
 
 def _chart(geometry: Geometry, prefix: str) -> list[Figure]:
     shape = geometry.shape
-    rows = [[name.replace("_", " "), quantity(one)] for name, one in shape.terms.items()]
+    rows = [[name.replace("_", " "), quantity(term)] for name, term in shape.terms.items()]
     rows += [["own error of a node, in the plane", f"{shape.node_mm[0]:.4f} mm"],
              ["own error of a node, out of it", f"{shape.node_mm[2]:.4f} mm"]]  # fmt: skip
     caption = "Its smooth part, at the chart’s rim; and the scatter of single nodes."
@@ -100,9 +100,9 @@ def _chart(geometry: Geometry, prefix: str) -> list[Figure]:
 
 def _views(geometry: Geometry, prefix: str) -> list[Block]:
     rows = [
-        [one.view.source, str(len(one.view)), stated(one.distance.value, one.distance.uncertainty),
-         f"{one.tilt_deg:.1f}", f"{one.rms_px:.4f}"]
-        for one in geometry.views
+        [view.view.source, str(len(view.view)), stated(view.distance.value, view.distance.uncertainty),
+         f"{view.tilt_deg:.1f}", f"{view.rms_px:.4f}"]
+        for view in geometry.views
     ]  # fmt: skip
     worst = sorted(range(len(rows)), key=lambda i: -geometry.views[i].rms_px)[:MAX_RESIDUAL_VIEWS]
     drawn = [figures.residual_figure(geometry, geometry.views[i], f"{prefix}residual{i}") for i in sorted(worst)]

@@ -214,7 +214,7 @@ def plane_name(name: str, *verdicts: Markup) -> Markup:
     """The name of a plane with its colour, and verdicts on it."""
     colour = PLANE_COLOURS.get(name)
     swatch = html('<span class="swatch" style="background: {}"></span>', colour) if colour else ""
-    return Markup("&nbsp;").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
+    return Markup("&nbsp;").join([html("{}{}", swatch, name), *(verdict for verdict in verdicts if verdict)])
 
 
 def quantity(number: Quantity) -> str:
@@ -283,7 +283,7 @@ def causes(judged: WithVerdict, before: Text = "") -> list[Block]:
     if judged.other_causes:
         blocks += [
             Note("Other possible causes:"),
-            Items([reason_words(one) for one in judged.other_causes], small=True),
+            Items([reason_words(cause) for cause in judged.other_causes], small=True),
         ]
     return blocks
 

@@ -133,7 +133,7 @@ def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> 
 
 def chart_figures(photograph: Plane, estimate: PatternPsf, name: str) -> list[Figure]:
     """The chart, the residual, and the diagnostics of an estimate."""
-    known = [one for one in DIAGNOSTICS if one[0] in estimate.diagnostics]
+    known = [diagnostic for diagnostic in DIAGNOSTICS if diagnostic[0] in estimate.diagnostics]
     rows = []
     for key, words, form in known:
         value = estimate.diagnostics[key]
@@ -206,9 +206,9 @@ def _choice(trials: Sequence[Trial]) -> list[Block]:
 
 def _halves(plane: PlaneResult) -> list[Figure]:
     rows = [
-        [small(label(one.name), f"{one.halves[0]} half, {one.halves[1]} half of the chart"),
-         small(f"{one.values[0]:.4f}, {one.values[1]:.4f}", f"{signed(one.sigmas)} σ apart")]
-        for one in plane.variations
+        [small(label(variation.name), f"{variation.halves[0]} half, {variation.halves[1]} half of the chart"),
+         small(f"{variation.values[0]:.4f}, {variation.values[1]:.4f}", f"{signed(variation.sigmas)} σ apart")]
+        for variation in plane.variations
     ]  # fmt: skip
     return [Figure(Table(rows, style="plain"), "Variation over the chart.")] if rows else []
 
@@ -216,10 +216,10 @@ def _halves(plane: PlaneResult) -> list[Figure]:
 def edge_rows(plane: PlaneResult) -> list[list[str]]:
     """The chart's slanted edges beside the PSF."""
     return [
-        [small(f"MTF50 across the {one.edge.orientation} edge", f"{one.by_edge.unit}; PSF less edge in σ"),
-         small(stated(one.by_edge.value, one.by_edge.uncertainty),
-               f"PSF {stated(one.by_psf.value, one.by_psf.uncertainty)}; {signed(one.sigmas)} σ")]
-        for one in plane.edges
+        [small(f"MTF50 across the {edge.edge.orientation} edge", f"{edge.by_edge.unit}; PSF less edge in σ"),
+         small(stated(edge.by_edge.value, edge.by_edge.uncertainty),
+               f"PSF {stated(edge.by_psf.value, edge.by_psf.uncertainty)}; {signed(edge.sigmas)} σ")]
+        for edge in plane.edges
     ]  # fmt: skip
 
 

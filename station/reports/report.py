@@ -169,7 +169,7 @@ def measurement_report(
     measurement: Measurement, procedure: str, *, title: str = "", method: str = "", frames: Sequence[RawFrame] = ()
 ) -> Report:
     """The report of a measurement."""
-    numbers = [NUMBERS_FILE] if any(one.numbers for one in measurement.planes) else []
+    numbers = [NUMBERS_FILE] if any(plane.numbers for plane in measurement.planes) else []
     return Report(
         subject=_subject(measurement, title),
         procedure=procedure,

@@ -82,7 +82,7 @@ def report_page(
     sections = [_head(report, [*leading, *summary])]
     lines = (("Conditions", report.conditions), ("Devices", report.devices))
     sections += [
-        Section(title, [Table([[one.name, one.words] for one in facts], columns="ww", style="numbers conditions")])
+        Section(title, [Table([[fact.name, fact.words] for fact in facts], columns="ww", style="numbers conditions")])
         for title, facts in lines
         if facts
     ]
@@ -98,7 +98,7 @@ def report_page(
         sections.append(Section("Drift over the session", [Table(rows, ["", "per hour", "per kelvin"]), Note(DRIFT)]))
     sections += [*closing, *exclusions("Excluded inputs", report.missed, "input"), _provenance(report)]
     if report.files:
-        links = [html('<a href="{}"><code>{}</code></a>', one, one) for one in report.files]
+        links = [html('<a href="{}"><code>{}</code></a>', file, file) for file in report.files]
         files = html("<p>{}</p>", Markup(", ").join(links))
         sections.append(Section("The files beside this page", [files], closing=True))
     title, explored = f"{report.subject}: {report.headline}", explorer(report, spots)
@@ -141,7 +141,7 @@ def _main_numbers(report: Report) -> list[Block]:
     pixel = f" {Pixels(first.pitch).words}" if first.unit is Unit.CYCLES and first.pitch else ""
     frequencies = f"Frequencies in {first.unit}{pixel}; " if any(one.unit == Unit.CYCLES for one in numbers) else ""
     note = Note(html('<span class="own-unit">{}</span>± is one standard uncertainty.', frequencies))
-    quantities = [[plane.quantity(one) for one in numbers] for plane in report.planes]
+    quantities = [[plane.quantity(number) for number in numbers] for plane in report.planes]
     units = [next(shown_unit(one) for one in column if one is not None) for column in zip(*quantities, strict=True)]
     labels = [Markup(", ").join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
     values = [["—" if one is None else value_of(one) for one in row] for row in quantities]
@@ -180,9 +180,9 @@ def _limits(plane: PlaneResult) -> list[Block]:
 
 def _provenance(report: Report) -> Section:
     rows = [
-        [small(html("<code>{}</code>", one.file), one.note), small(one.exposure, one.taken),
-         html('<code class="hash">{}</code>', one.sha256)]
-        for one in report.shots
+        [small(html("<code>{}</code>", shot.file), shot.note), small(shot.exposure, shot.taken),
+         html('<code class="hash">{}</code>', shot.sha256)]
+        for shot in report.shots
     ]  # fmt: skip
     given = parameters_words(report.parameters)
     made = [f"calibration-station {report.software.get('version') or 'not installed'}"]
@@ -207,7 +207,7 @@ def _citation(report: Report) -> Section:
 
 def _curves(report: Report) -> list[str]:
     """Names of the curves, which are functions of the first column."""
-    names = (name for one in report.planes for name in list(one.curves)[1:] if not name.endswith("_uncertainty"))
+    names = (name for plane in report.planes for name in list(plane.curves)[1:] if not name.endswith("_uncertainty"))
     return list(dict.fromkeys(names))
 
 
@@ -231,5 +231,5 @@ def _curve_figure(report: Report, name: str) -> Figure:
 
 def curves_over(overlays: Sequence[Overlay], plane: PlaneResult) -> dict[str, Mapping[str, Array]]:
     """Curves of other results by name, of the same plane. Raises BadParameter if units differ."""
-    columns = {one.name: one.of(plane.name, plane.unit) for one in overlays}
-    return {name: one for name, one in columns.items() if one}
+    columns = {overlay.name: overlay.of(plane.name, plane.unit) for overlay in overlays}
+    return {name: column for name, column in columns.items() if column}

@@ -45,7 +45,7 @@ def restoration_page(report: Report) -> str:
     def shown(picture_: Array, caption: str) -> Figure:
         return Figure(image(encoded(".png", levels(_small(picture(picture_)), 0, white)), caption), caption)
 
-    before = [shown(one, f"Photograph {n}.") for n, one in enumerate(photographs, 1)]
+    before = [shown(photograph, f"Photograph {n}.") for n, photograph in enumerate(photographs, 1)]
     after = shown(restoration.sharp, "Restored: `sharp.tiff` keeps the photographs’ scale.")
     kernels = [
         Figure(_kernel(one, n), f"Photograph {n}: `kernel_{n}.npy`, one square per pixel.")

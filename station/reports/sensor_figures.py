@@ -110,7 +110,7 @@ def _spectrogram(pattern: FixedPattern, place: str, words: str) -> Figure:
     axes.axhline(pattern.spectrograms[0].floor, color=FAINT, lw=0.9, ls=DASHED, label="temporal noise left")
     for period in pattern.periods:
         axes.axvline(period.frequency.value, color=MARK, lw=0.8, ls=DOTTED)
-    top = 4 * max(float(one.amplitude[1:].max()) for one in pattern.spectrograms)  # room for the legend
+    top = 4 * max(float(spectrogram.amplitude[1:].max()) for spectrogram in pattern.spectrograms)  # room for the legend
     legend(axes, "upper right")
     settings = {"xlabel": "cycles/pixel", "ylabel": f"amplitude, {pattern.unit}"}
     caption = f"{words}: spectrograms along rows and columns; dotted, periods."

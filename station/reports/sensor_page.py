@@ -31,7 +31,7 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
     patterns = {which: one for which, one in (("dark", result.dark), ("light", result.light)) if one is not None}
     figures = sensor_figures(result, patterns, plane.name)
     blocks: list[Block] = [Figures(figures[:SUMMARY_FIGURES], summary=True), Figures(figures[SUMMARY_FIGURES:])]
-    if periods := [_period_words(one) for pattern in patterns.values() for one in pattern.periods]:
+    if periods := [_period_words(period) for pattern in patterns.values() for period in pattern.periods]:
         blocks += [Heading("Periodic patterns"), Items(periods)]
     if defects := _defects(patterns):
         blocks += [Heading("Defect pixels"), Table(defects[:MAX_DEFECTS], ["picture", "row", "column", "deviation"])]
@@ -43,9 +43,9 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
 def _defects(patterns: Mapping[str, FixedPattern]) -> list[list[str]]:
     """Picture, row, column and deviation of the defect pixels."""
     return [
-        [which, str(row), str(column), f"{deviation:.4g} {one.unit}".replace("-", "−")]
-        for which, one in patterns.items()
-        for (row, column), deviation in zip(one.defects.places, one.defects.deviation, strict=True)
+        [which, str(row), str(column), f"{deviation:.4g} {pattern.unit}".replace("-", "−")]
+        for which, pattern in patterns.items()
+        for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True)
     ]
 
 

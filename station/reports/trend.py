@@ -77,18 +77,18 @@ def trends(measured: Sequence[IndexedNumber]) -> list[Trend]:
     return [_trend(tuple(points)) for _, points in groups]
 
 
-def _series(one: IndexedNumber) -> tuple[str, str, str, int, str, str]:
+def _series(number: IndexedNumber) -> tuple[str, str, str, int, str, str]:
     """Quantities that may be compared over time; in the order of lists, planes as in the mosaic."""
     planes = (*MOSAIC_PLANES, GREY_PLANE)
-    place = planes.index(one.plane) if one.plane in planes else len(planes)
-    return one.lens, one.plan, one.quantity, place, one.plane, one.unit
+    place = planes.index(number.plane) if number.plane in planes else len(planes)
+    return number.lens, number.plan, number.quantity, place, number.plane, number.unit
 
 
 def _trend(points: tuple[IndexedNumber, ...]) -> Trend:
     years = years_of(points)
     line = None
     if len(np.unique(years)) > 1:
-        values, uncertainties = np.array([(one.value, one.uncertainty) for one in points]).T
+        values, uncertainties = np.array([(point.value, point.uncertainty) for point in points]).T
         line = weighted_line(years, values, uncertainties)
     first = points[0]
     return Trend(first.lens, first.plan, first.plane, first.quantity, first.unit, points, line)

@@ -31,12 +31,12 @@ def trend_picture(camera: str, trends: Sequence[Trend], path: Path) -> bytes:
     if not trends:
         raise BadParameter(f"no session of {printable(camera)} has a number to draw", "see station session list")
     rows: dict[tuple[str, str, str], list[Trend]] = {}
-    for one in trends:
-        rows.setdefault((one.lens, one.plan, one.quantity), []).append(one)
+    for trend in trends:
+        rows.setdefault((trend.lens, trend.plan, trend.quantity), []).append(trend)
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": "trend", "text.parse_math": False}):
         figure = Figure(figsize=(7.0, 0.6 + 2.4 * len(rows)), layout="constrained")
         axes = figure.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
-        origin = min(one.points[0].began for one in trends)
+        origin = min(trend.points[0].began for trend in trends)
         for place, ((lens, plan, quantity), several) in zip(axes, rows.items(), strict=True):
             _draw(place, several, origin)
             place.set_title(f"{printable(camera)}, {printable(lens)} ({printable(plan)}): {quantity}", loc="left")

@@ -8,5 +8,5 @@ from station.reports.report_page import report_page
 
 def vignetting_page(report: Report) -> str:
     """The page of all planes."""
-    lights = {one.name: one.estimate.surface.light for one in report.planes if one.estimate is not None}
+    lights = {plane.name: plane.estimate.surface.light for plane in report.planes if plane.estimate is not None}
     return report_page(report, summary=[Figures(light_figures(lights), wide=True)] if lights else [])

@@ -42,13 +42,13 @@ class Comparison:
     @property
     def in_short(self) -> tuple[Judgement, ...]:
         """The judgements, with all unmeasured places as one."""
-        unseen = [one for one in self.judgements if one.words.endswith(UNMEASURED)]
+        unseen = [judgement for judgement in self.judgements if judgement.words.endswith(UNMEASURED)]
         if len(unseen) < 2:
             return self.judgements
         places = ", ".join(dict.fromkeys(one.place for one in unseen))
         words = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
         together = Judgement("", Compliance.UNDECIDED, None, 0.0, None, None, "", "", words)
-        return (*(one for one in self.judgements if one not in unseen), together)
+        return (*(judgement for judgement in self.judgements if judgement not in unseen), together)
 
     @property
     def against(self) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ class Comparison:
 
     def to_record(self) -> dict[str, Any]:
         """Entry of a plane in a record."""
-        limits = [{key: getattr(one, name) for name, key in _ENTRIES.items()} for one in self.judgements]
+        limits = [{key: getattr(judgement, name) for name, key in _ENTRIES.items()} for judgement in self.judgements]
         return {"verdict": self.judged and str(self.judged), "limits": limits}
 
     @classmethod
@@ -65,7 +65,7 @@ class Comparison:
         """The comparison in a record; None without a valid one."""
         try:
             limits = [{name: one[key] for name, key in _ENTRIES.items()} for one in entry["limits"]]  # type: ignore[index]
-            judgements = tuple(Judgement(**{**one, "judged": Compliance(one["judged"])}) for one in limits)
+            judgements = tuple(Judgement(**{**limit, "judged": Compliance(limit["judged"])}) for limit in limits)
             judged = entry.get("verdict")  # type: ignore[attr-defined]
             return cls(Compliance(judged) if judged else None, judgements)
         except (AttributeError, KeyError, TypeError, ValueError):

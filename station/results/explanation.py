@@ -19,7 +19,7 @@ from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.reader import read_record, read_result
+from station.results.reader import read_record
 from station.results.result_files import RECORD
 
 DERIVED = "derived"
@@ -139,7 +139,7 @@ def is_batch(folder: Path) -> bool:
 def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
     """The explanation of every plane, that of the worst verdict first."""
     planes = sorted(measurement.planes, key=lambda one: -one.verdict.rank)
-    return [_explain_plane(one) for one in planes]
+    return [_explain_plane(plane) for plane in planes]
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
@@ -226,9 +226,3 @@ def outliers(
     spread = MAD * np.median(np.abs(np.asarray(known) - middle))
     away: npt.NDArray[np.bool_] = np.abs(np.asarray(values) - middle) > OUTLIER * np.hypot(spread, uncertainties)
     return away & (np.size(known) >= LEAST_VALUES)
-
-
-def read_explained(path: Path) -> tuple[Path, Measurement]:
-    """Folder and measurement of a result or of the last result of a session. Raises BadInput."""
-    folder = result_folder(path)
-    return folder, read_result(folder)

@@ -67,7 +67,7 @@ class Limit:
         base = self.number
         if self.number == MTF:
             base = name_at(Frequency(self.at or 0.0, self.unit).per_pixel(pixels))
-        return [f"{base}_{one}" for one in self.directions] if self.number in FAMILIES else [base]
+        return [f"{base}_{direction}" for direction in self.directions] if self.number in FAMILIES else [base]
 
 
 @dataclass(frozen=True)
@@ -85,15 +85,15 @@ class Specification:
 
     @property
     def frequencies(self) -> tuple[Frequency, ...]:
-        return tuple(dict.fromkeys(Frequency(one.at, one.unit) for one in self.limits if one.at is not None))
+        return tuple(dict.fromkeys(Frequency(limit.at, limit.unit) for limit in self.limits if limit.at is not None))
 
     @property
     def places(self) -> tuple[Place, ...]:
         """Those that are named."""
-        return tuple(dict.fromkeys(one.place for one in self.limits))
+        return tuple(dict.fromkeys(limit.place for limit in self.limits))
 
     def to_record(self) -> dict[str, Any]:
-        limits = [one.to_record() for one in self.limits]
+        limits = [limit.to_record() for limit in self.limits]
         return {"title": self.title, "path": self.source, "sha256": self.sha256, "limits": limits}
 
 
@@ -133,7 +133,7 @@ def compare(
         return Comparison(Compliance.UNDECIDED)
     known = pixels or Pixels(record.pitch)
     judgements = tuple(one for limit in limits for one in _judge(record, limit, known, spots))
-    return Comparison(worst(one.judged for one in judgements), judgements)
+    return Comparison(worst(judgement.judged for judgement in judgements), judgements)
 
 
 def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:

@@ -55,26 +55,26 @@ class Measurement:
 
     @property
     def by_name(self) -> dict[str, PlaneResult]:
-        return {one.name: one for one in self.planes}
+        return {plane.name: plane for plane in self.planes}
 
     @property
     def refused(self) -> bool:
-        return all(one.verdict is Verdict.REFUSED for one in self.planes)
+        return all(plane.verdict is Verdict.REFUSED for plane in self.planes)
 
     def compared(self, terms: Terms) -> "Measurement":
         """The measurement with every plane compared with the limits of a specification."""
         if not terms.specification.limits:
             return self
-        pixels = (Pixels(one.pitch or 1) for one in self.planes)
+        pixels = (Pixels(plane.pitch or 1) for plane in self.planes)
         planes = tuple(
-            replace(one, specification=compare(one, terms.specification, of_plane))
-            for one, of_plane in zip(self.planes, pixels, strict=True)
+            replace(plane, specification=compare(plane, terms.specification, of_plane))
+            for plane, of_plane in zip(self.planes, pixels, strict=True)
         )
         return replace(self, planes=planes, head=replace(self.head, specification=terms.specified(planes)), terms=terms)
 
     def record(self) -> dict[str, Any]:
         """Contents of `result.json`."""
-        records = {one.name: plane_record(one) for one in self.planes}
+        records = {plane.name: plane_record(plane) for plane in self.planes}
         return {
             "schema": self.schema,
             **self.head.to_record(),
@@ -86,7 +86,7 @@ class Measurement:
 
     def _left_out(self) -> dict[str, Any]:
         """The unusable photographs, if the planes do not list them."""
-        if self.missed is None or any("left_out" in one.details for one in self.planes):
+        if self.missed is None or any("left_out" in plane.details for plane in self.planes):
             return {}
         return {"left_out": [one.to_record() for one in self.missed]}
 
@@ -95,7 +95,7 @@ def write_measurement(folder: ResultFolder, measurement: Measurement) -> str:
     """Write the files, the table of all numbers and the record; returns the record's text."""
     for name, data in measurement.files.items():
         folder.write(name, data)
-    numbers = [(one.name, name, number) for one in measurement.planes for name, number in one.numbers.items()]
+    numbers = [(plane.name, name, number) for plane in measurement.planes for name, number in plane.numbers.items()]
     if numbers and NUMBERS not in measurement.files:
         folder.write(NUMBERS, numbers_table(iter(numbers)))
     return write_record(folder, measurement.record())

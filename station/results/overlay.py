@@ -60,8 +60,8 @@ def read_height_overlay(path: Path) -> Overlay:
 def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[Overlay]:
     """Several of the same unit of frequencies. Raises BadParameter."""
     overlays = [read_height_overlay(path) for path in paths]
-    for one in overlays:
-        one.check(unit)
+    for overlay in overlays:
+        overlay.check(unit)
     return overlays
 
 

@@ -122,7 +122,7 @@ class PlaneResult:
             curves=curves,
             quality=self.quality and _quality_in(self.quality, unit, factor),
             variations=tuple(variations),
-            edges=tuple(_edge_in(one, unit, factor) for one in self.edges),
+            edges=tuple(_edge_in(edge, unit, factor) for edge in self.edges),
             unit=unit,
             factor=factor,
         )
@@ -130,7 +130,7 @@ class PlaneResult:
 
 def _quality_in(quality: Quality, unit: Unit, factor: float) -> Quality:
     """Numbers and budgets in a unit; the curves stay as they were estimated."""
-    scaled = {name for name, one in quality.numbers.items() if one.unit == Unit.CYCLES}
+    scaled = {name for name, number in quality.numbers.items() if number.unit == Unit.CYCLES}
     budgets = {
         convert_name(name, factor): {term: u * (factor if name in scaled else 1) for term, u in terms.items()}
         for name, terms in quality.budgets.items()

@@ -44,7 +44,7 @@ def read_result(folder: Path) -> Measurement:
     if BY_PLANE not in record and "verdict" in record:  # a refusal, or a record of an earlier version
         key, entries = "result", {"result": {**_mapping(record.get(key)), "verdict": record["verdict"]}}
         entries["result"] |= {one: record[one] for one in PARSED if one in record}
-    if not entries or not isinstance(entries, dict) or not all(_is_plane(*one) for one in entries.items()):
+    if not entries or not isinstance(entries, dict) or not all(_is_plane(*item) for item in entries.items()):
         raise BadInput(f"{folder / RECORD} names no planes", _AGAIN)
     planes = tuple(_plane(folder, name, entry) for name, entry in entries.items())
     more = {name: value for name, value in record.items() if name not in (*NOT_ENTRIES, key)}
@@ -72,7 +72,7 @@ def find_results(sessions: Path) -> list[Path]:
 
 def _head(record: Mapping[str, Any]) -> RecordHead:
     files = [one for one in _list(record.get("input")) if isinstance(one, dict)]
-    inputs = tuple(InputFile(str(one.get("path", "")), str(one.get("sha256", ""))) for one in files)
+    inputs = tuple(InputFile(str(file.get("path", "")), str(file.get("sha256", ""))) for file in files)
     optional = {name: record.get(name) for name in OF_HEAD}
     return RecordHead(str(record.get("procedure", "")), inputs, _mapping(record.get("parameters")), **optional)
 
@@ -175,6 +175,6 @@ class Change:
         return (self.other.value - self.one.value) / spread if spread > 0 else math.nan
 
 
-def changes(one: PlaneResult, other: PlaneResult) -> list[Change]:
+def changes(result: PlaneResult, other: PlaneResult) -> list[Change]:
     """The numbers that both have."""
-    return [Change(name, value, other.numbers[name]) for name, value in one.numbers.items() if name in other.numbers]
+    return [Change(name, value, other.numbers[name]) for name, value in result.numbers.items() if name in other.numbers]

@@ -87,7 +87,7 @@ class PartBeside:
 
 def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
     """Files as a record names them."""
-    return tuple(InputFile(str(one.path), one.sha256) for one in files)
+    return tuple(InputFile(str(file.path), file.sha256) for file in files)
 
 
 def verdict_entry(judged: WithVerdict) -> dict[str, Any]:
@@ -98,14 +98,14 @@ def verdict_entry(judged: WithVerdict) -> dict[str, Any]:
 
 def other_causes_entry(judged: WithVerdict) -> dict[str, Any]:
     """The other possible causes alone; nothing where there are none."""
-    return {"other_causes": [asdict(one) for one in judged.other_causes]} if judged.other_causes else {}
+    return {"other_causes": [asdict(cause) for cause in judged.other_causes]} if judged.other_causes else {}
 
 
 def read_other_causes(entry: Mapping[str, Any]) -> tuple[Cause, ...]:
     """The other possible causes that a record holds; earlier records have none."""
     entries = entry.get("other_causes")
     causes = [one for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
-    return tuple(Cause(str(one.get("reason", "")), str(one.get("remedy", ""))) for one in causes)
+    return tuple(Cause(str(cause.get("reason", "")), str(cause.get("remedy", ""))) for cause in causes)
 
 
 # --- Temperature, humidity and other conditions during photographs, by probe, as an entry of a record ---
@@ -121,9 +121,9 @@ def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str
     """
     entries: dict[str, dict[str, Any]] = {}
     for probe, name, readings in _readings(snapshots):
-        values = [checked_number(one["value"], f"`value` of {name}") for one in readings]
-        stated = [checked_number(u, f"`uncertainty` of {name}") for one in readings
-                  if (u := one.get("uncertainty")) is not None]  # fmt: skip
+        values = [checked_number(reading["value"], f"`value` of {name}") for reading in readings]
+        stated = [checked_number(u, f"`uncertainty` of {name}") for reading in readings
+                  if (u := reading.get("uncertainty")) is not None]  # fmt: skip
         entries.setdefault(probe, {})[name] = {
             "value": float(np.mean(values)), "unit": str(readings[0]["unit"]),
             "uncertainty": max(stated, default=None), "min": min(values), "max": max(values), "n": len(values),
@@ -135,8 +135,8 @@ def _readings(snapshots: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, li
     grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for snapshot in snapshots:
         for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
-            for name, one in quantities.items():
-                grouped.setdefault((str(probe), str(name)), []).append(one)
+            for name, quantity in quantities.items():
+                grouped.setdefault((str(probe), str(name)), []).append(quantity)
     return [(*key, readings) for key, readings in grouped.items()]
 
 

@@ -143,7 +143,7 @@ class ResultFolder:
 
     def _note(self, files: Mapping[str, Sequence[str]]) -> None:
         """Store the names of own files while they are replaced: after a crash there is no record."""
-        (self.path / PUBLISHING).write_text(json_text({"files": {name: list(one) for name, one in files.items()}}))
+        (self.path / PUBLISHING).write_text(json_text({"files": {name: list(file) for name, file in files.items()}}))
 
 
 def own_hashes(folder: Path) -> dict[str, list[str]]:
@@ -225,7 +225,7 @@ def plane_record(plane: PlaneResult) -> dict[str, Any]:
     else:
         entry.update({name: number_record(one) for name, one in plane.numbers.items()})
     if plane.variations:
-        entry["variations"] = [asdict(one) for one in plane.variations]
+        entry["variations"] = [asdict(variation) for variation in plane.variations]
     if plane.diffraction is not None:
         cutoff = plane.diffraction.cutoff * plane.factor
         entry["diffraction"] = {**asdict(plane.diffraction), "cutoff": cutoff, "cutoff_unit": str(plane.unit)}

@@ -41,7 +41,7 @@ PlaneName = Annotated[str, one_of(lambda: PLANES)]
 DirectionName = Annotated[str, one_of(lambda: DIRECTIONS)]
 PlaceName = Annotated[str, one_of(lambda: Place)]
 NumberName = Annotated[str, one_of(limited_numbers)]
-WITHOUT_FREQUENCY = one_of(lambda: [one for one in limited_numbers() if one != MTF])
+WITHOUT_FREQUENCY = one_of(lambda: [number for number in limited_numbers() if number != MTF])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -84,5 +84,5 @@ USUAL = Terms()
 
 def specification_verdict(planes: Sequence[PlaneResult]) -> Compliance | None:
     """The worst of the planes' verdicts against their specification; None where no limit holds for any."""
-    judged = [one.specification.judged for one in planes if one.specification and one.specification.judged]
+    judged = [plane.specification.judged for plane in planes if plane.specification and plane.specification.judged]
     return worst(judged) if judged else None

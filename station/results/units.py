@@ -67,7 +67,7 @@ class Pixels:
 def pixels_of(frame: RawFrame, pitch_um: float | None = None) -> dict[str, Pixels]:
     """The pixels of every plane of a photograph; a pitch that is given counts before the camera's own."""
     known = pitch_um or frame.exposure.pixel_pitch_um
-    return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in frame.planes.items()}
+    return {name: Pixels(plane.pitch, known, min(plane.samples.shape)) for name, plane in frame.planes.items()}
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,11 @@ class Frequency:
         return float(f"{self.value / pixels.factor(self.unit):.6g}")
 
 
-def convert_quantity(one: Quantity, unit: Unit, factor: float) -> Quantity:
+def convert_quantity(quantity: Quantity, unit: Unit, factor: float) -> Quantity:
     """A number in a unit; those that are no frequencies stay."""
-    if one.unit != Unit.CYCLES:
-        return one
-    return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(unit))
+    if quantity.unit != Unit.CYCLES:
+        return quantity
+    return replace(quantity, value=quantity.value * factor, uncertainty=quantity.uncertainty * factor, unit=str(unit))
 
 
 def convert_name(name: str, factor: float) -> str:
@@ -98,8 +98,8 @@ def convert_name(name: str, factor: float) -> str:
 def convert_numbers(numbers: Mapping[str, Quantity], unit: Unit, factor: float) -> dict[str, Quantity]:
     """All numbers in a unit: their names, values, uncertainties and methods."""
     converted = {}
-    for name, one in numbers.items():
-        own = convert_quantity(one, unit, factor)
+    for name, number in numbers.items():
+        own = convert_quantity(number, unit, factor)
         if at := frequency_of(name):
             own = replace(own, method=own.method.replace(f"{at[0]:.6g} cycles/pixel", f"{at[0] * factor:.6g} {unit}"))
         converted[convert_name(name, factor)] = own

@@ -1,12 +1,11 @@
 """How right a sensor's numbers are: every truth against its 95 % interval, coverage over many sets, the peer, speed.
 
-python -m tests.benchmarks.sensor [truth] [coverage [SETS]] [low] [speed] [published FOLDER]
+python -m tests.benchmarks.sensor [truth] [coverage [SETS]] [low] [published FOLDER]
 
 truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-, DSNU 1.5 DN, PRNU 0.5 %, two sinusoids,
           200 outliers, a response that bends by 1 %
 coverage  small sets of the same kind, 64 x 64 pixels: how often intervals hold the truth
 low       8 bits, dark noise of 0.1 to 0.6 DN: the same
-speed     levels and stacks of 24 megapixels, per picture
 published a clone of the public repository EMVA1288/datasets: every number against the published program, and the shares
           of the difference by the level of saturation and by the correction of rounding
 Agreement with the published program on its own simulated data is tested in tests/procedures/sensor/test_peer.py.
@@ -15,7 +14,6 @@ Agreement with the published program on its own simulated data is tested in test
 import contextlib
 import platform
 import sys
-import time
 from itertools import pairwise
 from pathlib import Path
 from unittest.mock import patch
@@ -24,7 +22,6 @@ import numpy as np
 
 from procedures.sensor import curves, stacks, uniformity
 from procedures.sensor.estimate import characterise
-from procedures.sensor.stacks import StackSums, measure_level
 from procedures.sensor.uniformity import spatial_variances
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import find_shots
@@ -121,22 +118,6 @@ def low_noise(sets: int) -> None:
         print(f"{name:32s} {np.mean(inside):5.1%} of {len(inside)}")
 
 
-def speed() -> None:
-    """Of 24 megapixels, best of three."""
-    pictures = np.random.default_rng(0).integers(500, 600, (2, 4000, 6000)).astype(np.uint16)
-    level, stack = [], []
-    for _ in range(3):
-        start = time.perf_counter()
-        measure_level(list(pictures), 1.0, 1.0)
-        level.append(time.perf_counter() - start)
-        sums = StackSums()
-        sums.add(pictures[0])
-        start = time.perf_counter()
-        sums.add(pictures[1])
-        stack.append(time.perf_counter() - start)
-    print(f"level of two pictures {min(level):.2f} s, a picture of a stack {min(stack):.2f} s")
-
-
 def published(folder: Path) -> None:
     """Numbers of the public data sets, and their relative difference from the published program in per cent.
 
@@ -166,7 +147,7 @@ def published(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:] or ["truth", "coverage", "500", "speed"]
+    words = sys.argv[1:] or ["truth", "coverage", "500"]
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, {platform.machine()}")
     if "truth" in words:
         truth()
@@ -175,7 +156,5 @@ if __name__ == "__main__":
         coverage(int(words[at]) if at < len(words) and words[at].isdigit() else 500)
     if "low" in words:
         low_noise(25)
-    if "speed" in words:
-        speed()
     if "published" in words:
         published(Path(words[words.index("published") + 1]))

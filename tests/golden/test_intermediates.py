@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -19,18 +21,24 @@ from procedures.field.focus import focus_surface, sharpest
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive, lateral_colour, over_height
 from procedures.field.photosite import Photosite, WithoutPhotosite
+from procedures.field.plan import location_of
 from procedures.field.samplings import as_polynomial
+from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import FORMULAS, CameraModel, distortion
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.conversion import as_kalibr, as_model, as_opencv, as_radial
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.next_view import next_views
+from procedures.geometry.facts import GeometryFacts
+from procedures.geometry.next_view import NextView, next_views
+from procedures.geometry.plan import pose_advice
 from procedures.geometry.rig import estimate_rig
+from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Check, verdict_of
 from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.detection import find_charts
 from procedures.pattern_psf.chart_finding.marks import Saddles
+from procedures.pattern_psf.checks import shown
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.corruptions import print_prior
 from procedures.pattern_psf.drift import chart_series, slope_of
@@ -38,8 +46,9 @@ from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
 from procedures.pattern_psf.focus.sweep import advise_turn, best_focus
 from procedures.pattern_psf.gamma import gamma_diagram
-from procedures.pattern_psf.pose import ImagingGeometry
+from procedures.pattern_psf.pose import ImagingGeometry, chart_pose
 from procedures.pattern_psf.stability import stability_of
+from procedures.plan import facts_as
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
@@ -60,6 +69,7 @@ from tests.procedures.two_photo.damage import names
 from tests.procedures.two_photo.wall import gaussian, photographs
 
 from .frozen import check_frozen
+from .test_plans import of_field
 
 CHART = Chart.from_seed()
 SMALL = PatternParameters(2, 9)
@@ -152,6 +162,15 @@ def chart_views() -> Any:
     return [view_of(one, CHART, "view") for one in (*planes, corner)]
 
 
+def wide_bundle() -> Any:
+    """A first camera of 170 degrees."""
+    lens = polynomial((1500, 1000), 608.0, (754.0, 496.0), (-0.012, 0.004, -0.0015, 0.0002))
+    nodes, index = chart_nodes(CELL_MM)[::16], np.arange(36)
+    seen = [lens.project(nodes @ pose.R.T + pose.t) for pose in poses(lens, 6, 380.0, 26.0)]
+    views = [ChartView("view", index, one, np.tile(np.eye(2) * 1e-4, (36, 1, 1))) for one in seen]
+    return first_bundle(nodes, views, lens.size)
+
+
 def cameras() -> Any:
     """One lens by every formula, its projection and derivatives, and a rig of three."""
     lens = CameraModel("OPENCV", np.array([900.0, 910, 500, 330, -0.1, 0.03, 1e-3, -2e-3]), 1000, 660)
@@ -161,9 +180,25 @@ def cameras() -> Any:
     for name in FORMULAS:
         one, difference = as_model(lens, region, name)
         pixels = one.project(points)
-        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points).shape]
+        found += [name, difference, pixels, one.rays(pixels), one.by_points(points), one.by_params(points)]
         found += [one.focal_px, one.centre, distortion(one, pixels), one.prior, one.units]
     return found, estimate_rig(rig(np.random.default_rng(1), (HERE, TRUE, THIRD)), 2000.0)
+
+
+def views_checked() -> Any:
+    """Advice on a chart in, near and off its pose, with light that is right, too little and too much."""
+    with TemporaryDirectory() as folder:
+        (known, *_), frames = of_field(Path(folder))
+    (frame, _), facts, found = frames.values(), facts_as(GeometryFacts, known), []
+    for light in (1.0, 0.15, 1.6):
+        planes = {name: replace(one, samples=np.minimum(light * one.samples, 1)) for name, one in frame.planes.items()}
+        lit = replace(frame, planes=planes)
+        (sighting,) = find_charts(shown(lit).samples)
+        at, pose = location_of(sighting, shown(lit)), chart_pose(sighting.H_sensor_pattern, (300, 300), facts.optics(2))
+        for off, yaw, pitch in ((0, 0, 0), (0.04, 6.5, 0), (0.06, 0, 0), (0, 7.5, 0), (0, -30, 7.5), (0, 0, -7.5)):
+            wanted = NextView((at.x + off, at.y), pose.yaw_deg + yaw, pose.pitch_deg + pitch, 7600.0, 0.4, 0.3)
+            found.append(pose_advice(4, wanted, sighting, lit, facts))
+    return found
 
 
 def fields() -> Any:
@@ -267,8 +302,8 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, cameras, fields, walls, noises,
-    damaged_charts, damaged_walls, damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, wide_bundle, cameras, views_checked,
+    fields, walls, noises, damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
 
 

@@ -76,14 +76,9 @@ def of_wall(folder: Path) -> tuple[list[Facts], Frames]:
     predicted = "3.2 0.004, 4 0.0045, 5 0.005, 6.3 0.006"
     hand = {"near_mm": 1000.0, "ratio": 4.4, "near_level": 0.5, "predicted": predicted, "farther": 2.0}
     rail = bench({"z_mm": (200.0, 0.0, 6200.0), **HEAD}, near_z_mm=100.0, distance_mm=1120.0, near_laser_mm=1110.0)
-    more = [{**hand, "distance_mm": 1700.0}, {**hand, "far_way_mm": 2400.0, "insisted_near_mm": True}]
-    return [
-        {"near_mm": 900.0},
-        hand,
-        {**hand, **rail},
-        {**hand, **rail, "high_z_mm": 2000.0, "far_way_mm": 3400.0},
-        *more,
-    ], frames
+    short = {**rail, "high_z_mm": 2000.0, "far_way_mm": 3400.0}
+    wrong = [{"distance_mm": 1700.0}, {"far_way_mm": 2400.0, "insisted_near_mm": True}, {"exposure_s": 0.05}]
+    return [{"near_mm": 900.0}, hand, *({**hand, **one} for one in (rail, short, *wrong))], frames
 
 
 def of_field(folder: Path) -> tuple[list[Facts], Frames]:

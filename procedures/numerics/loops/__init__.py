@@ -39,6 +39,6 @@ def __getattr__(name: str) -> object:
     """Load a loop on first use: without the extension that imports Numba, which takes half a second."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    modules = [_native] if _native is not None else [import_module(f"{__name__}.{one}") for one in _MODULES]
-    globals()[name] = value = next(getattr(one, name) for one in modules if hasattr(one, name))
+    modules = [_native] if _native is not None else [import_module(f"{__name__}.{module}") for module in _MODULES]
+    globals()[name] = value = next(getattr(module, name) for module in modules if hasattr(module, name))
     return value

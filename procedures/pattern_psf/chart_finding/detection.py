@@ -214,9 +214,9 @@ def _without_overlaps(sightings: list[ChartSighting]) -> list[ChartSighting]:
     return kept
 
 
-def _share_marks(one: ChartSighting, other: ChartSighting) -> bool:
+def _share_marks(sighting: ChartSighting, other: ChartSighting) -> bool:
     """Whether two sightings share x-corners, which two charts cannot."""
-    a, b = one.corners[one.visible], other.corners[other.visible]
+    a, b = sighting.corners[sighting.visible], other.corners[other.visible]
     near = np.linalg.norm(a[:, None] - b, axis=2) < other.widths().min() * BLOCK / CELLS / 4
     return bool(near.any())
 

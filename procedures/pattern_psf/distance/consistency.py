@@ -36,8 +36,8 @@ SHIFT_PX, SMOOTH_PX, FINE = 3, 3.0, 4
 def measured_scale(looks: Sequence[RangeLook]) -> tuple[float, str] | None:
     """F cell in pixel millimetres by rail or laser, and its source; None without two distinct distances."""
     ways = {
-        "rail's travel": [(one.px_per_cell, one.rail_mm) for one in looks if one.rail_mm is not None],
-        "laser's readings": [(one.px_per_cell, one.laser_mm) for one in looks if one.laser_mm is not None],
+        "rail's travel": [(look.px_per_cell, look.rail_mm) for look in looks if look.rail_mm is not None],
+        "laser's readings": [(look.px_per_cell, look.laser_mm) for look in looks if look.laser_mm is not None],
     }
     for words, pairs in ways.items():
         if len(pairs) < 2:

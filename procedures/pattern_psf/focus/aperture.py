@@ -76,7 +76,7 @@ def mean_f_number(psfs: Sequence[tuple[Psf, Diffraction]], noise: Sequence[float
     noise : factor of each PSF's stated uncertainty; 1 by default
     """
     factors = noise or [1.0] * len(psfs)
-    value, u = np.array([_f_number_of_tail(*one, k) for one, k in zip(psfs, factors, strict=True)]).T
+    value, u = np.array([_f_number_of_tail(*psf, k) for psf, k in zip(psfs, factors, strict=True)]).T
     weight = 1 / u**2
     mean = float(weight @ value / weight.sum())
     scatter = float(weight @ (value - mean) ** 2) / max(len(value) - 1, 1)

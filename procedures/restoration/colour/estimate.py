@@ -109,8 +109,8 @@ def shifted(masks: Sequence[Masks], shifts: Array) -> list[Masks]:
         return list(masks)
     more = int(np.ceil(np.abs(shifts).max())) + 1
     return [
-        MaskField(tuple(tuple(_moved(stack, x, y, more) for stack in row) for row in MaskField.of(one).stacks))
-        for one, (x, y) in zip(masks, shifts, strict=True)
+        MaskField(tuple(tuple(_moved(stack, x, y, more) for stack in row) for row in MaskField.of(mask).stacks))
+        for mask, (x, y) in zip(masks, shifts, strict=True)
     ]
 
 

@@ -205,7 +205,7 @@ def cost_volume(
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
-    reach = [sum(half_size_at(one, float(w)) for one in stacks) for w in levels]
+    reach = [sum(half_size_at(stack, float(w)) for stack in stacks) for w in levels]
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
 

@@ -62,8 +62,8 @@ def _costs(z: Array, stacks: Sequence[Masks]) -> Costs:
     grey = z.mean(axis=1)
     # smooth structure determines no shift, and the tiles' windows would mistake its slope for one
     tiles = _tiles(grey - gaussian_filter(grey, (0, stacks[0].R / 2, stacks[0].R / 2)), stacks[0].R)
-    fields = [MaskField.of(one) for one in stacks]
-    return [(_tile_cost(tile, [one.near(*place) for one in fields]), place) for tile, place in tiles]
+    fields = [MaskField.of(stack) for stack in stacks]
+    return [(_tile_cost(tile, [field.near(*place) for field in fields]), place) for tile, place in tiles]
 
 
 def _common(costs: Sequence[Array]) -> Displacement:
@@ -99,8 +99,8 @@ def _tile_cost(tile: Array, stacks: list[MaskStack]) -> Array:
     size = next_fast_len(tile.shape[1] + 2 * R, True)
     one, two = rfft2(tile, (size, size))
     least: Array | None = None
-    for w in np.arange(LEVEL_PX, min(one.max_w for one in stacks), LEVEL_PX):
-        h1, h2 = (rfft2(one.at(float(w)), (size, size)) for one in stacks)
+    for w in np.arange(LEVEL_PX, min(stack.max_w for stack in stacks), LEVEL_PX):
+        h1, h2 = (rfft2(stack.at(float(w)), (size, size)) for stack in stacks)
         a, b = one * h2, two * h1
         noise = np.abs(h1) ** 2 + np.abs(h2) ** 2 + 1e-3
         energy = irfft2((np.abs(a) ** 2 + np.abs(b) ** 2) / noise, (size, size))[0, 0]

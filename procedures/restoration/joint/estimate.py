@@ -167,7 +167,7 @@ SEARCHED = 2 * len(MASK_RADII)
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     """Pixels about a depth edge where windowed matching mixes both sides: half-widths of both masks and the window."""
     w75 = float(np.percentile(w, 75))
-    return sum(sorted(half_size_at(one, w75) for one in stacks)[-2:]) + 5
+    return sum(sorted(half_size_at(stack, w75) for stack in stacks)[-2:]) + 5
 
 
 def _restoration(
@@ -227,7 +227,7 @@ def _restoration(
 def _sharpened(picture: Array) -> float:
     """Largest score of an unsharp mask in the noise of a picture's flat parts."""
     noise = flat_noise(picture.astype(np.float32))  # a blurred scene varies slowly: by squares and fourth powers
-    return max(one.score for one in mask_scores([noise], MASK_RADII, [DRIFT, DRIFT**2]))
+    return max(score.score for score in mask_scores([noise], MASK_RADII, [DRIFT, DRIFT**2]))
 
 
 def _rms(residual: Array, trust: Array) -> float:

@@ -47,10 +47,10 @@ def stacks_of(
         if not 0 < ratio < np.inf:
             raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")
     sizes = [*zip(ratios, tuple(offsets) or (0.0,) * len(ratios), strict=True)]
-    R = max(reach(max_w + BEYOND), *(reach(max_w + BEYOND, *one) for one in sizes))
+    R = max(reach(max_w + BEYOND), *(reach(max_w + BEYOND, *size) for size in sizes))
     check_extent(R, frame)
     widest = max_w + BEYOND
-    return [mask_stack(one, widest, ratio=a, offset=b, R=R) for one, (a, b) in zip(shapes, sizes, strict=True)]
+    return [mask_stack(shape, widest, ratio=a, offset=b, R=R) for shape, (a, b) in zip(shapes, sizes, strict=True)]
 
 
 def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:

@@ -91,7 +91,7 @@ class Occlusion:
 def occlusion_of(w: Array, stacks: Sequence[Masks]) -> Occlusion:
     """Regions of possible occlusion at the edges of a depth w (H, W), from the photographs' masks."""
     widest = float(np.quantile(w, QUANTILE))
-    reach = max(half_size_at(one, widest) for one in stacks) + BEYOND
+    reach = max(half_size_at(stack, widest) for stack in stacks) + BEYOND
     step = _span(w, reach)
     return Occlusion((step > LEAST_STEP) & (step > STEEP * _span(w, 2 * reach)), step)
 

@@ -84,7 +84,7 @@ def picture_error(
 
 def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
     """Squared transfer function of the mask that blurs least."""
-    each = [responses([one], w)[0] for one in stacks]
+    each = [responses([stack], w)[0] for stack in stacks]
     return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
 
 

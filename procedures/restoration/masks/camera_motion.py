@@ -208,7 +208,7 @@ def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
         raise Refused("the rig must move during the exposures; it was at rest", "set it in motion, then expose")
     levels, R = int(np.ceil(max_w / LEVEL_PX)) + 2, int(np.ceil(max_w)) + 3
     scales = np.arange(levels) * LEVEL_PX / half
-    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), LEVEL_PX) for path in paths]
+    return [MaskStack(np.stack([path_mask(path * scale, R) for scale in scales]), LEVEL_PX) for path in paths]
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def gaussian_constant(psfs: Sequence[Psf], radii_px: npt.ArrayLike) -> GaussianC
             f"{len(psfs)} with the radii {', '.join(f'{one:.2f}' for one in r)}",
             "photograph the chart farther out of focus",
         )
-    sigmas = np.array([gaussian_sigma_px(one) for one in psfs])
+    sigmas = np.array([gaussian_sigma_px(psf) for psf in psfs])
     k = float(sigmas @ r / (r @ r))
     residual = sigmas - k * r
     spread = float(np.sqrt(residual @ residual / (len(r) - 1) / (r @ r)))

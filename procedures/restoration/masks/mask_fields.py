@@ -34,7 +34,7 @@ class MaskField:
     def __post_init__(self) -> None:
         if not self.stacks or not self.stacks[0] or len({len(row) for row in self.stacks}) > 1:
             raise BadParameter("a field of masks is a grid: rows of equal length", "give one stack for each node")
-        if len({(one.masks.shape, one.step) for one in self.nodes}) > 1:
+        if len({(node.masks.shape, node.step) for node in self.nodes}) > 1:
             raise BadParameter("masks of a field must agree in size, step and levels", "make them with one R and max w")
 
     @staticmethod
@@ -74,7 +74,7 @@ class MaskField:
 
     def supports(self) -> NDArray[np.int32]:
         """Half-size of the square outside which the masks of each level are zero everywhere in the frame."""
-        return np.asarray(np.max([one.supports() for one in self.nodes], axis=0), dtype=np.int32)
+        return np.asarray(np.max([node.supports() for node in self.nodes], axis=0), dtype=np.int32)
 
     def at(self, w: float) -> Array:
         """The mask of one w at the frame's centre, which represents the frame in global figures."""
@@ -122,9 +122,9 @@ def positions(grid: tuple[int, int], shape: tuple[int, int], R: int) -> tuple[Ar
 
 def one_grid(masks: Sequence[Masks]) -> list[MaskField]:
     """The masks of several photographs on one grid. Raises BadParameter if two of them vary over different grids."""
-    fields = [MaskField.of(one) for one in masks]
-    grid = max((one.grid for one in fields), key=lambda one: one[0] * one[1])
-    return [one.spread(grid) for one in fields]
+    fields = [MaskField.of(mask) for mask in masks]
+    grid = max((field.grid for field in fields), key=lambda one: one[0] * one[1])
+    return [field.spread(grid) for field in fields]
 
 
 def alike(masks: Sequence[Masks]) -> bool:

@@ -257,7 +257,7 @@ def _searched(
 def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
     """`count` kernels (K, K) of one sample a pixel from an earlier restoration, and the doubt about them. Raises
     BadParameter for others."""
-    sizes = [len(one) for one in kernels]
+    sizes = [len(kernel) for kernel in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:
         raise BadParameter(
             f"a flat scene's kernels are one for each of {count} photographs, of less than {MEASURED} pixels each way; "
@@ -265,7 +265,7 @@ def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None
             "give the kernel_N.npy of a result, in the order of the photographs",
         )
     most = max(sizes)
-    padded = np.stack([np.pad(one / one.sum(), (most - len(one)) // 2) for one in kernels])
+    padded = np.stack([np.pad(kernel / kernel.sum(), (most - len(kernel)) // 2) for kernel in kernels])
     return MotionShapes(padded, (most - 1) / 2, None, doubt, REMEDY)
 
 

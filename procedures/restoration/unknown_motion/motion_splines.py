@@ -78,7 +78,7 @@ def half_width(points: Array) -> float:
 def shapes_of(points: Array) -> Array:
     """Shapes on [-1, 1] of both curves (2, POINTS, 2), with one scale."""
     curves = whole() @ points
-    return np.stack([path_shape(one, extent=float(np.abs(curves).max())) for one in curves])
+    return np.stack([path_shape(curve, extent=float(np.abs(curves).max())) for curve in curves])
 
 
 def _cost(points: Array, target: Array, sigma: float, steady: float, instants: int) -> float:

@@ -152,7 +152,7 @@ class _View:
         return DataTerm(self.z.astype(np.float32), [BlurOperator(s, shape, np.float32) for s in stacks], trust)
 
     def stacks(self, points: Array) -> list[MaskStack]:
-        return [path_stack(one, self.half, self.max_w, self.R) for one in points]
+        return [path_stack(point, self.half, self.max_w, self.R) for point in points]
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""

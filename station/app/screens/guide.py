@@ -247,10 +247,10 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, result: Result) -> None:
         self._doing_last = False
-        planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
+        planes = [f"{name}: {verdict_words(plane.verdict, self.glyphs)}" for name, plane in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
         lens, *against = specified(list(result.planes.values())) or [""]
-        others = "; ".join(one.reason for one in result.other_causes)
+        others = "; ".join(cause.reason for cause in result.other_causes)
         words += [lens, sentences(result.reason, result.remedy), *against]
         words += [f"Other possible causes: {others}."] if others else []
         self._verdict = tuple(text for text in words if text)

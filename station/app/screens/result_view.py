@@ -70,7 +70,7 @@ def number_lines(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
 
 def _causes_in_words(judged: WithVerdict) -> list[str]:
     """The most likely cause with its remedy, then other possible ones."""
-    others = [f"- {one.reason}; {one.remedy}" for one in judged.other_causes]
+    others = [f"- {cause.reason}; {cause.remedy}" for cause in judged.other_causes]
     lines = [text for text in (judged.reason, judged.remedy) if text]
     return lines + (["Other possible causes:", *others] if others else [])
 
@@ -98,5 +98,5 @@ def changes_in_words(changes: Sequence[Change], glyphs: Glyphs) -> list[str]:
     return lines
 
 
-def _unit(one: Quantity) -> str:
-    return "" if one.unit == "1" else one.unit
+def _unit(quantity: Quantity) -> str:
+    return "" if quantity.unit == "1" else quantity.unit

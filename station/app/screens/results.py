@@ -98,14 +98,14 @@ class ResultsScreen(StationScreen):
         """Show the results; the chosen one stays chosen."""
         self._entries = entries
         self.set_class(not entries, EMPTY)
-        at = next((i for i, one in enumerate(entries) if self._chosen and one.folder == self._chosen.folder), 0)
-        self.query_one(Choices).set_lines([self._line(one) for one in entries], at)
+        at = next((i for i, entry in enumerate(entries) if self._chosen and entry.folder == self._chosen.folder), 0)
+        self.query_one(Choices).set_lines([self._line(entry) for entry in entries], at)
         if entries:
             self._choose(entries[at])
 
-    def _line(self, one: ResultEntry) -> str:
-        kept = " (kept to compare)" if self._compared and one.folder == self._compared.folder else ""
-        return one.name() + kept
+    def _line(self, entry: ResultEntry) -> str:
+        kept = " (kept to compare)" if self._compared and entry.folder == self._compared.folder else ""
+        return entry.name() + kept
 
     @on(Choices.Moved)
     @on(Choices.Chosen)
@@ -176,9 +176,9 @@ class ResultsScreen(StationScreen):
             lines.append(str(error))
         self.query_one("#words", Part).update(lines_of(*lines))
 
-    def _draw(self, one: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:
-        h = None if one is None else one.samples
-        picture = None if one is None or h is None else psf_thumbnail(h, f"PSF of plane {one.name}")
+    def _draw(self, result: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:
+        h = None if result is None else result.samples
+        picture = None if result is None or h is None else psf_thumbnail(h, f"PSF of plane {result.name}")
         self.query_one(Picture).show(picture)
         self.query_one(CurveView).show(mtf_plot(curves))
 

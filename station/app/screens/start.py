@@ -145,8 +145,8 @@ def _remedy(name: str, one: Condition) -> str:
     return f"{name}: {brief(one)}: {'the guide homes it; or press F3, then H' if unhomed else f'{one.remedy} (see F3)'}"
 
 
-def kept_in_words(one: SessionSummary) -> str:
+def kept_in_words(summary: SessionSummary) -> str:
     """A session on one line: date, subject, progress."""
-    steps = f"{len(one.done)} step{'s' * (len(one.done) != 1)} done"
-    state = "finished" if one.ended == "finished" else f"{steps}, {one.ended}" if one.ended else steps
-    return f"{one.began[:16].replace('T', ' ')}  {one.camera}, {one.lens}, {one.plan}: {state}"
+    steps = f"{len(summary.done)} step{'s' * (len(summary.done) != 1)} done"
+    state = "finished" if summary.ended == "finished" else f"{steps}, {summary.ended}" if summary.ended else steps
+    return f"{summary.began[:16].replace('T', ' ')}  {summary.camera}, {summary.lens}, {summary.plan}: {state}"

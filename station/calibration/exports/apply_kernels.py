@@ -73,7 +73,7 @@ def write(path: str, picture: np.ndarray, white: int) -> None:
 
 def main(arguments: list[str]) -> None:
     """Read, correct and write."""
-    files = [one for one in arguments if one != "--srgb"]
+    files = [argument for argument in arguments if argument != "--srgb"]
     if len(files) != 2:
         sys.exit(f"{__doc__}\nThe filters are of {SOURCE}.")
     stored = np.load(io.BytesIO(base64.b64decode(FILTERS)), allow_pickle=False)

@@ -188,7 +188,7 @@ def _add_vignetting(
     places = np.column_stack([x.ravel(), y.ravel()])
     r = np.linalg.norm(pitch * places - centre, axis=1) / (np.hypot(columns - 1, rows - 1) / 2)
     fit = even_powers(r, light.at(places), 3)
-    terms = {f"k{i}": _text(one) for i, one in enumerate(fit.terms, 1)}
+    terms = {f"k{i}": _text(term) for i, term in enumerate(fit.terms, 1)}
     for distance in DISTANCES_M:
         about = {"focal": _text(names.focal_mm), "aperture": _text(names.f_number), "distance": _text(distance)}
         ElementTree.SubElement(calibration, "vignetting", {"model": "pa", **about, **terms})

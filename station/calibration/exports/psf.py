@@ -79,10 +79,10 @@ def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> tuple[str, ...]
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
     i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
     corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]
-    known = np.all([field.inside(one) for one in corners], axis=0)
+    known = np.all([field.inside(corner) for corner in corners], axis=0)
     if not known.any():
         return ()
-    between = np.mean([whole_psfs(field, one[known]) for one in corners], axis=0)
+    between = np.mean([whole_psfs(field, corner[known]) for corner in corners], axis=0)
     true = whole_psfs(field, middle[known])
     lost = np.linalg.norm(between - true, axis=(1, 2)) / np.linalg.norm(true, axis=(1, 2))
     return (f"between the points of the grid linear interpolation errs by {lost.max():.2%} of the PSF's norm at most",)

@@ -35,7 +35,7 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
     if not developments or outcome.value is None:
         return outcome
     light = np.clip(outcome.value.sharp.mean(axis=0), 0, 1)
-    error = np.max([one.light_error(light) for one in developments], axis=0)
+    error = np.max([development.light_error(light) for development in developments], axis=0)
     gain = max(1.0, outcome.value.diagnostics.noise_gain)
     outcome = replace(outcome, value=outcome.value.with_added_error(gain * error))
     if curve := wrong_curve(frames):
@@ -46,13 +46,13 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
 
 def unknown_of(developments: Sequence[Development]) -> tuple[str, str] | None:
     """Unknown parts of the pictures' development, with the remedy; None where all of it is stated."""
-    if any(one.format == RAW for one in developments):
+    if any(development.format == RAW for development in developments):
         return "the photographs have no 2 x 2 mosaic: they were demosaicked, which is part of their blur", _BAYER
-    lossy = any(one.format in LOSSY for one in developments)
-    if not lossy and not any(one.assumed for one in developments):
+    lossy = any(development.format in LOSSY for development in developments)
+    if not lossy and not any(development.assumed for development in developments):
         return None
-    curves = " and ".join(dict.fromkeys(_words(one) for one in developments))
-    kinds = " and ".join(dict.fromkeys(one.format for one in developments))
+    curves = " and ".join(dict.fromkeys(_words(development) for development in developments))
+    kinds = " and ".join(dict.fromkeys(development.format for development in developments))
     reason = f"{kinds} pictures were developed by a camera or a program: {curves}; sharpening and noise reduction stay"
     remedy = "give RAW files" if lossy else "give RAW files, or state --encoding"
     return reason, remedy

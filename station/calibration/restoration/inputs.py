@@ -144,7 +144,7 @@ def doubt_of(names: Sequence[str]) -> str | None:
     """The doubt in the records of the restorations that estimated kernels or shapes; None if there is none."""
     estimated = [path for path in map(Path, names) if _estimated(path)]
     doubts = (_record_of(path).get("parameters", {}).get("motion", {}).get("doubt") for path in estimated)
-    return next((str(one) for one in doubts if one), None)
+    return next((str(doubt) for doubt in doubts if doubt), None)
 
 
 def _result_array(path: Path, what: str) -> Array:

@@ -218,17 +218,17 @@ def conform(
     table, real = _stage_table(driver, port, device, config), bool(port or device)
     findings, record = _tried(table, config.parent if real else None, operations, seed, quiet=as_json)
     if as_json:
-        trials = [asdict(one) for one in findings]
+        trials = [asdict(finding) for finding in findings]
         click.echo(json.dumps({"driver": table["driver"], "port": port, "seed": seed, "trials": trials}))
     else:
-        rows = [(one.trial, "kept" if one.kept else "BROKEN", one.figure) for one in findings]
+        rows = [(finding.trial, "kept" if finding.kept else "BROKEN", finding.figure) for finding in findings]
         click.echo(columns([("trial", "promise", "figure"), *rows]))
     if out is not None:
         from station.reports.conformance import write_conformance
 
         for path in write_conformance(out, record, key):
             click.echo(path, err=True)
-    if not all(one.kept for one in findings):
+    if not all(finding.kept for finding in findings):
         raise click.exceptions.Exit(FAILED)
 
 
@@ -289,9 +289,9 @@ def _verify_conformance(folder: Path, key: Path | None, *, strict: bool, as_json
 
     checks = list(check_conformance(folder, key))
     if as_json:
-        click.echo(json.dumps({"folder": str(folder), "checks": [asdict(one) for one in checks]}))
+        click.echo(json.dumps({"folder": str(folder), "checks": [asdict(check) for check in checks]}))
     else:
-        click.echo(columns([(one.name, AGREES[one.agrees], one.words) for one in checks]))
-    if any(one.agrees is False for one in checks):
+        click.echo(columns([(check.name, AGREES[check.agrees], check.words) for check in checks]))
+    if any(check.agrees is False for check in checks):
         raise click.exceptions.Exit(BadInput.exit_code)
-    check_strict(("pass" if one.agrees else "doubtful" for one in checks), strict=strict)
+    check_strict(("pass" if check.agrees else "doubtful" for check in checks), strict=strict)

@@ -58,7 +58,7 @@ def _frequencies(context: click.Context, option: click.Parameter, words: str | N
         frequencies = tuple(float(word) for word in (words or "").split(",") if word.strip())
     except ValueError:
         frequencies = (-1.0,)
-    if not all(0 <= one < float("inf") for one in frequencies):
+    if not all(0 <= frequency < float("inf") for frequency in frequencies):
         raise click.BadParameter(f"{words!r} is no list of frequencies, such as 0.1,0.25", context, option)
     return frequencies
 

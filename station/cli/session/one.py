@@ -45,7 +45,7 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
             shown("hashing photographs and results", 0)
             same = _sums_agree(record)
         _log_check(record, sums_agree=same)
-    check_strict([one.verdict for one in record.state.results[-1:]], strict=strict)
+    check_strict([result.verdict for result in record.state.results[-1:]], strict=strict)
 
 
 def _sums_agree(record: SessionRecord) -> bool:
@@ -203,17 +203,17 @@ def _report_recomputed(one: RecomputedResult) -> None:
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
 
 
-def _numbers(one: RecomputedResult) -> list[str]:
+def _numbers(result: RecomputedResult) -> list[str]:
     """Changes of the numbers relative to their uncertainties."""
-    if not one.numbers:
+    if not result.numbers:
         return []
-    if not one.moved:
-        return [f"its {one.numbers} numbers are the same"]
-    largest = one.moved[0]
+    if not result.moved:
+        return [f"its {result.numbers} numbers are the same"]
+    largest = result.moved[0]
     words = f"the most {largest.number} of {largest.plane}, {largest.then:.6g} then and {largest.now:.6g} now"
     sigmas = largest.sigmas
     agree = [f"all numbers agree within {abs(sigmas):.2g} of their uncertainties"] if abs(sigmas) < AGREE else []
-    return [*agree, f"{len(one.moved)} of {one.numbers} numbers moved, {words}: {sigmas:+.2g} of its uncertainty"]
+    return [*agree, f"{len(result.moved)} of {result.numbers} numbers moved, {words}: {sigmas:+.2g} of its uncertainty"]
 
 
 @command("delete")
@@ -259,4 +259,4 @@ def session_report(
     for name, data in certificate_files(folder, details=details).items() if details else ():
         write_whole(path.parent / name, data)
         log("written", f"wrote {path.parent / name}", path=str(path.parent / name))
-    check_strict([one.verdict for one in read_session(folder).state.results[-1:]], strict=strict)
+    check_strict([result.verdict for result in read_session(folder).state.results[-1:]], strict=strict)

@@ -61,28 +61,28 @@ def session_list(root: Path, strict: bool, as_json: bool, **wanted: Any) -> None
         entries = index.sessions(chosen(**wanted))
     if as_json:
         click.echo(
-            json.dumps({"schema": "station/sessions/1", "sessions": [one.record() for one in entries]}, indent=1)
+            json.dumps({"schema": "station/sessions/1", "sessions": [entry.record() for entry in entries]}, indent=1)
         )
     elif entries:
-        click.echo(columns([HEADING, *(_row(one) for one in entries)]))
+        click.echo(columns([HEADING, *(_row(entry) for entry in entries)]))
     else:
         log("sessions", f"no session in {root} matches", root=str(root))
-    for one in entries:
-        if one.damage:
-            log("damaged", f"{one.folder.name}: {one.damage}", level="warning", folder=str(one.folder))
-    check_strict([one.verdict for one in entries], strict=strict)
+    for entry in entries:
+        if entry.damage:
+            log("damaged", f"{entry.folder.name}: {entry.damage}", level="warning", folder=str(entry.folder))
+    check_strict([entry.verdict for entry in entries], strict=strict)
 
 
 HEADING = ("session", "begun", "camera", "lens", "plan", "shots", "ended", "verdict")
 
 
-def _row(one: IndexEntry) -> tuple[str, ...]:
-    if one.damage and not one.began:
-        return one.folder.name, "-", "-", "-", "-", "-", "-", "damaged"
-    shots = f"{one.counting} of {one.shots}"
-    verdict = "damaged" if one.damage else one.verdict or "-"
-    words = (one.camera, one.lens, one.plan, shots, one.ended or "open", verdict)
-    return one.folder.name, one.began[:16].replace("T", " "), *words
+def _row(entry: IndexEntry) -> tuple[str, ...]:
+    if entry.damage and not entry.began:
+        return entry.folder.name, "-", "-", "-", "-", "-", "-", "damaged"
+    shots = f"{entry.counting} of {entry.shots}"
+    verdict = "damaged" if entry.damage else entry.verdict or "-"
+    words = (entry.camera, entry.lens, entry.plan, shots, entry.ended or "open", verdict)
+    return entry.folder.name, entry.began[:16].replace("T", " "), *words
 
 
 @command("trend", strict=True, as_json=True)
@@ -114,7 +114,7 @@ def session_trend(
         )
     if out is not None:
         _draw(camera, lines, out)
-    check_strict(["pass" if one.drifts is False else "doubtful" for one in lines] or [None], strict=strict)
+    check_strict(["pass" if line.drifts is False else "doubtful" for line in lines] or [None], strict=strict)
 
 
 TREND_HEADING = ("plane", "quantity", "sessions", "last", "change per year", "by chance", "finding")
@@ -129,19 +129,19 @@ def _table(lines: list[Trend]) -> str:
     parts = []
     for (lens, plan), several in itertools.groupby(lines, lambda one: (one.lens, one.plan)):
         rows = list(several)
-        units = ", ".join(sorted({one.unit for one in rows}))
+        units = ", ".join(sorted({row.unit for row in rows}))
         title = printable(f"{lens}, plan {plan}, in {units}")
-        parts.append(f"{title}\n{columns([TREND_HEADING, *(_trend_row(one) for one in rows)])}")
+        parts.append(f"{title}\n{columns([TREND_HEADING, *(_trend_row(row) for row in rows)])}")
     return "\n\n".join(parts)
 
 
-def _trend_row(one: Trend) -> tuple[str, ...]:
-    last = stated(one.points[-1].value, one.points[-1].uncertainty)
+def _trend_row(trend: Trend) -> tuple[str, ...]:
+    last = stated(trend.points[-1].value, trend.points[-1].uncertainty)
     slope, chance = "-", "-"
-    if one.line is not None:
-        slope = stated(one.line.slope, one.line.slope_uncertainty)
-        chance = f"{one.line.p_value:.2g}" if one.line.p_value >= LEAST_CHANCE else f"< {LEAST_CHANCE:g}"
-    return one.plane, one.quantity, str(len(one.points)), last, slope, chance, one.finding
+    if trend.line is not None:
+        slope = stated(trend.line.slope, trend.line.slope_uncertainty)
+        chance = f"{trend.line.p_value:.2g}" if trend.line.p_value >= LEAST_CHANCE else f"< {LEAST_CHANCE:g}"
+    return trend.plane, trend.quantity, str(len(trend.points)), last, slope, chance, trend.finding
 
 
 def _draw(camera: str, lines: list[Trend], out: Path) -> None:
@@ -155,14 +155,14 @@ def _draw(camera: str, lines: list[Trend], out: Path) -> None:
 def _record(camera: str, lines: list[Trend]) -> dict[str, Any]:
     from station.results.result_files import plain
 
-    def entry(one: Trend) -> dict[str, Any]:
-        line = None if one.line is None else asdict(one.line)
+    def entry(trend: Trend) -> dict[str, Any]:
+        line = None if trend.line is None else asdict(trend.line)
         points = [
             {"session": p.folder.name, "began": p.began, "value": p.value, "uncertainty": p.uncertainty}
-            for p in one.points
+            for p in trend.points
         ]
         names = ("lens", "plan", "plane", "quantity", "unit", "drifts", "finding")
-        return {**{name: getattr(one, name) for name in names}, "points": points, "line": line}
+        return {**{name: getattr(trend, name) for name in names}, "points": points, "line": line}
 
     record: dict[str, Any] = plain(
         {"schema": "station/trend/1", "camera": camera, "trends": [entry(one) for one in lines]}
@@ -179,6 +179,6 @@ def session_index(root: Path, rebuild: bool) -> None:
 
     with Index(root, rebuild=rebuild) as index:
         entries, cameras, lenses = index.sessions(), index.names("cameras"), index.names("lenses")
-    damaged = sum(bool(one.damage) for one in entries)
+    damaged = sum(bool(entry.damage) for entry in entries)
     sentence = f"{len(entries)} sessions, {len(cameras)} cameras, {len(lenses)} lenses; {damaged} sessions are damaged"
     log("index", sentence, sessions=len(entries), cameras=len(cameras), lenses=len(lenses), damaged=damaged)

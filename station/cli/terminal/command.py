@@ -65,9 +65,9 @@ class StationCommand(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         headings = {name: heading for heading, names in GROUPS.items() for name in names}
         groups: dict[str, list[tuple[str, str]]] = {"Options": [], **{heading: [] for heading in GROUPS}}
-        for one in self.get_params(ctx):
-            if isinstance(one, click.Option) and (record := one.get_help_record(ctx)) is not None:
-                groups[headings.get(max(one.opts, key=len), "Options")].append(record)
+        for param in self.get_params(ctx):
+            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
+                groups[headings.get(max(param.opts, key=len), "Options")].append(record)
         for heading, records in groups.items():
             if records:
                 with formatter.section(heading):
@@ -108,7 +108,7 @@ class FiniteNumber(click.FloatRange):
 
 def completed(names: Callable[[click.Context], Iterable[str]]) -> Any:
     """Completion of a parameter by the names of its values, which are found when a shell asks."""
-    return lambda ctx, param, incomplete: [one for one in names(ctx) if one.startswith(incomplete)]
+    return lambda ctx, param, incomplete: [name for name in names(ctx) if name.startswith(incomplete)]
 
 
 def plan_names(ctx: click.Context) -> Iterable[str]:

@@ -36,7 +36,7 @@ class LazyGroup(StationCommand, click.Group):
         """The procedures that other packages add to this group."""
         if not self.extensible:
             return []
-        return [one.name for one in entry_points(group=ADDED) if one.name not in self.table]
+        return [point.name for point in entry_points(group=ADDED) if point.name not in self.table]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command itself, imported now."""

@@ -44,7 +44,7 @@ def algorithm_1(z: Array, stacks: list[MaskStack], w: Array, p: Alternation) -> 
     """
     data = data_term(z, stacks)
     depth = np.pad(w, data.R, mode="edge").astype(np.float32)
-    most = np.float32(min(one.max_w for one in stacks))
+    most = np.float32(min(stack.max_w for stack in stacks))
     u = data.mean()
     for _ in range(p.rounds):
         data.focus(depth)

@@ -61,7 +61,7 @@ def _error(estimate: PatternPsf, truth: Array) -> float:
 def apertures(setting: Setting) -> RowValues:
     """The PSF at five apertures: f/16 and f/32 cut high frequencies, the camera aliases at all but f/32."""
     estimates = {N: _at_aperture(N)[0] for N in APERTURES}
-    mtf = {N: cameras.mtf_down(one.psf.h) for N, one in estimates.items()}
+    mtf = {N: cameras.mtf_down(estimate.psf.h) for N, estimate in estimates.items()}
     at_nyquist = {N: float(one[NYQUIST]) for N, one in mtf.items()}
     sharp = min(at_nyquist[N] for N in APERTURES[:3])
     figures = (
@@ -143,7 +143,7 @@ def response(setting: Setting) -> RowValues:
     beta = estimates["refined"].diagnostics["response_curvature"]
     bent = measured.bent(m * signal) / measured.bent(np.array([signal]))
     refined = m + beta * (m**2 - m)
-    mtf = {name: cameras.mtf_down(one.psf.h) for name, one in estimates.items()}
+    mtf = {name: cameras.mtf_down(estimate.psf.h) for name, estimate in estimates.items()}
     figures = (
         curves(
             "response", [Curve("with the PSF", m, refined), Curve("uniform light", m, bent, "--")], x="light", y="g"
@@ -176,10 +176,10 @@ def planes(setting: Setting) -> RowValues:
     """PSFs of the four Bayer planes: red is larger, the MTFs of red and blue are rotated from green's."""
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
     estimates = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
-    radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in estimates.items()}
-    lean = {name: _lean(one.psf.h) for name, one in estimates.items()}
+    radius = {name: estimate.quality.numbers[ENCIRCLED_ENERGY_80].value for name, estimate in estimates.items()}
+    lean = {name: _lean(estimate.psf.h) for name, estimate in estimates.items()}
     figures = (
-        pictures("planes-psf", [(name, one.psf.h) for name, one in estimates.items()], cmap="viridis"),
+        pictures("planes-psf", [(name, estimate.psf.h) for name, estimate in estimates.items()], cmap="viridis"),
         cameras.mtf_curves(
             "planes-mtf", "horizontal", {name: cameras.mtf_across(one.psf.h) for name, one in estimates.items()}
         ),

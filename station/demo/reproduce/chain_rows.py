@@ -146,8 +146,8 @@ def restoration_chain(setting: Setting) -> RowValues:
     pairs = _pairs(shape)
     depths = [first_depth_of(pair, right) for pair in pairs]
     (w, picture, maps), (w_wrong, wrong_picture, _) = (_followed(pairs, depths, stacks) for stacks in (right, wrong))
-    direct = _errors(pairs, [restored_at(pair, right, one) for pair, one in zip(pairs, depths, strict=True)])
-    first = [pair.w_error(one) for pair, one in zip(pairs, depths, strict=True)]
+    direct = _errors(pairs, [restored_at(pair, right, depth) for pair, depth in zip(pairs, depths, strict=True)])
+    first = [pair.w_error(depth) for pair, depth in zip(pairs, depths, strict=True)]
     ratios = (w_wrong[0] / w[0], _gains(first, w), _gains(direct, picture))
     figures = (pictures("chain-first", _by_noise(depths)), pictures("chain", _by_noise(maps)))
     return RowValues((*w, *w_wrong, *picture, *wrong_picture, *ratios), figures)
@@ -159,8 +159,8 @@ def restoration_chain_motion(setting: Setting) -> RowValues:
     shape = uniform_motion()
     stacks, pairs = scenes.stacks(shape), _pairs(shape)
     depths = [first_depth_of(pair, stacks, axis="x") for pair in pairs]
-    direct = _errors(pairs, [restored_at(pair, stacks, one) for pair, one in zip(pairs, depths, strict=True)])
-    first = [pair.w_error(one) for pair, one in zip(pairs, depths, strict=True)]
+    direct = _errors(pairs, [restored_at(pair, stacks, depth) for pair, depth in zip(pairs, depths, strict=True)])
+    first = [pair.w_error(depth) for pair, depth in zip(pairs, depths, strict=True)]
     w, picture, maps = _followed(pairs, depths, stacks)
     figures = (pictures("chain-motion-first", _by_noise(depths)), pictures("chain-motion", _by_noise(maps)))
     return RowValues((*first, *w, *direct, *picture, _gains(first, w), _gains(direct, picture)), figures)

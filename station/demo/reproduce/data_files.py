@@ -62,7 +62,7 @@ def fetch(folder: Path, files: Sequence[PublishedFile], *, threads: int = 1, pro
     Raises BadInput if a photograph cannot be obtained, or has other contents than the published ones.
     """
     work: list[tuple[str, Callable[[Path], None]]] = [
-        *((one.path, one.download) for one in files if not one.is_in(folder)),
+        *((file.path, file.download) for file in files if not file.is_in(folder)),
         *(
             (name, partial(_render, name=name, samples=samples, threads=threads))
             for name, samples in {**FILMS, REFERENCE: REFERENCE_SAMPLES}.items()

@@ -255,10 +255,10 @@ def eigenvalues(setting: Setting) -> RowValues:
     order = np.arange(1, r * r + 1)
     figure = curves(
         "eigenvalues",
-        [Curve(name, order, one) for name, one in values.items()],
+        [Curve(name, order, value) for name, value in values.items()],
         x="order",
         y="eigenvalues of C'S'SC",
         log="y",
     )
-    spread = {name: float(one[1] / one[-1]) for name, one in values.items()}
+    spread = {name: float(value[1] / value[-1]) for name, value in values.items()}
     return RowValues((spread["noise pattern"], spread["disc of arcs"] / spread["noise pattern"]), (figure,))

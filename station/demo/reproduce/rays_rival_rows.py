@@ -189,7 +189,7 @@ def rays_oracle(setting: Setting) -> RowValues:
     estimates = [oracle(film, truth.mean, patch, by_means=by_means) for by_means in (True, False) for patch in range(3)]
     names = [f"{name}, {side}" for name in ("NL-means", "histograms") for side in SIDES]
     figure = pictures("oracle", [(name, shown(one)) for name, one in zip(names, estimates, strict=True)], columns=3)
-    return RowValues(tuple(psnr(one, truth) for one in estimates), (figure,))
+    return RowValues(tuple(psnr(estimate, truth) for estimate in estimates), (figure,))
 
 
 # --- Figure 4.21 ---

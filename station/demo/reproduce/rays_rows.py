@@ -112,7 +112,7 @@ def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
     _, truth = film_and_reference(setting, 256)
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
-    error = np.array([10 ** (-psnr(one, truth) / 10) for one in estimates])
+    error = np.array([10 ** (-psnr(estimate, truth) / 10) for estimate in estimates])
     best = int(np.argmin(error))
     figures = (
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
@@ -138,11 +138,11 @@ def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
-    wide = {scales: _wide_noise(one, truth.mean) for scales, one in estimates.items()}
+    wide = {scales: _wide_noise(estimate, truth.mean) for scales, estimate in estimates.items()}
     middle, across = len(truth.mean) // 2, np.arange(truth.mean.shape[1])
-    line = {f"scales: {scales}": one[middle].mean(axis=-1) for scales, one in estimates.items()}
+    line = {f"scales: {scales}": estimate[middle].mean(axis=-1) for scales, estimate in estimates.items()}
     figures = (
-        pictures("scales", [(f"scales: {n}", shown(one)) for n, one in estimates.items()], columns=2),
+        pictures("scales", [(f"scales: {n}", shown(estimate)) for n, estimate in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],

@@ -72,7 +72,7 @@ def restoration_sigma(setting: Setting) -> RowValues:
         curves("sigma", [Curve("nearest Gaussian", radii, lens.sigmas_px, "o"),
                          Curve("k r", radii, lens.k.value * np.array(radii))],
                x="radius of the blur circle, pixels", y="sigma, pixels"),
-        pictures("sigma-psf", [(f"r = {r:.1f}", one.h) for r, one in zip(radii, psfs, strict=True)], cmap="viridis"),
+        pictures("sigma-psf", [(f"r = {r:.1f}", psf.h) for r, psf in zip(radii, psfs, strict=True)], cmap="viridis"),
     )  # fmt: skip
     return RowValues((lens.departure, lens.k.value), figures, f"k = {lens.k.value:.3f} ± {lens.k.uncertainty:.3f}.")
 

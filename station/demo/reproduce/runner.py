@@ -64,10 +64,10 @@ class Reproduction:
     @property
     def processor_s(self) -> float:
         """Processor time of all rows, seconds."""
-        return sum(one.processor_s for one in self.rows)
+        return sum(row.processor_s for row in self.rows)
 
     def count(self, state: RowState) -> int:
-        return sum(one.state is state for one in self.rows)
+        return sum(row.state is state for row in self.rows)
 
     @property
     def agrees(self) -> bool:
@@ -166,23 +166,23 @@ def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:
         "procedure": "reproduce",
         "parameters": {"full": setting.full, "data": None if setting.data is None else str(setting.data)},
         "summary": {state.value.replace(" ", "_"): result.count(state) for state in RowState},
-        "rows": [_entry(one) for one in result.rows],
+        "rows": [_entry(row) for row in result.rows],
         "software": software(),
         "duration_s": round(result.seconds, 3),
         "processor_s": round(result.processor_s, 3),
     }
 
 
-def _entry(one: RowResult) -> dict[str, Any]:
-    row = one.row
+def _entry(result: RowResult) -> dict[str, Any]:
+    row = result.row
     return {
         "name": row.name,
         "chapter": row.chapter,
         "place": row.place,
         "title": row.title,
-        "state": str(one.state),
-        "reason": one.reason,
-        "remark": one.computed.remark,
+        "state": str(result.state),
+        "reason": result.reason,
+        "remark": result.computed.remark,
         "order": row.order.statement if row.order else "",
         "setup": row.setup,
         "checks": [
@@ -196,8 +196,8 @@ def _entry(one: RowResult) -> dict[str, Any]:
                 "agrees": check.agrees(value),
                 "deviation": check.deviation(value),
             }
-            for check, value in one.lines
+            for check, value in result.lines
         ],
-        "duration_s": round(one.seconds, 3),
-        "processor_s": round(one.processor_s, 3),
+        "duration_s": round(result.seconds, 3),
+        "processor_s": round(result.processor_s, 3),
     }

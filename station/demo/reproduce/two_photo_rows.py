@@ -87,7 +87,7 @@ def _up_to_band(s: int, mtf: Array) -> Curve:
 
 def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     estimates = {s: estimated(pair, s) for s in SUPPORT}
-    mtf = {s: cameras.mtf_down(one.psf.h, s) for s, one in estimates.items()}
+    mtf = {s: cameras.mtf_down(estimate.psf.h, s) for s, estimate in estimates.items()}
     apart = [float(np.abs(mtf[s] - mtf[4])[end >= F].max()) for s, end in COMMON.items()]
     figures = (
         pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=4, cmap="viridis"),

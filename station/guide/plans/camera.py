@@ -105,7 +105,7 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     Its verdict is the worst of its planes', and doubtful where the charts were taken at another sensitivity. The PSFs
     of a plane use noise and response where these are not doubtful.
     """
-    whole = next((one.value for one in outcomes.values() if one.value is not None), None)
+    whole = next((outcome.value for outcome in outcomes.values() if outcome.value is not None), None)
     answer = worst_of(outcomes).of_value(whole)
     if whole is not None and None not in (iso, whole.iso) and iso != whole.iso:
         reason = f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}"
@@ -113,10 +113,10 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
         return with_doubt(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
     if whole is None:
         return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
-    planes = {one.name: one for one in whole.planes}
+    planes = {plane.name: plane for plane in whole.planes}
     reasons = {
-        name: doubt for name, one in planes.items()
-        if (doubt := one.outcome.reason if one.outcome.value is None else one.outcome.value.doubt)
+        name: doubt for name, plane in planes.items()
+        if (doubt := plane.outcome.reason if plane.outcome.value is None else plane.outcome.value.doubt)
     }  # fmt: skip
     models = {name: sensor_model(one.outcome.result(), one.step) for name, one in planes.items() if name not in reasons}
     uses = [f"{', '.join(models)}: {USED}"] if models else []
@@ -154,12 +154,12 @@ def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[CameraPart]:
     numbers = [] if flats is None else vignetting_parts(joint_formula(_values(flats.planes)))
     if files is None:
         return numbers
-    sensors = _values({one.name: one.outcome for one in files.planes})
+    sensors = _values({plane.name: plane.outcome for plane in files.planes})
     return numbers + sensor_parts({name: gain_and_noise(one.transfer) for name, one in sensors.items()})
 
 
 def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
-    return {name: one.value for name, one in outcomes.items() if one.value is not None}
+    return {name: outcome.value for name, outcome in outcomes.items() if outcome.value is not None}
 
 
 # --- results and files ---
@@ -176,7 +176,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
 
 
 def _whole(planes: Sequence[PlaneResult]) -> field.SessionField | None:
-    return next((one.estimate for one in planes if one.estimate is not None), None)
+    return next((plane.estimate for plane in planes if plane.estimate is not None), None)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -189,7 +189,7 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     beside = dict(_written(folder, whole, frames, head)) if whole else {}
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     lights = {} if flats is None else {name: one.surface.light for name, one in _values(flats.planes).items()}
-    psfs = [one for one in planes if one.name not in parts]
+    psfs = [plane for plane in planes if plane.name not in parts]
     return field.write(folder, psfs, frames, head, lights, beside)
 
 
@@ -202,28 +202,28 @@ def _written(
 ) -> Iterator[tuple[str, PartBeside]]:
     """Write each part's result into its folder, and give its entry of the page."""
     writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
-    for name, one in whole.parts.items():
+    for name, part in whole.parts.items():
         page = ""
-        if one.value is not None:
+        if part.value is not None:
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
-                page = f"{name}/{writers[name](inside, one, whole.reference, frames, replace(head, procedure=name))}"
-        yield name, PartBeside(one.verdict, one.reason, one.remedy, page, whole.used.get(name, ""))
+                page = f"{name}/{writers[name](inside, part, whole.reference, frames, replace(head, procedure=name))}"
+        yield name, PartBeside(part.verdict, part.reason, part.remedy, page, whole.used.get(name, ""))
 
 
 def _write_sensor(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
     files: SensorFiles = one.result()
-    measured = sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files}))
+    measured = sensor_measurement(files, _of_inputs(head, {file.sha256 for file in files.files}))
     folder.write("report.html", procedure_named("sensor").page(measured))
     write_measurement(folder, measured)
     return "report.html"
 
 
 def _write_vignetting(
-    folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
+    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    flats: Flats = one.result()
+    flats: Flats = outcome.result()
     inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
     flats = replace(flats, inputs=tuple((Path(file.path), file.sha256) for file in inputs))
     write_measurement(folder, vignetting_measurement(flats))
@@ -231,12 +231,12 @@ def _write_vignetting(
 
 
 def _write_geometry(
-    folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
+    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    camera: Geometry = one.result()
+    camera: Geometry = outcome.result()
     sources = {view.view.source for view in camera.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    result = PlaneResult.of_outcome(plane, one, estimate=camera, numbers=camera.numbers())
+    result = PlaneResult.of_outcome(plane, outcome, estimate=camera, numbers=camera.numbers())
     measured = geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
     folder.write("report.html", procedure_named("geometry").page(measured))
     write_measurement(folder, measured)

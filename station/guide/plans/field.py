@@ -85,7 +85,7 @@ def session_field(
 
 def by_plane(whole: SessionField) -> Outcomes:
     """The whole field for every plane, with the plane's verdict."""
-    return {name: one.of_value(None if one.value is None else whole) for name, one in whole.planes.items()}
+    return {name: plane.of_value(None if plane.value is None else whole) for name, plane in whole.planes.items()}
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
@@ -93,16 +93,16 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
 
     `estimate` of each is the whole field.
     """
-    whole = next((one.value for one in outcomes.values() if one.value is not None), None)
+    whole = next((outcome.value for outcome in outcomes.values() if outcome.value is not None), None)
     if whole is None:
-        return [PlaneResult.of_outcome(name, one) for name, one in outcomes.items()]
+        return [PlaneResult.of_outcome(name, outcome) for name, outcome in outcomes.items()]
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
     terms = terms.with_known_unit(next(iter(pixels.values())))
     try:
         planes = field_results(whole, terms, pixels, lambda plane: None)
     except BadParameter as error:
         centres = (centre_result(name, one) for name, one in whole.planes.items())
-        planes = [terms.undecided(one, error.reason) for one in centres]
+        planes = [terms.undecided(centre, error.reason) for centre in centres]
     return [one if one.estimate is None else replace(one, estimate=whole) for one in planes]
 
 
@@ -121,7 +121,7 @@ def write(
     # imported here: it draws, a slow import
     from station.reports.field.field_files import FieldParts, field_measurement
 
-    whole: SessionField | None = next((one.estimate for one in planes if one.estimate is not None), None)
+    whole: SessionField | None = next((plane.estimate for plane in planes if plane.estimate is not None), None)
     if whole is None:
         return write_psf_result(folder, planes, head)
     measurement = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)

@@ -105,41 +105,41 @@ def _asked(procedure: Procedure[Any]) -> list[ModelField]:
     return [one for one in fields_of(procedure.Settings) if one.name not in NOT_ASKED]
 
 
-def _question(one: ModelField) -> Ask:
+def _question(field: ModelField) -> Ask:
     """A setting as a question with its default; an empty answer leaves an optional setting out."""
-    question = f"{one.name.replace('_', ' ')}: {one.description}"
-    ask = Ask(SETTING + one.name, question, "text", check=partial(_check, one))
-    if one.kind is bool:
-        return replace(ask, kind="choice", choices=(NO, YES), default=YES if one.default else NO)
-    if one.choices and one.default is not None and not one.several:
-        return replace(ask, kind="choice", choices=one.choices, default=str(one.default))
-    if one.kind in (int, float) and isinstance(one.default, int | float):
-        return replace(ask, kind="number", default=float(one.default), low=one.least, high=one.most)
-    if one.required:
+    question = f"{field.name.replace('_', ' ')}: {field.description}"
+    ask = Ask(SETTING + field.name, question, "text", check=partial(_check, field))
+    if field.kind is bool:
+        return replace(ask, kind="choice", choices=(NO, YES), default=YES if field.default else NO)
+    if field.choices and field.default is not None and not field.several:
+        return replace(ask, kind="choice", choices=field.choices, default=str(field.default))
+    if field.kind in (int, float) and isinstance(field.default, int | float):
+        return replace(ask, kind="number", default=float(field.default), low=field.least, high=field.most)
+    if field.required:
         return ask
-    parts = () if one.default is None else one.default if one.several else (one.default,)
+    parts = () if field.default is None else field.default if field.several else (field.default,)
     default = f"{FILE_SEPARATOR} ".join(map(str, parts))
-    return replace(ask, default=default, names_file=lambda part: one.kind is Path and bool(part))
+    return replace(ask, default=default, names_file=lambda part: field.kind is Path and bool(part))
 
 
-def _check(one: ModelField, answer: Fact, facts: Facts) -> None:
+def _check(field: ModelField, answer: Fact, facts: Facts) -> None:
     """Raises BadParameter if an answer is not a value of the setting."""
-    for value in _given([one], {SETTING + one.name: answer}).values():
-        read_value(one, value, TableSource(), (one.name,))
+    for value in _given([field], {SETTING + field.name: answer}).values():
+        read_value(field, value, TableSource(), (field.name,))
 
 
 def _given(fields: Sequence[ModelField], facts: Facts) -> dict[str, Any]:
     """The settings in the operator's answers."""
-    answers = ((one, facts.get(SETTING + one.name, "")) for one in fields)
+    answers = ((field, facts.get(SETTING + field.name, "")) for field in fields)
     return {one.name: _value(one, answer) for one, answer in answers if answer != ""}
 
 
-def _value(one: ModelField, answer: Fact) -> Any:
-    if one.kind is bool:
+def _value(field: ModelField, answer: Fact) -> Any:
+    if field.kind is bool:
         return answer in (True, YES)
-    if one.several:
-        return [_single(one.kind, part.strip()) for part in str(answer).split(FILE_SEPARATOR)]
-    return _single(one.kind, answer)
+    if field.several:
+        return [_single(field.kind, part.strip()) for part in str(answer).split(FILE_SEPARATOR)]
+    return _single(field.kind, answer)
 
 
 def _single(kind: type, answer: Fact) -> Any:
@@ -174,7 +174,7 @@ def estimate(
         measured = _refused(procedure, list(read[0].planes), error)
     parameters = {**measured.head.parameters, **_files(procedure, given)}
     measured = replace(measured, head=replace(measured.head, parameters=parameters))
-    return {one.name: one.outcome(measured) for one in measured.planes}
+    return {plane.name: plane.outcome(measured) for plane in measured.planes}
 
 
 def _files(procedure: Procedure[Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -195,7 +195,7 @@ def _refused(procedure: Procedure[Any], names: Sequence[str], error: ProcedureEr
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane of the measurement; `estimate` of each is the whole measurement."""
-    return [replace(one.result().by_name[name], estimate=one.value) for name, one in outcomes.items()]
+    return [replace(outcome.result().by_name[name], estimate=outcome.value) for name, outcome in outcomes.items()]
 
 
 def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:

@@ -37,7 +37,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     """The restored picture, its depth and diagnostics."""
     from station.reports.restoration_files import restored_plane  # it draws, a slow import
 
-    return [restored_plane(name, one) for name, one in outcomes.items()]
+    return [restored_plane(name, outcome) for name, outcome in outcomes.items()]
 
 
 def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:

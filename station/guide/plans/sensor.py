@@ -43,23 +43,23 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     except BadInput as refusal:
         planes = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in planes}
-    return {one.name: one.outcome.of_value(whole) for one in whole.planes}
+    return {plane.name: plane.outcome.of_value(whole) for plane in whole.planes}
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's numbers; `estimate` of each is the whole sensor."""
-    return [_result(name, one) for name, one in outcomes.items()]
+    return [_result(name, outcome) for name, outcome in outcomes.items()]
 
 
-def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
-    whole = one.value
+def _result(name: str, outcome: Outcome[SensorFiles]) -> PlaneResult:
+    whole = outcome.value
     sensor = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
     numbers = {} if sensor is None else dict(sensor.numbers)
-    return PlaneResult.of_outcome(name, one, estimate=whole, numbers=numbers)
+    return PlaneResult.of_outcome(name, outcome, estimate=whole, numbers=numbers)
 
 
 def measurement(planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
     """That of `station sensor`."""
-    whole: SensorFiles | None = next((one.estimate for one in planes if one.estimate is not None), None)
-    refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
+    whole: SensorFiles | None = next((plane.estimate for plane in planes if plane.estimate is not None), None)
+    refused = [SensorPlane(plane.name, plane.outcome(None), (), 1.0, None) for plane in planes]
     return sensor_measurement(whole or SensorFiles((), None, None, refused), head)

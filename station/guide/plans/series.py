@@ -77,7 +77,7 @@ def aperture_plan() -> Plan:
         "apertures", "At which f-numbers?", "text", proposed=lambda facts: _stops_from(_aperture(facts)),
         check=lambda answer, facts: _f_numbers(answer),
     )  # fmt: skip
-    tour = Tour(lambda facts: [_aperture_stop(one) for one in _f_numbers(facts["apertures"])])
+    tour = Tour(lambda facts: [_aperture_stop(number) for number in _f_numbers(facts["apertures"])])
     return _plan("aperture-series", "Lens over aperture, from one mounting", "f_number", (ask, tour))
 
 
@@ -88,7 +88,7 @@ def focus_plan() -> Plan:
 
 
 def _plan(name: str, title: str, setting: str, requests: tuple[Ask | Tour, ...]) -> Plan:
-    before = [one for one in pattern_plan().steps if one.name in ("print", "mount", "distance", "square", "focus")]
+    before = [step for step in pattern_plan().steps if step.name in ("print", "mount", "distance", "square", "focus")]
     say = "Photograph the chart at each setting. Nothing but the named setting may change."
     return Plan(
         name,
@@ -114,7 +114,7 @@ def _plan(name: str, title: str, setting: str, requests: tuple[Ask | Tour, ...])
 
 def _stops_from(f_number: float) -> str:
     """Five whole stops from an aperture on: "2.8 4 5.6 8 11"."""
-    return " ".join(f"{one:g}" for one in [one for one in STOPS if one > 0.95 * f_number][:5])
+    return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * f_number][:5])
 
 
 def _f_numbers(answer: Fact) -> list[float]:
@@ -123,7 +123,7 @@ def _f_numbers(answer: Fact) -> list[float]:
         numbers = [float(one) for one in str(answer).replace(",", " ").replace(";", " ").split()]
     except ValueError:
         numbers = []
-    if len(set(numbers)) < 2 or not all(0.5 <= one <= 64 for one in numbers):
+    if len(set(numbers)) < 2 or not all(0.5 <= number <= 64 for number in numbers):
         raise BadParameter(f"a series needs two f-numbers or more, from 0.5 to 64; got {answer!r}", "2.8 4 5.6 8")
     return list(dict.fromkeys(numbers))
 
@@ -146,7 +146,7 @@ def _aperture_stop(wanted: float) -> TourStop:
         recorded = frame.exposure.f_number
         if recorded is not None and abs(stops := round(2 * log2(wanted / recorded), 3)) > EQUAL_STOPS:
             return Advice(False, f"The aperture is f/{recorded:g}: set f/{wanted:g}.", by_hand={"aperture_ev": stops})
-        return _at(wanted, frame, {name: one for name, one in facts.items() if name not in EXPOSURE})
+        return _at(wanted, frame, {name: fact for name, fact in facts.items() if name not in EXPOSURE})
 
     return TourStop(f"f/{wanted:g}", Go(lambda facts: {}, say, lambda facts: {"aperture_ev": change(facts)}), check)
 
@@ -210,9 +210,9 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     """The planes at the sharpest setting; `estimate` of each has the series."""
     series: dict[str, SeriesPsf] = {name: one.value for name, one in outcomes.items() if one.value is not None}
     best = next((one.frame for one in series.values()), 0)
-    alone = {name: one.of_value(series[name].psf if name in series else None) for name, one in outcomes.items()}
+    alone = {name: outcome.of_value(series[name].psf if name in series else None) for name, outcome in outcomes.items()}
     planes = psf_results(frames[best : best + 1], alone, terms, facts)
-    return [replace(one, estimate=series.get(one.name)) for one in planes]
+    return [replace(plane, estimate=series.get(plane.name)) for plane in planes]
 
 
 def write(
@@ -221,7 +221,7 @@ def write(
     """The files of the PSF at the sharpest setting, with table and page of the series."""
     from station.reports.batches.series_page import series_page  # imported here: it draws, which is slow to load
 
-    series: SeriesPsf | None = next((one.estimate for one in planes if one.estimate is not None), None)
+    series: SeriesPsf | None = next((plane.estimate for plane in planes if plane.estimate is not None), None)
     if series is not None:
         folder.write(TABLE, series_table(series.points))
         folder.write("report.html", series_page(series.points, [one.words for one in series.best]).encode())

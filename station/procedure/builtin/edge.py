@@ -112,8 +112,8 @@ class SlantedEdge(Procedure[EdgeSettings]):
     def lines(self, measurement: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""
         whole: PhotographEdges = measurement.result
-        counts = [f"{one.name}: {one.count}" for one in whole.records if one.count]
-        return [*(_words(one, edge) for one in whole.records for edge in one.outcomes if edge.roi), *counts]
+        counts = [f"{record.name}: {record.count}" for record in whole.records if record.count]
+        return [*(_words(record, edge) for record in whole.records for edge in record.outcomes if edge.roi), *counts]
 
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:

@@ -133,12 +133,12 @@ class Field(PsfProcedure[FieldSettings]):
     def missed(self, measurement: Measurement) -> list[Miss]:
         """The photographs without any PSF."""
         measured = measurement.result.result.measured
-        return [one for one in measured.misses if one.source in measured.failed]
+        return [miss for miss in measured.misses if miss.source in measured.failed]
 
     def lines(self, measurement: Measurement) -> list[str]:
         """The charts without a PSF in photographs with others."""
         measured = measurement.result.result.measured
-        return [str(one) for one in measured.misses if one.source not in measured.failed]
+        return [str(miss) for miss in measured.misses if miss.source not in measured.failed]
 
     def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Overlay]:
         """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""
@@ -154,7 +154,7 @@ class Field(PsfProcedure[FieldSettings]):
         result = measurement.result.result
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
         fields = {name: one.interpolation.field for name, one in measurement.result.fitted.items()}
-        return replace(report, planes=[with_medians(one, result) for one in measurement.planes], fields=fields)
+        return replace(report, planes=[with_medians(plane, result) for plane in measurement.planes], fields=fields)
 
 
 PROCEDURE = Field()

@@ -114,14 +114,14 @@ class CameraGeometry(Procedure[GeometrySettings]):
             **({"advise": settings.advise} if settings.advise else {}),
             **({"frame_rate_hz": settings.frame_rate_hz} if settings.frame_rate_hz else {}),
         }  # fmt: skip
-        read = [one for one in shoots[0].records if one.sha256]
+        read = [record for record in shoots[0].records if record.sha256]
         head = RecordHead(self.name, files_read(read), given)
         planes = conclude(shoots, parameters, settings.frame_rate_hz)
         return geometry_measurement(planes, head, settings.chart_scale).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, from how many views, and which shutter."""
-        cameras = [(one.name, one.estimate) for one in measurement.planes if one.estimate is not None]
+        cameras = [(plane.name, plane.estimate) for plane in measurement.planes if plane.estimate is not None]
         models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
         if cameras and "advise" in measurement.head.parameters:
             from procedures.geometry.next_view import advice

@@ -156,7 +156,7 @@ def _through(path: Path, picture: Array) -> Array:
             f"the field must have one plane or {len(picture)}; {printable(path)} has {', '.join(field)}",
             "measure the field of these planes",
         )
-    if any(one.shape != picture.shape[1:] for one in planes):
+    if any(plane.shape != picture.shape[1:] for plane in planes):
         rows, columns = picture.shape[1:]
         raise BadParameter(
             f"the field must be of frames of {columns} x {rows} pixels; {printable(path)} is of "

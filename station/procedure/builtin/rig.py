@@ -53,15 +53,15 @@ class Rig(Procedure[RigSettings]):
         for path in paths:
             cameras.append(read_rig_camera(path, upper_plane(settings.plane)))
             progress(f"read {path}")
-        hashes = [one.file.sha256 for one in cameras]
+        hashes = [camera.file.sha256 for camera in cameras]
         for second, sha256 in enumerate(hashes):
             if (first := hashes.index(sha256)) < second:
                 reason = f"{paths[first]} and {paths[second]} are one geometry"
                 raise BadInput(reason, "name the results of the rig's different cameras")
         outcome = estimate_rig(
-            [one.camera for one in cameras], None if settings.depth_m is None else 1000 * settings.depth_m
+            [camera.camera for camera in cameras], None if settings.depth_m is None else 1000 * settings.depth_m
         )
-        head = RecordHead(self.name, tuple(one.file for one in cameras), to_record(settings))
+        head = RecordHead(self.name, tuple(camera.file for camera in cameras), to_record(settings))
         rig = outcome.value
         return Measurement(
             self.schema, head, (plane_result(self.name, outcome, None if rig is None else _entries(rig, paths)),),

@@ -55,7 +55,7 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     method = "EMVA Standard 1288, release 4.0"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        return sum(len(one.paths) for one in find_shots(paths[0], lambda miss: None))
+        return sum(len(shot.paths) for shot in find_shots(paths[0], lambda miss: None))
 
     def measure(
         self, paths: Sequence[Path], settings: SensorSettings, terms: Terms = USUAL, progress: Progress = silent

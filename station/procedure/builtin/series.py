@@ -50,9 +50,9 @@ class Series(Pattern):
         from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
 
         points = points_of(rows)
-        lines = [one.words for one in best_apertures(points)]
+        lines = [aperture.words for aperture in best_apertures(points)]
         page = series_page(points, lines).encode()
-        if points and not any(one.number == WAVEFRONT_RMS for one in points):
+        if points and not any(point.number == WAVEFRONT_RMS for point in points):
             lines.append("no wavefront error: it needs --pixel-pitch-um, as the Strehl ratio does, and --physics")
         files = {TABLE: series_table(points), PAGE: page}
         return BatchSummary(files, lines, several(rows))

@@ -136,7 +136,7 @@ def _taken(
 
 def _rank(measurement: Measurement) -> int:
     """0 for a measurement that passes, 2 if a plane is refused."""
-    return max(one.verdict.rank for one in measurement.planes)
+    return max(plane.verdict.rank for plane in measurement.planes)
 
 
 PROCEDURE = Sharpen()

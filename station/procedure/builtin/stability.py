@@ -57,8 +57,8 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         if not names:
             raise BadInput("the results must have a plane in common", AGAIN)
         estimates = {name: stability_of([one[name] for one in by_plane], settings.limit) for name in names}
-        planes = tuple(plane_result(name, Outcome(one)) for name, one in estimates.items())
-        files = {f"stability_{name}.csv": _table(one) for name, one in estimates.items()}
+        planes = tuple(plane_result(name, Outcome(estimate)) for name, estimate in estimates.items())
+        files = {f"stability_{name}.csv": _table(estimate) for name, estimate in estimates.items()}
         inputs = tuple(InputFile(str(path), sha256_of(path / RECORD if path.is_dir() else path)) for path in paths)
         head = RecordHead(self.name, inputs, to_record(settings))
         return Measurement(self.schema, head, planes, files=files).compared(terms)
@@ -92,17 +92,17 @@ def _psfs(folder: Path) -> dict[str, tuple[Array, int]]:
     measured = read_result(folder)
     s = measured.head.parameters.get("s")
     psfs = {
-        one.name: (one.samples, int(s[one.name] if isinstance(s, dict) else s))
-        for one in measured.planes
-        if one.samples is not None and s
+        plane.name: (plane.samples, int(s[plane.name] if isinstance(s, dict) else s))
+        for plane in measured.planes
+        if plane.samples is not None and s
     }
     if not psfs:
         raise BadInput(f"{folder} has no PSF", AGAIN)
     return psfs
 
 
-def _table(one: Stability) -> bytes:
-    rows = zip(THRESHOLDS, one.sensitivity, strict=True)
+def _table(stability: Stability) -> bytes:
+    rows = zip(THRESHOLDS, stability.sensitivity, strict=True)
     return csv_bytes([["least_mtf", "sensitivity"], *([f"{value:.6g}" for value in row] for row in rows)])
 
 

@@ -64,9 +64,9 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
         limit, chart = settings.limit(long.exposure), settings.source.chart
         results = []
         for name in long.planes:
-            if any(name not in one.planes for one in frames):
+            if any(name not in frame.planes for frame in frames):
                 raise BadInput(f"every photograph needs the plane {name}", "give four photographs of one camera")
-            short, main, near, defocused = (one.planes[name] for one in frames)
+            short, main, near, defocused = (frame.planes[name] for frame in frames)
             four = Photographs(short, main, near, defocused, ratio)
             outcome = witnessed_psf(four, chart, parameters, limit(main))
             results.append(_result(four, outcome, long))
@@ -90,7 +90,7 @@ def _result(four: Photographs, outcome: Outcome[WitnessedPsf], long: RawFrame) -
     )
     if witnessed is None:
         return result
-    details = {name: number_record(one) for name, one in witnessed.numbers.items()}
+    details = {name: number_record(number) for name, number in witnessed.numbers.items()}
     return replace(result, numbers={**result.numbers, **witnessed.numbers}, details=details)
 
 

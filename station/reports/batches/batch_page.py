@@ -82,7 +82,7 @@ class BatchReport:
     @cached_property
     def by_key(self) -> dict[tuple[str, str, str], NumberGroup]:
         """The groups by camera, plane and number."""
-        return {one.key: one for one in self.groups}
+        return {group.key: group for group in self.groups}
 
 
 MEANING = (
@@ -108,7 +108,7 @@ def batch_page(report: BatchReport) -> str:
     ]
     undone = [f"{report.undone} were not begun before the batch was stopped."] if report.undone else []
     summary: list[Block] = [Table(counts, columns="ww", style="numbers verdicts", boxed=False), *undone]
-    names = list(dict.fromkeys(one.number for one in report.groups))[:MAX_COLUMNS]
+    names = list(dict.fromkeys(group.number for group in report.groups))[:MAX_COLUMNS]
     columns = [", ".join(filter(None, (label(name), _unit(report, name)))) for name in names]
     head = ["files", "plane", "measurement", "specification", *columns, "why"]
     rows = [row for one in shown for row in _rows(one, names, report)]
@@ -132,18 +132,18 @@ def _large(counts: Sequence[tuple[str, str]]) -> Markup:
     return Markup(", ").join(tags)
 
 
-def _link(one: BatchLine) -> str:
-    target = f"{one.folder}/{'report.html' if one.page else 'result.json'}"
-    return html('<a href="{}">{}</a>', target, one.files) if one.folder else one.files
+def _link(line: BatchLine) -> str:
+    target = f"{line.folder}/{'report.html' if line.page else 'result.json'}"
+    return html('<a href="{}">{}</a>', target, line.files) if line.folder else line.files
 
 
-def _rows(one: BatchLine, names: Sequence[str], report: BatchReport) -> list[list[str]]:
+def _rows(line: BatchLine, names: Sequence[str], report: BatchReport) -> list[list[str]]:
     """A row for each plane of an item, or one without."""
     rows = []
-    for plane, numbers in one.planes.items() or [("", {})]:
-        cells = [_cell(numbers.get(name), report.by_key.get((one.camera, plane, name))) for name in names]
-        judged = tag(one.specification, one.specification)
-        rows.append([_link(one), plane and plane_name(plane), tag(one.measurement), judged, *cells, one.against])
+    for plane, numbers in line.planes.items() or [("", {})]:
+        cells = [_cell(numbers.get(name), report.by_key.get((line.camera, plane, name))) for name in names]
+        judged = tag(line.specification, line.specification)
+        rows.append([_link(line), plane and plane_name(plane), tag(line.measurement), judged, *cells, line.against])
     return rows
 
 
@@ -158,7 +158,7 @@ def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
 
 
 def _unit(report: BatchReport, name: str) -> str:
-    return next((unit for one in report.groups if one.number == name and (unit := one.unit) != "1"), "")
+    return next((unit for group in report.groups if group.number == name and (unit := group.unit) != "1"), "")
 
 
 # --- distributions ---
@@ -197,9 +197,9 @@ def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport)
     for group in groups:
         colour, marker = PLANE_COLOURS.get(group.plane, INK), MARKERS[cameras.index(group.camera) % len(MARKERS)]
         measured = [
-            (at, one.files, number)
-            for at, one in enumerate(report.lines[:MAX_LINES], 1)
-            if one.camera == group.camera and (number := one.planes.get(group.plane, {}).get(name)) is not None
+            (at, line.files, number)
+            for at, line in enumerate(report.lines[:MAX_LINES], 1)
+            if line.camera == group.camera and (number := line.planes.get(group.plane, {}).get(name)) is not None
         ]
         if measured:
             at, _, numbers = zip(*measured, strict=True)

@@ -54,8 +54,8 @@ def series_page(measured: Sequence[Point], best: Sequence[str]) -> str:
     return page(title, sections)
 
 
-def _settings(one: Point) -> list[str]:
-    return ["—" if value is None else f"{value:g}" for value in vars(one.setting).values()]
+def _settings(point: Point) -> list[str]:
+    return ["—" if value is None else f"{value:g}" for value in vars(point.setting).values()]
 
 
 def _figure(measured: Sequence[Point], axis: str, name: str) -> Figure:
@@ -79,7 +79,7 @@ def _figure(measured: Sequence[Point], axis: str, name: str) -> Figure:
         stops |= set(x)
     if axis == "f_number":
         axes.set_xscale("log")
-    axes.set_xticks(sorted(stops), [f"{one:g}" for one in sorted(stops)])
+    axes.set_xticks(sorted(stops), [f"{stop:g}" for stop in sorted(stops)])
     axes.minorticks_off()
     title, unit = measured[0].title, measured[0].unit
     label = title.split(",")[0] + ("" if unit == "1" else f", {unit}")

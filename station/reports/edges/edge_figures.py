@@ -27,10 +27,10 @@ def places_figure(plane: Plane, edges: Sequence[EdgeOutcome], name: str) -> Figu
     axes, shown = plot_axes(rim_in=(0.4, 0.1, 0.4, 0.1)), plane.samples[::step, ::step]
     white = float(np.percentile(shown, 99.5))
     picture(axes, shown, extent=pixel_extent(plane.samples.shape), colours="gray", limits=(0, white))
-    for number, one in enumerate(edges, 1):
-        if one.roi is not None:
-            x, y = one.roi.x - 0.5, one.roi.y - 0.5
-            axes.add_patch(Rectangle((x, y), one.roi.width, one.roi.height, fill=False, ec=MARK, lw=1))
+    for number, edge in enumerate(edges, 1):
+        if edge.roi is not None:
+            x, y = edge.roi.x - 0.5, edge.roi.y - 0.5
+            axes.add_patch(Rectangle((x, y), edge.roi.width, edge.roi.height, fill=False, ec=MARK, lw=1))
             axes.annotate(f"{number}", (x, y), (2, -2), textcoords="offset points", va="top", color=MARK)
     axes.locator_params(nbins=5)
     caption = "Where the edges were measured, the best first."

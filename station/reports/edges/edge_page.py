@@ -19,8 +19,8 @@ MAX_DRAWN = 6
 def edge_page(report: Report) -> str:
     """The page as HTML with embedded figures."""
     photograph: PhotographEdges = report.result
-    records = {one.name: (one, f"p{i}") for i, one in enumerate(photograph.records, 1)}
-    counts = [f"{one.name}: {one.count}" for one in photograph.records if one.count]
+    records = {record.name: (record, f"p{i}") for i, record in enumerate(photograph.records, 1)}
+    counts = [f"{record.name}: {record.count}" for record in photograph.records if record.count]
     best = "A plane’s numbers are those of its best edge. " + "; ".join(counts)
     return report_page(
         report,
@@ -31,7 +31,7 @@ def edge_page(report: Report) -> str:
 
 
 def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecord, name: str) -> list[Block]:
-    placed = [one for one in record.outcomes if one.roi is not None]
+    placed = [outcome for outcome in record.outcomes if outcome.roi is not None]
     if not placed:
         return []
     figures = [places_figure(photograph.frame.planes[record.name], placed, f"{name}-places")]
@@ -47,12 +47,12 @@ def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecor
     return [Figures(figures, summary=True), Table(rows, head, "nwwnrr")]
 
 
-def _cells(record: EdgeRecord, one: EdgeOutcome) -> list[str]:
+def _cells(record: EdgeRecord, outcome: EdgeOutcome) -> list[str]:
     """Verdict, direction, region and numbers of an edge in the result's unit."""
-    roi, result = one.roi, record.result
-    numbers = {} if one.value is None else convert_numbers(one.value.numbers, result.unit, result.factor)
+    roi, result = outcome.roi, record.result
+    numbers = {} if outcome.value is None else convert_numbers(outcome.value.numbers, result.unit, result.factor)
     words = [f"{label(name).replace(' across the edge', '').replace(' of the edge', '')} {quantity(number)}"
              for name, number in numbers.items()]  # fmt: skip
     region = "" if roi is None else f"{roi.x}, {roi.y}, {roi.width}, {roi.height}"
     lines = Markup("<br>").join(words)
-    return [tag(one.verdict), orientation(one.turned), region, lines, reason_words(one)]
+    return [tag(outcome.verdict), orientation(outcome.turned), region, lines, reason_words(outcome)]

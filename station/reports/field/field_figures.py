@@ -95,7 +95,7 @@ def _panels(
             axes, panel.values, extent=extent, colours=panel.colours, limits=panel.limits, bar=BAR_RIGHT,
             bar_options={"ticks": ticks},
         )  # fmt: skip
-        bar.ax.set_yticklabels([f"{one:.3g}".replace("-", "−") for one in ticks])
+        bar.ax.set_yticklabels([f"{tick:.3g}".replace("-", "−") for tick in ticks])
         axes.plot(*nodes.T, ".", color=INK, ms=2)
         if places.enclosed is not None:
             axes.add_patch(Polygon(Hull(nodes).rim, fill=False, ec=INK, lw=0.5, ls=":"))
@@ -122,7 +122,7 @@ def _heights(axes: Axes, shape: tuple[int, int], mm_per_pixel: float | None) -> 
         half = scale * size / 2
         step = next(one for power in range(-3, 6) for one in (10.0**power * n for n in (1, 2, 5)) if 3 * one >= half)
         ticks = [one * step for one in range(-3, 4) if abs(one * step) <= half]
-        axis.set_ticks([(size - 1) / 2 + one / scale for one in ticks], [f"{abs(one):g}" for one in ticks])
+        axis.set_ticks([(size - 1) / 2 + tick / scale for tick in ticks], [f"{abs(tick):g}" for tick in ticks])
     axes.tick_params(length=2)
     axes.set_xlabel(f"from the frame's centre, {'mm' if mm_per_pixel else 'pixels of the plane'}")
 

@@ -50,7 +50,7 @@ class FieldParts:
     @cached_property
     def fitted(self) -> dict[str, PlaneField]:
         """The planes with a field."""
-        return {name: one.value for name, one in self.result.planes.items() if one.value is not None}
+        return {name: plane.value for name, plane in self.result.planes.items() if plane.value is not None}
 
     @cached_property
     def heights(self) -> dict[str, dict[str, list[HeightCurve]]]:
@@ -74,7 +74,7 @@ class FieldParts:
             **_focus_entry(result),
         }
         if self.fitted and self.lights:
-            entry["vignetting"] = {name: _light_entry(one) for name, one in self.lights.items()}
+            entry["vignetting"] = {name: _light_entry(light) for name, light in self.lights.items()}
         if self.fitted and self.camera is not None:
             entry["camera"] = _camera_entry(self.camera)
         if self.beside:
@@ -99,11 +99,11 @@ def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: Re
         files[FILE] = partial(whole.write, provenance=_provenance(head))
         if (camera := whole.camera) is not None:
             files[CAMERA] = partial(write_camera_numbers, camera=camera, provenance=_provenance(head))
-    for one in planes:
-        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(whole.result, one.name, head.parameters)
+    for plane in planes:
+        axis, mm = FrequencyAxis(str(plane.unit), plane.factor), mm_per_pixel(whole.result, plane.name, head.parameters)
         for stem, curves in whole.heights.items():
-            if one.name in curves:
-                files[f"{stem}_{one.name}.csv"] = heights_table(curves[one.name], axis, mm)
+            if plane.name in curves:
+                files[f"{stem}_{plane.name}.csv"] = heights_table(curves[plane.name], axis, mm)
     psf = psf_measurement(planes, replace(head, field=whole.entry()))
     exposure = measured.exposures[0].exposure if measured.exposures else Exposure()
     return replace(psf, files={**files, **psf.files}, exposure=exposure, result=whole)
@@ -112,7 +112,7 @@ def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: Re
 def mm_per_pixel(result: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
     """The pitch of a plane's pixels in mm, as given or recorded by the camera; None if it is unknown."""
     given = parameters.get("pixel_pitch_um")
-    known = given or next((one.exposure.pixel_pitch_um for one in result.measured.exposures), None)
+    known = given or next((exposure.exposure.pixel_pitch_um for exposure in result.measured.exposures), None)
     return None if not known else result.measured.planes[plane].pitch * float(known) / 1000
 
 
@@ -130,9 +130,14 @@ def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> d
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
+<<<<<<< HEAD
         common = unseen_change(one.quality, np.array(FREQUENCIES))
         curves[name] = over_height(one.interpolation.field, FREQUENCIES, without, common)
     return {name: one for name, one in curves.items() if one}
+=======
+        curves[name] = over_height(one.interpolation.field, FREQUENCIES, without)
+    return {name: curve for name, curve in curves.items() if curve}
+>>>>>>> main
 
 
 def _camera_entry(camera: WholeCamera) -> dict[str, Any]:

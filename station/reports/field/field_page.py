@@ -67,8 +67,13 @@ def field_page(report: Report) -> str:
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
+<<<<<<< HEAD
     centres = {one.name: one for one in report.planes}
     spots = {name: explored_places(one, centres[name]) for name, one in whole.fitted.items()}
+=======
+    centres = {plane.name: plane for plane in report.planes}
+    spots = {name: explored_places(one.interpolation.field, centres[name]) for name, one in whole.fitted.items()}
+>>>>>>> main
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 
@@ -158,10 +163,10 @@ def _division(photosite: Photosite) -> str:
     )
 
 
-def _tables(plane: PlaneResult, one: PlaneField) -> list[Figure]:
+def _tables(plane: PlaneResult, field: PlaneField) -> list[Figure]:
     rows = [
         [f"{candidate.name}, {candidate.components}", f"{candidate.error:.3f}"]
-        for candidate in one.interpolation.candidates[:MAX_CANDIDATES]
+        for candidate in field.interpolation.candidates[:MAX_CANDIDATES]
     ]
     candidates = Table(rows, ["model, components", "error at excluded nodes"], style="plain")
     caption = (
@@ -170,7 +175,7 @@ def _tables(plane: PlaneResult, one: PlaneField) -> list[Figure]:
     )
     figures = [Figure(candidates, caption)]
     budget = []
-    for name, terms in one.budgets.items():
+    for name, terms in field.budgets.items():
         factor = plane.factor if name.startswith(FREQUENCIES) else 1.0
         sizes = sorted(((factor * size, TERMS[term]) for term, size in terms.items()), reverse=True)
         budget.append([name.replace("_", " "), Markup(" ").join(small(f"{size:.2g}", words) for size, words in sizes)])
@@ -193,12 +198,12 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
 
 def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:
     figures = []
-    for i, one in enumerate(colours):
+    for i, colour in enumerate(colours):
         captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
-        figures.append(field_figures.colour_figure(one, f"colour{i}"))
+        figures.append(field_figures.colour_figure(colour, f"colour{i}"))
         figures += [
-            field_figures.field_map_figure(m, one.positions, one.shape, f"colour{i}-{m.name}", caption)
-            for m, caption in zip(one.maps(), captions, strict=True)
+            field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{i}-{m.name}", caption)
+            for m, caption in zip(colour.maps(), captions, strict=True)
         ]
     words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
     text = words.format(colours[0].reference) if colours else ""
@@ -218,7 +223,7 @@ def _focus_section(result: FieldResult) -> list[Section]:
 
 
 def _misses(result: FieldResult) -> list[Section]:
-    rows = [[one.source, one.plane, one.place, reason_words(one)] for one in result.measured.misses]
+    rows = [[miss.source, miss.plane, miss.place, reason_words(miss)] for miss in result.measured.misses]
     table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
     return [Section("Charts without a PSF", [table])] if rows else []
 

@@ -50,7 +50,7 @@ def heights_figure(
             for i, words in enumerate(values):
                 words.append(f"{kind} at {at} {y[i]:.3f} ± {uncertainty[i]:.3f}")
     if len(heights) > 1:
-        title_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, values, strict=True)])
+        title_along(axes, heights, [f"{h:.3g}: {'; '.join(value)}" for h, value in zip(heights, values, strict=True)])
     shown = {other: columns for other, columns in (others or {}).items() if columns}
     own = [one.frequency * axis.factor for one in curves]
     for (other, columns), marker in zip(shown.items(), itertools.cycle(MARKERS), strict=False):

@@ -105,13 +105,6 @@ def test_words_tell_which_way(name, angle):
     assert OTHER_WORDS[name, angle] in square_advice(pose, (), (), 1.5, 62.4).say
 
 
-def test_the_right_edge_is_nearer_where_yaw_is_positive(shoot):
-    # by the geometry alone: the nearer edge is the longer one
-    placed = PlacedChart(CHART, turned(yaw=6.0), CELL_MM)
-    left, right = (placed.to_space() @ np.array([x, 128.0, 1.0]) for x in (0.0, 256.0))
-    assert right[2] < left[2]
-
-
 @pytest.mark.slow
 def test_going_around_a_turned_chart_does_what_turning_it_does(shoot):
     yaw, pitch = 5.0, -3.0

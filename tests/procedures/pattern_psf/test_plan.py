@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import check_light
 from procedures.pattern_psf.facts import RATIO, PatternFacts
@@ -86,12 +85,6 @@ def test_a_chart_that_exceeds_the_paper_is_given_on_several_sheets(paper, width_
     facts = {"chart_width_mm": width_mm} if paper is None else {"paper": paper, "chart_width_mm": width_mm}
     assert chart_page(facts).count(b"/Type /Page\n") == pages
     assert printing("joined").when(facts) == (pages > 1)
-
-
-def test_a_chart_of_too_many_sheets_is_asked_again():
-    printing("chart_width_mm").check(1000.0, {"paper": "a4"})
-    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4"):
-        printing("chart_width_mm").check(3600.0, {"paper": "a4"})
 
 
 def test_steps_of_the_rail_blur_by_three_quarters_of_a_pixel():

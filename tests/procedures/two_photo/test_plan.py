@@ -26,7 +26,6 @@ from procedures.two_photo.plan import (
     predicted,
     reach_of_rail,
     sharpness,
-    to_far,
 )  # fmt: skip
 from procedures.two_photo.sharpness import fineness
 
@@ -84,12 +83,6 @@ def test_a_decrease_of_light_is_reported(wall):
     advice = check_far(frame(0.6 * wall[1][0]), {**FACTS, **near.facts})
     assert not advice.good
     assert "darker than from nearby" in advice.say
-
-
-def test_another_aperture_is_reported(wall):
-    near = check_near(frame(wall[0][0], f_number=8.0, exposure_s=0.02), FACTS)
-    advice = check_far(frame(wall[1][0], f_number=4.0, exposure_s=0.02), {**FACTS, **near.facts})
-    assert "aperture f/ is 4 instead of 8" in advice.say
 
 
 @pytest.mark.parametrize("share", [0.5, 0.65, 1.4, 2.0])
@@ -187,11 +180,6 @@ def test_the_sharper_wall_has_the_higher_score(wall):
     assert sharpness(frame(wall[0][0]), FACTS) > 1.5 * sharpness(frame(soft + rng.normal(0, 0.003, soft.shape)), FACTS)
 
 
-def test_the_far_place_is_at_the_ratio():
-    assert to_far({**FACTS, "at_z_mm": 200.0}) == {"z_mm": pytest.approx(200.0 + (RATIO - 1) * 1000.0)}
-    assert to_far(FACTS) == {}
-
-
 def test_the_mean_of_frames_has_less_noise(wall):
     both = mean_plane("Y", [frame(one) for one in wall[0]]).samples
     noise = np.std(wall[0][0] - wall[0][1]) / 2**0.5
@@ -207,15 +195,6 @@ def test_near_and_far_photographs_become_the_psf(wall):
     truth = samples_of(OTF, 3, 13)
     # the published walls have errors of 2 to 8 per cent; this one is small
     assert np.linalg.norm(outcome.value.psf.h - truth) < 0.1 * np.linalg.norm(truth)
-
-
-def test_enough_is_two_photographs_from_either_place(wall):
-    shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
-    assert [shoot.purpose for shoot in shoots] == ["near", "far"]
-    near = shoots[0]
-    one = near.estimate(frame(wall[0][0]), FACTS, [], {})
-    assert not near.enough([one], FACTS).good
-    assert near.enough([one, one], FACTS).facts == {"near_frames": 2.0}
 
 
 def test_the_second_near_photograph_predicts_the_uncertainty_of_each_distance(wall):
@@ -269,14 +248,3 @@ def test_a_photograph_smaller_than_a_patch_is_as_fine_as_a_large_one(rng):
     # white: as much power in both bands, whatever the size; 40 x 52 has some hundred frequencies in a band
     assert fineness(noise, 0.0) == pytest.approx(1.0, abs=0.05)
     assert fineness(noise[:40, :52], 0.0) == pytest.approx(1.0, abs=0.3)
-
-
-def test_the_rail_shows_distances_and_light(wall):
-    near = check_near(frame(wall[0][0]), FACTS)
-    facts = {**FACTS, **near.facts}
-    facts.update(check_far(frame(1.1 * wall[1][0]), facts).facts)
-    summaries = [plan().step(name).value(facts) for name in ("wall", "near", "far")]
-    assert summaries[:2] == ["1.00 m x 4.4", f"mean {facts['near_level']:.0%}"]
-    # the frame's middle corresponds to the near photograph without its rim
-    assert summaries[2] in {f"light +{percent} %" for percent in range(7, 14)}
-    assert max(map(len, summaries)) <= 12

@@ -3,6 +3,7 @@ import pytest
 
 from procedures.geometry.chart_bins.large_chart import enlarged, reduced
 from procedures.geometry.chart_bins.photographs import view_of
+from procedures.geometry.chart_bins.turned_view import shrunk
 from procedures.pattern import Chart
 from procedures.pattern_psf.correspondences import Correspondences, bin_centres
 from procedures.raw import Plane
@@ -22,6 +23,7 @@ def test_reduced_pixels_have_the_centres_that_enlarging_assumes():
     (px, py), covariance = enlarged(bins, 3).points[0], enlarged(bins, 3).covariance[0]
     assert small[1, 2] == pytest.approx(3 * px + 5 * py)  # the mean of a plane is its central value
     np.testing.assert_array_equal(covariance, 9 * np.eye(2))
+    np.testing.assert_allclose(shrunk(np.array([[px, py]]), 3), bins.points)
 
 
 @pytest.mark.nightly

@@ -1,11 +1,11 @@
-"""The top of a sweep, and which way to turn."""
+"""The top of a sweep."""
 
 import math
 
 import numpy as np
 import pytest
 
-from procedures.pattern_psf.focus.sweep import TurnDirection, advise_turn, best_focus
+from procedures.pattern_psf.focus.sweep import best_focus
 
 
 def test_widths_that_grow_as_a_parabola_give_their_top_exactly():
@@ -43,22 +43,3 @@ def test_a_top_beyond_the_sweep_is_told_as_such():
     peak = best_focus(places, 0.5 - 0.01 * (places - 5) ** 2, np.full(4, 1e-3))
     assert peak is not None
     assert not peak.inside
-
-
-@pytest.mark.parametrize(
-    ("scores", "way", "words"),
-    [
-        ((), TurnDirection.TRY, "Focus by eye"),
-        ((0.3,), TurnDirection.TRY, "either way"),
-        ((0.3, 0.35), TurnDirection.ON, "go on the same way"),
-        ((0.35, 0.3), TurnDirection.BACK, "Turn back 1 step: frame 1"),
-        ((0.3, 0.4, 0.37, 0.3), TurnDirection.BACK, "Turn back 2 steps: frame 2"),
-        ((0.3, 0.4, 0.401), TurnDirection.STAY, "Stay"),
-        ((0.3, 0.301), TurnDirection.ON, "turn further"),
-        ((0.3, math.nan), TurnDirection.BACK, "Turn back"),
-    ],
-)
-def test_the_trend_tells_which_way_to_turn(scores, way, words):
-    turn = advise_turn(scores, [0.002] * len(scores))
-    assert turn.way is way
-    assert words in turn.say
