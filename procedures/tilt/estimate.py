@@ -144,13 +144,8 @@ def estimate_tilt(
     sensor = sensor.widened(slope**2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(sensor, parameters.screws, with_focus=with_focus)
-<<<<<<< HEAD
-    astigmatism = np.array([one.optima[1].at - one.optima[0].at for one in places])
-    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus, slope)
-=======
     astigmatism = np.array([place.optima[1].at - place.optima[0].at for place in places])
-    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus)
->>>>>>> main
+    tilt = Tilt(sensor, astigmatism, parameters.screws, turns, with_focus, slope)
     return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 

@@ -67,13 +67,9 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
         lines += [
             f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
         ]
-<<<<<<< HEAD
     elif planes[0].terms and PIXELS_PER_PATTERN in measurement.by_name[planes[0].plane].details:
         lines.append("`--twin` predicts the effect of another distance and of more light.")
-    return entry, lines, [one.verdict for one in planes]
-=======
     return entry, lines, [plane.verdict for plane in planes]
->>>>>>> main
 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:

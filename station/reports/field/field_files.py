@@ -130,14 +130,9 @@ def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> d
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
-<<<<<<< HEAD
         common = unseen_change(one.quality, np.array(FREQUENCIES))
         curves[name] = over_height(one.interpolation.field, FREQUENCIES, without, common)
-    return {name: one for name, one in curves.items() if one}
-=======
-        curves[name] = over_height(one.interpolation.field, FREQUENCIES, without)
     return {name: curve for name, curve in curves.items() if curve}
->>>>>>> main
 
 
 def _camera_entry(camera: WholeCamera) -> dict[str, Any]:

@@ -67,13 +67,8 @@ def field_page(report: Report) -> str:
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
-<<<<<<< HEAD
-    centres = {one.name: one for one in report.planes}
-    spots = {name: explored_places(one, centres[name]) for name, one in whole.fitted.items()}
-=======
     centres = {plane.name: plane for plane in report.planes}
-    spots = {name: explored_places(one.interpolation.field, centres[name]) for name, one in whole.fitted.items()}
->>>>>>> main
+    spots = {name: explored_places(one, centres[name]) for name, one in whole.fitted.items()}
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing, spots=spots)
 
 
