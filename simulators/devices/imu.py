@@ -14,8 +14,6 @@ from simulators.world.world import World
 
 Array = NDArray[np.float64]
 G = 9.80665
-NOISE_G, FAST_NOISE_G = 0.002, 0.0005
-FAST_DRIFT = 30e-6
 NEVER = float("inf")
 BATCH_S = 0.016
 LONGEST_BACKLOG = 256  # unread samples are overwritten
@@ -62,12 +60,13 @@ def digits(values: Array, full_scale: float) -> NDArray[np.int16]:
 
 
 class WitModule(SerialDevice):
-    """A WitMotion module: registers, and frames `55 TT ... SUM`."""
+    """A WitMotion module: registers, and frames `55 TT ... SUM`; a fraction `lose` of its samples is never sent."""
 
     baud = 115200
 
-    def __init__(self, world: World, rng: np.random.Generator) -> None:
+    def __init__(self, world: World, rng: np.random.Generator, *, noise_g: float = 0.002, lose: float = 0.0) -> None:
         self._world, self._rng = world, rng
+        self._noise_g, self._lose = noise_g, lose
         self._registers = dict(FACTORY)
         self._unlocked_until_s = -NEVER
         self._sampler = Sampler()
@@ -105,10 +104,12 @@ class WitModule(SerialDevice):
 
     def _sample(self, times: Array) -> None:
         force, rate = self._world.ideal_imu(times)
-        force = force + self._rng.normal(0, NOISE_G * G, force.shape)
+        force = force + self._rng.normal(0, self._noise_g * G, force.shape)
         rate = rate + self._rng.normal(0, 0.001, rate.shape)
-        for t_s, f, r in zip(times, digits(force, 16 * G), digits(rate, np.radians(2000)), strict=True):
-            self._report(float(t_s), f, r)
+        sent = self._rng.random(times.size) >= self._lose
+        for t_s, f, r, send in zip(times, digits(force, 16 * G), digits(rate, np.radians(2000)), sent, strict=True):
+            if send:
+                self._report(float(t_s), f, r)
 
     def _report(self, t_s: float, force: NDArray[np.int16], rate: NDArray[np.int16]) -> None:
         celsius = round(self._world.temperature_c(t_s) * 100)
@@ -149,10 +150,10 @@ def ccitt(data: bytes) -> int:
     return value
 
 
-def box_reading(world: World, rng: np.random.Generator, t_s: float) -> list[int]:
+def box_reading(world: World, rng: np.random.Generator, t_s: float, *, noise_g: float = 0.002) -> list[int]:
     """The digits of an ideal unit with noise, of 8 g and 500 degrees per second, on a STRIG box."""
     force, rate = world.ideal_imu(np.array([t_s]))
-    force = force + rng.normal(0, NOISE_G * G, force.shape)
+    force = force + rng.normal(0, noise_g * G, force.shape)
     numbers: list[int] = np.hstack([digits(force, 8 * G), digits(rate, np.radians(500))])[0].tolist()
     return numbers
 
@@ -162,8 +163,11 @@ class FastModule(SerialDevice):
 
     baud = 115200
 
-    def __init__(self, world: World, rng: np.random.Generator) -> None:
+    def __init__(
+        self, world: World, rng: np.random.Generator, *, noise_g: float = 0.0005, drift: float = 30e-6
+    ) -> None:
         self._world, self._rng = world, rng
+        self._noise_g, self._drift = noise_g, drift
         self._sampler = Sampler()
         self._line = bytearray()
         self._out = bytearray()
@@ -201,10 +205,10 @@ class FastModule(SerialDevice):
 
     def _batch(self, times: Array) -> None:
         force, rate = self._world.ideal_imu(times)
-        force = force + self._rng.normal(0, FAST_NOISE_G * G, force.shape)
+        force = force + self._rng.normal(0, self._noise_g * G, force.shape)
         rows = np.hstack([digits(force, 8 * G), digits(rate, np.radians(500))]).astype("<i2")
-        step_ns = round(1e9 / self._sampler.rate_hz * (1 + FAST_DRIFT))
-        head = struct.pack("<BHBQI", 1, self._seq, times.size, round(times[0] * (1 + FAST_DRIFT) * 1e6), step_ns)
+        step_ns = round(1e9 / self._sampler.rate_hz * (1 + self._drift))
+        head = struct.pack("<BHBQI", 1, self._seq, times.size, round(times[0] * (1 + self._drift) * 1e6), step_ns)
         self._seq = (self._seq + 1) % 65536
         self._send(head + rows.tobytes())
 

@@ -9,7 +9,7 @@ import numpy as np
 from procedures.field.conclusion import FieldResult, Limit, PlaneField
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames
-from procedures.numbers import MTF50_MERIDIONAL, MTF50_SAGITTAL, OF_PLACES
+from procedures.numbers import MTF50_MERIDIONAL, MTF50_RADIAL, MTF50_SAGITTAL, OF_PLACES
 from procedures.outcome import Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
@@ -55,7 +55,7 @@ OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""
 REACH = (1.0, 0.875, 0.75, 0.625, 0.5)
 """Shares of that where the numbers of a certificate are, the first at which the nodes reach most places."""
-SAME_AS = {str(MTF50_SAGITTAL): "mtf50_radial", str(MTF50_MERIDIONAL): "mtf50_radial"}
+SAME_AS = {str(MTF50_SAGITTAL): str(MTF50_RADIAL), str(MTF50_MERIDIONAL): str(MTF50_RADIAL)}
 """Numbers of a plane's centre with the uncertainty of those about the radius."""
 COLUMNS = {-1: "left", 0: "", 1: "right"}
 ROWS = {-1: "upper", 0: "", 1: "lower"}

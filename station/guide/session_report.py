@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from procedures.field.field_file import read_field
+from procedures.numbers import S_OVER_T
 from procedures.numerics.arrays import Array
 from procedures.outcome import Refused, Verdict
 from procedures.pattern_psf.combine import CombinedPsf
@@ -43,12 +44,12 @@ FIELD = "field.h5"
 REPORTED = "reported"
 """Event in the journal with the hash of the page."""
 STATED = (
-    "light", "sensor_kind", "chart", "chart_width_mm", "ruler_mm", "distance_mm", "s_over_t", "near_mm", "ratio",
+    "light", "sensor_kind", "chart", "chart_width_mm", "ruler_mm", "distance_mm", str(S_OVER_T), "near_mm", "ratio",
     "focal_length_mm", "pixel_pitch_um", "f_number", "exposure_s", "iso", "places", "views", "blur_by", "photographs",
     "max_w", "screw_count", "screw_radius_mm", "screw_pitch_mm", "s", "k", "solver", "print_blur", "exposure_ratio",
 )  # fmt: skip
 """The facts of a session that its certificate states."""
-WORDS = {"s_over_t": "s/t", "iso": "ISO", "f_number": "f-number"}
+WORDS = {str(S_OVER_T): "s/t", "iso": "ISO", "f_number": "f-number"}
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 

@@ -20,6 +20,8 @@ from procedures.numbers import (
     reference_text,
     short,
 )
+from tests.golden.cases import CASES
+from tests.golden.frozen import FROZEN
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("station", "drivers", "procedures", "simulators")
@@ -59,11 +61,9 @@ def test_no_name_is_written_anywhere_else():
     assert written == {}
 
 
-@pytest.mark.parametrize(
-    "kept", sorted((ROOT / "tests" / "golden" / "frozen").glob("*.json")), ids=lambda one: one.stem
-)
-def test_every_number_of_a_record_is_in_the_table_with_its_unit(kept):
-    records = json.loads(kept.read_text(encoding="utf-8"))
+@pytest.mark.parametrize("case", CASES)
+def test_every_number_of_a_record_is_in_the_table_with_its_unit(case):
+    records = json.loads((FROZEN / f"{case}.json").read_text(encoding="utf-8"))
     found = {one for record in records.values() for one in quantities(record.get("planes", record.get("rig", {})))}
     of_items = {"distance", "move", "turn"}  # of a view of geometry, of a screw
     projection = projection_at(0.0).removesuffix("0_mm")
