@@ -23,6 +23,7 @@ from station.results.reader import read_record
 from station.results.result_files import RECORD
 
 DERIVED = "derived"
+EDGES = "edges"
 REMEDIES = {
     "noise": "take four times as many photographs, or give four times the light",
     "light": "light the chart evenly, within 10 % from corner to corner",
@@ -44,6 +45,12 @@ REMEDIES = {
     "shutter": "hold the camera still, or move the chart faster in the video",
     "scale": "measure the chart with a better ruler, and give its record by --scale",
     "squareness": "square the chart more exactly, and give --chart-tilt-deg",
+    "bins": "photograph the noise chart, whose estimate has no bins",
+    "scatter": "use a straighter edge, and hold the camera still",
+    "sharpening": "switch off sharpening, or photograph RAW",
+    "overshoot": "switch off clarity and local contrast, or photograph RAW",
+    "tone": "photograph RAW, which has no tone curve",
+    "contrast": "photograph RAW, which has no tone curve",
 }
 """Remedy of each term of a budget."""
 WORDS = {
@@ -54,6 +61,12 @@ WORDS = {
     "shutter": "time between the rows",
     "scale": "scale of the chart",
     "squareness": "squareness of the chart",
+    "bins": "aliases of the bins",
+    "scatter": "displacements along the edge",
+    "sharpening": "unsharp mask not excluded",
+    "overshoot": "wide mask not excluded",
+    "tone": "tone curve not excluded",
+    "contrast": "S-shaped tone curve not excluded",
 }
 """Description of each term of a budget."""
 OUTLIER = 3.5
@@ -177,11 +190,22 @@ def _saved(term: str) -> float:
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
     """The budget of a number of a plane, without one its only term; empty if it has neither."""
     entry: Any = plane.details.get(name)
-    budget = entry.get("budget") if isinstance(entry, dict) else None
+    budget = entry.get("budget") if isinstance(entry, dict) else _mean_budget(plane, name)
     if budget is None and name in ALONE and name in plane.numbers:
         budget = {ALONE[name]: plane.numbers[name].uncertainty}
     known = {} if not isinstance(budget, dict) else budget
     return {term: float(one) for term, one in known.items() if term in WORDS and isinstance(one, int | float)}
+
+
+def _mean_budget(plane: PlaneResult, name: str) -> dict[str, float] | None:
+    """The mean variances of a number's terms over the edges of a plane, scaled to its uncertainty; None without any."""
+    entries = [edge.get(name) for edge in plane.details.get(EDGES, [])]
+    budgets = [entry["budget"] for entry in entries if isinstance(entry, dict) and "budget" in entry]
+    if not budgets or name not in plane.numbers:
+        return None
+    root = {term: math.hypot(*(budget.get(term, 0.0) for budget in budgets)) for term in budgets[0]}
+    scale = plane.numbers[name].uncertainty / (math.hypot(*root.values()) or 1.0)
+    return {term: scale * one for term, one in root.items()}
 
 
 def explain_batch(folder: Path) -> BatchExplanation:

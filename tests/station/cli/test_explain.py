@@ -59,6 +59,19 @@ def test_a_number_without_a_budget_has_its_only_term():
     ]  # fmt: skip
 
 
+def test_edges_of_a_plane_share_their_mean_budget():
+    budgets = {"noise": 0.3, "ghost": 0.0}, {"noise": 0.0, "ghost": 0.4}
+    edges = [{"verdict": "refused"}, *({"mtf50": {"value": 0.3, "budget": budget}} for budget in budgets)]
+    plane = PlaneResult("Y", Verdict.PASS, numbers={"mtf50": Quantity(0.3, "cycles/pixel", 0.05, "", 9)})
+    (one,) = explain_result(
+        Measurement("station/edge/1", RecordHead("edge"), (replace(plane, details={"edges": edges}),))
+    )
+    assert [(term.term, term.share) for term in one.terms] == [
+        ("ghost", pytest.approx(0.64)), ("noise", pytest.approx(0.36)),
+    ]  # fmt: skip
+    assert one.terms[0].uncertainty_then == pytest.approx(0.03)
+
+
 def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
     done = run("explain", result, "--json")
     (plane,) = json.loads(done.stdout)["planes"]
