@@ -63,7 +63,7 @@ def _view(h: Array, J: Array) -> _View:
     slope_y, slope_x = np.gradient(_x_corner(J, 3 * reach))
     slopes = np.stack([slope_x, slope_y])
     inner = slice(reach, -reach)
-    g = np.stack([cv2.filter2D(d, cv2.CV_64F, h[::-1, ::-1] / h.sum())[inner, inner] for d in slopes])
+    g = np.asarray([cv2.filter2D(d, cv2.CV_64F, h[::-1, ::-1])[inner, inner] for d in slopes], np.float64)
     v, u = np.mgrid[: g.shape[1], : g.shape[1]] - g.shape[1] // 2
     centre, window = np.zeros(2), 0.6 * reach
     for _ in range(20):
