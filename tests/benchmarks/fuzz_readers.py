@@ -7,7 +7,7 @@ numbers made extreme, the end missing; words of text replaced) is read by a fork
 address space (2 GB beside what is there) and in time (60 s of processor). A fork reads so many and is followed by
 another; one that the system ends is followed by one that begins after the mutation that it died of. What a mutation
 comes to is counted: 0 read, 2, 4, 5 refused as stated, 70 something unforeseen, `SIG...` ended by the system. The seed
-is told, with which a run is repeated, and `--keep` keeps the files that came to neither.
+is printed, with which a run is repeated, and `--keep` keeps the files that came to neither.
 """
 
 import gc
