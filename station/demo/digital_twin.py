@@ -14,6 +14,7 @@ from procedures.outcome import BadInput, Quantity
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.quality import PRINT_BLUR
 from procedures.transfer_function import Otf
 from simulators.camera.camera import SimulatedCamera, pixels_at, render_plane
 from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
@@ -43,7 +44,8 @@ def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
     """The predicted effects of a better distance and of four times the light, from the record of a plane.
 
     The twin has the measured MTF50, noise and size of the chart; its remaining properties are those of an ideal lens.
-    Terms that all photographs of the chart share, such as the blur of the print, stay as they are.
+    Terms that all photographs of the chart share stay as they are, except the blur of the print, which grows with the
+    square of the chart's width.
     Raises BadInput if the record is not that of a photograph of the chart.
     """
     try:
@@ -55,15 +57,26 @@ def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
     best = pixels_at(1.0, s)
     changes = {"four times the light": (width, noise / 2)}
     if abs(best / width - 1) > SAME_WIDTH:
-        changes |= {f"a chart {best:.0f} pixels wide instead of {width:.0f} (s/t = 1)": (best, noise)}
+        words = (
+            f"{width / best:.2g} times the distance (s/t = 1, a chart {best:.0f} pixels wide instead of {width:.0f})"
+        )
+        changes |= {words: (best, noise)}
     parameters = PatternParameters(s, k, chosen=True)
-    shared = combined({term: one for term, one in budget.items() if term in COMMON})
     own = combined({term: one for term, one in budget.items() if term not in COMMON})
     now = _uncertainty(width, noise, mtf50, parameters)
     return [
-        TwinPrediction(words, math.hypot(shared, own * _uncertainty(*change, mtf50, parameters) / now))
-        for words, change in changes.items()
+        TwinPrediction(
+            words, math.hypot(_shared(budget, wide / width), own * _uncertainty(wide, change, mtf50, parameters) / now)
+        )
+        for words, (wide, change) in changes.items()
     ]
+
+
+def _shared(budget: Mapping[str, float], scale: float) -> float:
+    """Uncertainty by what all photographs of the chart share, with a chart `scale` times as wide."""
+    return combined(
+        {term: one * (scale**2 if term == PRINT_BLUR else 1.0) for term, one in budget.items() if term in COMMON}
+    )
 
 
 def _uncertainty(width: float, noise: float, mtf50: float, parameters: PatternParameters) -> float:

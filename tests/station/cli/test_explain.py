@@ -1,6 +1,7 @@
 """`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -140,4 +141,6 @@ def test_twin_predicts_the_gain_of_light_and_of_distance(result):
     light, *_ = digital_twin.predictions(record)
     assert 0.4 * own < (light.uncertainty**2 - shared**2) ** 0.5 < 0.8 * own
     _, wider = digital_twin.predictions({**record, "pixels_per_pattern": 40.0})
-    assert (wider.uncertainty**2 - shared**2) ** 0.5 < 0.9 * own
+    print_blur = budget["print blur"]
+    grown = math.hypot(shared, print_blur * math.sqrt((digital_twin.pixels_at(1.0, record["s"]) / 40.0) ** 4 - 1))
+    assert grown < wider.uncertainty < math.hypot(grown, 0.9 * own)
