@@ -104,8 +104,14 @@ class BenchCamera(AlpacaDevice):
             raise AlpacaError(INVALID_VALUE, message)
         if self._taken is not None:
             self._check_part(self._taken.image.levels)
-        self._task.begin(f"an exposure of {duration_s:g} s", lambda: self._expose(duration_s))
-        self._ready, self._aborted = False, False
+        ready = self._ready
+        if not self._task.running:  # before it begins: another client may abort it at once
+            self._ready, self._aborted = False, False
+        try:
+            self._task.begin(f"an exposure of {duration_s:g} s", lambda: self._expose(duration_s))
+        except AlpacaError:
+            self._ready = ready
+            raise
 
     def _expose(self, duration_s: float) -> None:
         self._camera.configure(CameraSettings(exposure_s=duration_s or None))
