@@ -48,6 +48,13 @@ class PlaneVignetting:
     __repr__ = summary
 
     @property
+    def corner_budget(self) -> dict[str, float]:
+        """Standard uncertainty of the light in the corners, by noise and by the slope of the flats' light."""
+        whole = self.numbers[CORNER_LIGHT].uncertainty
+        noise = min(float(self.surface.parts(corners_of(self.surface.light.shape))[0].mean()), whole)
+        return {"noise": noise, "slope": float(np.sqrt(whole**2 - noise**2))}
+
+    @property
     def centre(self) -> Array:
         """Centre (2,) of the radial formula relative to the frame's, in pixels of the plane."""
         return np.asarray(self.radial.centre - self.middle)
@@ -113,9 +120,14 @@ def frame_places(shape: tuple[int, int]) -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
+def corners_of(shape: tuple[int, int]) -> Array:
+    """The corners (4, 2) of a plane."""
+    rows, columns = shape
+    return np.array([[x, y] for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+
+
 def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int) -> dict[str, Quantity]:
-    rows, columns = surface.light.shape
-    corners = np.array([[x, y] for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+    corners = corners_of(surface.light.shape)
     light, spread = surface.light.at(corners), surface.uncertainty(corners)
     darkest = int(np.argmin(light))
     sigma = np.sqrt(np.diag(radial.covariance))

@@ -52,13 +52,17 @@ class Falloff:
     structure: float
     excluded: float
 
-    def uncertainty(self, points: Array) -> Array:
-        """Standard uncertainty of the light at points (n, 2), by noise and by the flats' slope where known."""
+    def parts(self, points: Array) -> Array:
+        """Standard uncertainties (2, n) of the light at points (n, 2): by noise, and by the flats' slope if known."""
         u = in_half_diagonals(points, self.light.shape)
         design = design_of(u, self.light.degree)
-        variance = np.einsum("ni,ij,nj->n", design, self.covariance, design)
-        variance += np.einsum("ni,ij,nj->n", u, np.nan_to_num(self.slope_covariance), u)
-        return np.asarray(self.light.at(points) * np.sqrt(variance))
+        by_noise = np.einsum("ni,ij,nj->n", design, self.covariance, design)
+        by_slope = np.einsum("ni,ij,nj->n", u, np.nan_to_num(self.slope_covariance), u)
+        return np.asarray(self.light.at(points) * np.sqrt([by_noise, by_slope]))
+
+    def uncertainty(self, points: Array) -> Array:
+        """Standard uncertainty of the light at points (n, 2)."""
+        return np.asarray(np.hypot(*self.parts(points)))
 
 
 @dataclass(frozen=True, eq=False)

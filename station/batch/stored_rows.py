@@ -239,7 +239,7 @@ def _lines(rows: Iterable[ItemRow], units: Mapping[str, str]) -> Iterator[Line]:
             verdict = plane.verdict if plane else ""
             texts = [" + ".join(row.files), row.verdict, name, verdict, about.reason, about.remedy, judged, against]
             values = plane.numbers if plane else {}
-            numbers = [values.get(unit, {}).get(kind) for unit in sorted(units) for kind in ("value", "uncertainty")]
+            numbers = [values.get(one, {}).get(kind) for one in sorted(units) for kind in ("value", "uncertainty")]
             yield [*texts, row.folder, " ".join(row.sha256)], [row.noted.get(key) for _, key in NOTED], numbers
 
 

@@ -61,6 +61,13 @@ def sensor_measurement(result: SensorFiles, head: RecordHead) -> Measurement:
     )  # fmt: skip
 
 
+def _gain_budget(result: SensorResult) -> dict[str, float]:
+    """Standard uncertainty of the system gain by noise, and by the response's curvature, which a line neglects."""
+    whole = result.numbers[SYSTEM_GAIN].uncertainty
+    curvature = min(result.transfer.gain_bent, whole)
+    return {"noise": (whole**2 - curvature**2) ** 0.5, "curvature": curvature}
+
+
 def _plane(plane: SensorPlane) -> PlaneResult:
     """Verdict and numbers, the model for other procedures, and diagnostics."""
     result = plane.outcome.value
@@ -73,6 +80,7 @@ def _plane(plane: SensorPlane) -> PlaneResult:
             "names": list(joint.NAMES), "values": joint.values.tolist(),
             "covariance": joint.covariance.tolist(),
         },
+        SYSTEM_GAIN: number_record(result.numbers[SYSTEM_GAIN]) | {"budget": _gain_budget(result)},
         "rows": plane.shape[0],
         "columns": plane.shape[1],
         "diagnostics": {"light_spread": result.curves.light_spread, "gain_bent": result.transfer.gain_bent},

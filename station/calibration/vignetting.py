@@ -1,10 +1,11 @@
 """Vignetting: measurement from flats, and stored results for exports."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from procedures.numbers import CORNER_LIGHT
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
@@ -109,6 +110,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
         "centre": one.radial.centre.tolist(),
         "diagnostics": {"scatter": one.surface.scatter, "structure": one.surface.structure,
                         "left_out": one.surface.excluded, "slopes": one.surface.slopes.tolist()},
+        CORNER_LIGHT: asdict(one.numbers[CORNER_LIGHT]) | {"budget": one.corner_budget},
     }  # fmt: skip
     return PlaneResult.of_outcome(name, outcome, numbers=one.numbers, estimate=one, pitch=0, details=details)
 

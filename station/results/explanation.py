@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.choice import TERMS
 from procedures.geometry.next_view import NextView, next_view_words
-from procedures.numbers import BASELINE, CORNER_LIGHT, SYSTEM_GAIN, TILT_CORNER, W_MEDIAN, Group, in_group
+from procedures.numbers import Group, in_group
 from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
 from station.results.measurement import Measurement
@@ -45,6 +45,8 @@ REMEDIES = {
     "shutter": "hold the camera still, or move the chart faster in the video",
     "scale": "measure the chart with a better ruler, and give its record by --scale",
     "squareness": "square the chart more exactly, and give --chart-tilt-deg",
+    "slope": "take flats in more turns of the camera, or make their light more even",
+    "curvature": "use the gain at dark, which is corrected for it",
     "bins": "photograph the noise chart, whose estimate has no bins",
     "scatter": "use a straighter edge, and hold the camera still",
     "sharpening": "switch off sharpening, or photograph RAW",
@@ -61,6 +63,8 @@ WORDS = {
     "shutter": "time between the rows",
     "scale": "scale of the chart",
     "squareness": "squareness of the chart",
+    "slope": "slope of the flats' light",
+    "curvature": "curvature of the response",
     "bins": "aliases of the bins",
     "scatter": "displacements along the edge",
     "sharpening": "unsharp mask not excluded",
@@ -79,11 +83,6 @@ PLANE = re.compile(r"^(R|G1|G2|B|Y): ")
 """Beginning of a batch's reason."""
 HALVED = ("noise", "points")
 """Terms that the remedy halves; the others are removed at best."""
-ALONE: Mapping[str, str] = {
-    **dict.fromkeys((TILT_CORNER, SYSTEM_GAIN, CORNER_LIGHT, W_MEDIAN), "noise"),
-    BASELINE: "points",
-}
-"""Numbers whose uncertainty has this term alone where the record has no budget."""
 
 
 @dataclass(frozen=True)
@@ -188,11 +187,9 @@ def _saved(term: str) -> float:
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
-    """The budget of a number of a plane, without one its only term; empty if it has neither."""
+    """The budget of a number of a plane; empty if it has none."""
     entry: Any = plane.details.get(name)
     budget = entry.get("budget") if isinstance(entry, dict) else _mean_budget(plane, name)
-    if budget is None and name in ALONE and name in plane.numbers:
-        budget = {ALONE[name]: plane.numbers[name].uncertainty}
     known = {} if not isinstance(budget, dict) else budget
     return {term: float(one) for term, one in known.items() if term in WORDS and isinstance(one, int | float)}
 
