@@ -12,7 +12,7 @@ from station.procedure.schema import procedure_named, schema_of
 from tests.printed import PAPERS, print_faults, screen_faults
 
 from .cases import CASES, OUT
-from .frozen import FROZEN, differences, frozen_file, frozen_record, page_text, same_text, without_hashes
+from .frozen import FROZEN, check_frozen, differences, frozen_file, frozen_record, page_text, same_text, without_hashes
 
 pytestmark = pytest.mark.slow
 
@@ -49,10 +49,7 @@ def test_tables_and_arrays_are_as_they_were(made, request):
     name, folder = made
     files = [one for suffix in (".csv", ".npy", ".tiff") for one in files_of(folder, suffix)]
     found = {without_hashes(str(one.relative_to(folder))): frozen_file(one, folder) for one in files}
-    kept = FROZEN / f"{name}.tables.json"
-    if request.config.getoption("--freeze"):
-        kept.write_text(json.dumps(found, ensure_ascii=False) + "\n", encoding="utf-8")
-    assert list(differences(json.loads(kept.read_text(encoding="utf-8")), found)) == []
+    check_frozen(request, f"{name}.tables", found)
 
 
 def test_pages_are_as_they_were(made, request):
