@@ -85,7 +85,7 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
     if one.terms:
         first, *others = one.terms[:MOST_TERMS]
         lines += [
-            f"  {label(one.number)} {one.value}, {first.share:.0%} of its variance by the {WORDS[first.term]}.",
+            f"  {label(one.number)} {one.value}, {first.share:.0%} of its variance: {WORDS[first.term]}.",
             f"  Best: {first.remedy}; ± falls from {one.uncertainty:.2g} to {first.uncertainty_then:.2g} at best.",
             *(f"    {part.share:4.0%} {WORDS[part.term]}; to ± {part.uncertainty_then:.2g}: {part.remedy}"
               for part in others),
