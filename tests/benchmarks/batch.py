@@ -179,9 +179,7 @@ def measure(root: Path, broken: set[str], count: int) -> None:
     one, cpu, watch = run(frames, root / "one", "--jobs", "1")
     print(f"one process   {one:6.1f} s, processor {cpu:6.1f} s; {watch.stated()}; {check(root / 'one', broken, count)}")
     two, cpu, watch = run(frames, root / "two", "--jobs", "2")
-    print(
-        f"two processes {two:6.1f} s, {cpu:6.1f} s CPU; {watch.stated()}; {one / two:.2f} x as fast ({BOUND_RATIO})"
-    )
+    print(f"two processes {two:6.1f} s, {cpu:6.1f} s CPU; {watch.stated()}; {one / two:.2f} x as fast ({BOUND_RATIO})")
     again, cpu, _ = run(frames, root / "two", "--jobs", "2")
     print(f"  again       {again:6.1f} s, processor {cpu:6.1f} s: nothing is done twice")
     took, cpu, watch = run(frames, root / "killed", "--jobs", "2", kill_after=third)
