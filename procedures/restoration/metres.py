@@ -25,8 +25,8 @@ MASKS_PX = 0.035
 """Standard uncertainty of w in addition to noise: masks are interpolated, and the picture's prior makes w too small, by
 0 to 0.05 pixel in scenes of two independent renderers."""
 MOVED = 0.6
-"""Standard uncertainty of w relative to its change since the first depth, root mean square over the window: large where
-a surface was assigned to the wrong side of an edge, or is smoothed by the prior. Chosen with `MASKS_PX` on ten scenes."""
+"""Standard uncertainty of w relative to its change since the first depth, root mean square over the window: large
+where a surface was assigned to the wrong side of an edge, or is smoothed. Chosen with `MASKS_PX` on ten scenes."""
 SURFACE = 15
 """Side of the window over which a surface is displaced, pixels: with 9 the uncertainty of places with little texture
 was 2 to 5 times the error, with 27 it ignored errors of whole surfaces."""
@@ -114,13 +114,14 @@ def unexplained(residual: Array, noise: float) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(power) > MAX_RESIDUAL * noise)
 
 
-def spread_of(found: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
+def depth_spread(found: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
     """Standard deviation of w (H, W) of a restoration of photographs (C, H, W) each, infinite where its picture and
     depth do not explain them."""
     noise = found.diagnostics.noise
-    moved = MOVED**2 * uniform_filter((found.start.w - found.w) ** 2, WINDOW)
-    spread = np.sqrt(found.w_std**2 + ambiguity(photographs, masks, found.w, noise) ** 2 + moved)
-    return np.where(unexplained(found.residual, noise), np.inf, spread)
+    w, first, local = (np.asarray(one, np.float64) for one in (found.w, found.start.w, found.w_std))
+    moved = MOVED**2 * uniform_filter((first - w) ** 2, WINDOW)
+    spread = np.sqrt(local**2 + ambiguity(photographs, masks, w, noise) ** 2 + moved)
+    return np.where(unexplained(found.residual.astype(np.float64), noise), np.inf, spread)
 
 
 def distances_of(

@@ -15,8 +15,9 @@ from procedures.restoration.joint.estimate import RestorationParameters, restora
 from procedures.restoration.joint.kernel_sizes import default_max_w, stacks_of
 from tests.benchmarks.restoration_shaken import RIM, Conditions, shaken
 
-HELD_OUT = (("immunohistochemistry", 0.004), ("coins", 0.003), ("clock", 0.006), ("moon", 0.002), ("rocket", 0.003), ("coffee", 0.005),
-            ("chelsea", 0.006), ("gravel", 0.002), ("camera", 0.002), ("astronaut", 0.005))  # fmt: skip
+HELD_OUT = (("immunohistochemistry", 0.004), ("coins", 0.003), ("clock", 0.006), ("moon", 0.002), ("rocket", 0.003),
+            ("coffee", 0.005), ("chelsea", 0.006), ("gravel", 0.002), ("camera", 0.002),
+            ("astronaut", 0.005))  # fmt: skip
 CHOSEN = (("camera", 0.004), ("coins", 0.004), ("coffee", 0.002), ("astronaut", 0.008), ("grass", 0.004),
           ("moon", 0.003), ("rocket", 0.005), ("brick", 0.004), ("gravel", 0.004), ("chelsea", 0.003),
           ("camera", 0.008), ("grass", 0.002), ("astronaut", 0.003), ("clock", 0.004), ("brick", 0.002))  # fmt: skip

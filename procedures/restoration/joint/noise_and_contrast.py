@@ -131,8 +131,8 @@ class TilePowers:
     """
 
     mean: Array
-    share: Array
-    centres: tuple[Array, Array]
+    share: NDArray[np.intp]
+    centres: tuple[NDArray[np.intp], NDArray[np.intp]]
     frame: tuple[int, int]
 
     def of(self, band: int, sector: int | None = None) -> Array:

@@ -5,6 +5,7 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +31,7 @@ separated."""
 
 
 UNSURE, VARIED = 0.1, 0.5
-"""Relative errors of the amplified noise of a sector of frequencies, and of the mean contrast of its band as that of the
-sector."""
+"""Relative errors of the amplified noise in a sector of frequencies, and of the band's contrast as the sector's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def picture_error(
     )
 
 
-def _within(spectra: list[tuple[Array, ...]], where: Array) -> tuple[Array, ...]:
+def _within(spectra: Sequence[tuple[Array, ...]], where: Array) -> tuple[Array, ...]:
     """The spectra of all depths at some frequencies."""
     return tuple(np.concatenate([spectrum[where] for spectrum in kind]) for kind in zip(*spectra, strict=True))
 
