@@ -30,8 +30,8 @@ MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
 RELIEF_PX = 360
 """Largest side of the picture over its depth."""
-RELIEF = """<div class="relief" hidden><canvas tabindex="0" aria-label="{}" style="touch-action: none"></canvas>
-<p>{}</p><div hidden>{}{}</div></div>"""
+RELIEF = """<div class="relief" hidden><canvas tabindex="0" aria-label="{}"></canvas><p>{}</p>
+<div hidden>{}{}</div></div>"""
 MIN_SPAN_PX, MIN_BLUR_PX = 0.5, 0.2
 """Span of w and blur of the ground truth below which they are not shown."""
 FOCUS_AT = (("Sharp where w is large.", 90), ("Sharp where w is in its middle.", 50), ("Sharp where w is small.", 10))
