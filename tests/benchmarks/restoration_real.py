@@ -7,8 +7,8 @@
 first are restored, and `groundtruth.png`, a photograph through still air. Rivals: the registered mean, and from it
 scikit-image's Richardson-Lucy and Wiener filters with the Gaussian PSF, iterations and balance of the least error.
 `shake`: Köhler, Hirsch, Mohler, Schölkopf, Harmeling (ECCV 2012), `Blurry1_1.png`, ...: two disjoint pairs of each
-scene are restored, in their middle of 256 x 256 pixels; half of the mean square difference of both pictures is the error
-of one, as far as the pairs do not share it. Rivals: the difference of the least blurred photographs of both pairs.
+scene are restored, in their middle of 256 x 256 pixels; half of the mean square difference of both pictures is the
+error of one, as far as the pairs do not share it. Rival: the difference of the pairs' most alike photographs.
 """
 
 import argparse
