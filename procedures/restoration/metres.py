@@ -114,14 +114,14 @@ def unexplained(residual: Array, noise: float) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(power) > MAX_RESIDUAL * noise)
 
 
-def depth_spread(found: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
+def depth_spread(restored: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
     """Standard deviation of w (H, W) of a restoration of photographs (C, H, W) each, infinite where its picture and
     depth do not explain them."""
-    noise = found.diagnostics.noise
-    w, first, local = (np.asarray(one, np.float64) for one in (found.w, found.start.w, found.w_std))
+    noise = restored.diagnostics.noise
+    w, first, local = (np.asarray(one, np.float64) for one in (restored.w, restored.start.w, restored.w_std))
     moved = MOVED**2 * uniform_filter((first - w) ** 2, WINDOW)
     spread = np.sqrt(local**2 + ambiguity(photographs, masks, w, noise) ** 2 + moved)
-    return np.where(unexplained(found.residual.astype(np.float64), noise), np.inf, spread)
+    return np.where(unexplained(restored.residual.astype(np.float64), noise), np.inf, spread)
 
 
 def distances_of(
