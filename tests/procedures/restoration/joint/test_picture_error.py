@@ -105,3 +105,7 @@ def test_detail_suppressed_by_the_prior_is_in_the_expected_error_of_known_masks(
     error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, weight), residual, u)
     # with the contrast as restored it is 1.15 and 0.92 of the error
     assert error.std == pytest.approx(true, rel=0.07)
+    # the smooth half, then the textured one: their errors differ
+    off = [np.std(part) for part in np.split(u[0] - scene, 2, axis=1)]
+    stated = [np.sqrt(np.mean(part**2)) for part in np.split(error_map(error, residual, 7), 2, axis=1)]
+    np.testing.assert_allclose(stated, off, rtol=0.25)
