@@ -5,6 +5,7 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,58 +29,65 @@ SMOOTH = 0.25
 """Texture of the smoothest tenth of places, relative to the mean, up to which noise and mask errors can be
 separated."""
 
+NOISE, MISMATCH, DETAIL = "noise", "shapes", "detail"
+"""Terms of the budget."""
+
 
 @dataclass(frozen=True)
 class PictureError:
     """Root mean squares, white = 1.
 
-    std : expected error of the restored picture; noise, lost : its parts due to amplified noise with mask errors, and
-    to the prior; blurred : error of the least blurred photograph.
+    std : expected error of the restored picture; budget : its independent parts, amplified noise, disagreement of masks
+    and photographs, and detail suppressed by the prior; brighter : the error with four times the light; blurred : error
+    of the least blurred photograph.
     """
 
     std: float
-    noise: float
-    lost: float
+    budget: Mapping[str, float]
+    brighter: float
     blurred: float
 
 
 def picture_error(
-    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, fitted: float = 0.0,
-    *, as_restored: bool = False,
+    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
+    fitted: float = 0.0, *, as_restored: bool = False,
 ) -> PictureError:  # fmt: skip
     """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
     depths : w of equal parts of the frame; weights : effective weights of the prior in every band, see
-    `effective_weights`; fitted : noise fitted by the depth; as_restored : X is
-    that of the restored picture, for estimated masks, which share a part with the picture and make it too sharp.
+    `effective_weights`; sigma : noise of the photographs, what exceeds it is a disagreement; fitted : noise fitted by
+    the depth; as_restored : X is that of the restored picture, for estimated masks, which share a part with the picture
+    and make it too sharp.
 
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
+    The best weight for N leaves N / (S + N / X).
     """
-    power, slopes, rings = (
-        band_powers(residual.astype(np.float64)),
-        gradient_powers(sharp.astype(np.float64)),
-        rings_of((SIZE, SIZE)),
+    power, slopes = band_powers(residual.astype(np.float64)), gradient_powers(sharp.astype(np.float64))
+    rings, count = rings_of((SIZE, SIZE)), len(stacks)
+    inside = rings >= 0
+    bands = rings[inside]
+    each = [(S[inside], L[inside], responses_of_best(stacks, float(w))[inside])
+            for w in depths for S, L in [responses(stacks, float(w))]]  # fmt: skip
+    N, contrast = np.array([
+        separated([(S[bands == i], L[bands == i]) for S, L, _ in each], weights[i], count, fitted, count * power[i],
+                  slopes[i], fixed=as_restored)
+        for i in range(BANDS)
+    ]).T[:, bands]  # fmt: skip
+    random = min(1.0, sigma**2 / max(float(N.mean()), 1e-30))
+    less, parts = N * (1 - 0.75 * random), np.zeros(5)
+    for S, L, best in each:
+        X, soft = contrast / L + 1e-30, weights[bands] * L
+        damped = S + soft + 1e-12
+        terms = N * S / damped**2, X * (soft / damped) ** 2, X * (1 - np.sqrt(best)) ** 2
+        parts += [term.mean() / len(each) for term in (*terms, N / (S + N / X), less / (S + less / X))]
+    amplified, lost, blurred, now, then = (float(part) for part in parts)
+    std = float(np.sqrt(amplified + lost))
+    budget = {NOISE: amplified * random, MISMATCH: amplified * (1 - random), DETAIL: lost}
+    return PictureError(
+        std, {term: part**0.5 for term, part in budget.items()}, std * (then / max(now, 1e-30)) ** 0.5, blurred**0.5
     )
-    parts, count = np.zeros(3), len(stacks)
-    each = [(*responses(stacks, float(w)), responses_of_best(stacks, float(w))) for w in depths]
-    for band in range(BANDS):
-        at = rings == band
-        here = [(S[at], L[at], best[at]) for S, L, best in each]
-        noise, contrast = separated(
-            [(S, L) for S, L, _ in here], weights[band], count, fitted, count * power[band], slopes[band],
-            fixed=as_restored,
-        )  # fmt: skip
-        for S, L, best in here:
-            soft = weights[band] * L / (S + weights[band] * L + 1e-12)
-            parts += [
-                noise * np.sum(S / (S + weights[band] * L + 1e-12) ** 2),
-                contrast * np.sum(soft**2 / L),
-                contrast * np.sum((1 - np.sqrt(best)) ** 2 / L),
-            ]
-    parts /= len(depths) * np.sum(rings >= 0)
-    return PictureError(float(np.sqrt(parts[:2].sum())), *(float(one) for one in np.sqrt(parts)))
 
 
 def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
