@@ -56,6 +56,7 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
     planes = explain_result(read_result(folder))
     entry: dict[str, Any] = {"planes": [asdict(plane) for plane in planes]}
     lines = [line for plane in planes for line in _plane_lines(plane)]
+    known = record_of(folder, planes[0].plane)
     if twin:
         from station.demo.digital_twin import predictions
 
@@ -63,11 +64,11 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
         budget = {part.term: part.share**0.5 * first.uncertainty for part in first.terms}
         with progress(1) as shown:
             shown("photographing with the digital twin", 0)
-            effects = predictions(record_of(folder, first.plane), first.number, budget)
+            effects = predictions(known, first.number, budget)
         entry["twin"] = [asdict(effect) for effect in effects]
         lines += ["", f"By the digital twin, for {first.plane}:"]
         lines += [f"  {one.words}: {one.number} ± goes from {one.before:.2g} to {one.after:.2g}" for one in effects]
-    elif planes[0].terms and TWIN & record_of(folder, planes[0].plane).keys():
+    elif planes[0].terms and TWIN & {*known, *known.get("diagnostics", {})}:
         lines.append("`--twin` predicts the effect of remedies by a simulated camera.")
     return entry, lines, [plane.verdict for plane in planes]
 

@@ -22,7 +22,6 @@ from procedures.outcome import BadInput
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.quality import PRINT_BLUR
-from procedures.raw import Plane
 from procedures.sensor.estimate import characterise
 from procedures.sensor.stacks import SensorRecording, measure_level
 from procedures.slanted_edge.estimate import estimate_edge
@@ -72,7 +71,7 @@ def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[
     those of their own models.
     Raises BadInput if no twin can photograph the subject.
     """
-    before = combined(dict(budget))
+    before, plane = combined(dict(budget)), {**plane.get("diagnostics", {}), **plane}
     if (view := plane.get("next_view")) is not None:
         known = NextView(**view)
         words = f"one more view, with the chart in {next_view_words(known)}"
@@ -96,6 +95,7 @@ def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[
             words, label(number), before, combined({term: u * factors.get(term, 1.0) for term, u in budget.items()})
         )
         for words, factors in effects.items()
+        if np.isfinite(list(factors.values())).all()  # the twin's photographs were not refused
     ]
 
 
@@ -109,7 +109,7 @@ def _sigma(mtf50: float) -> float:
 
 def chart_effects(plane: Entry) -> Effects:
     """A better distance, and more light: the blur of the print grows with the square of the chart's width."""
-    width, mtf50, noise = plane[PIXELS_PER_PATTERN], plane[MTF50_HORIZONTAL]["value"], plane["diagnostics"]["noise"]
+    width, mtf50, noise = plane[PIXELS_PER_PATTERN], plane[MTF50_HORIZONTAL]["value"], plane["noise"]
     parameters = PatternParameters(plane["s"], plane["k"], chosen=True)
     best = pixels_at(1.0, plane["s"])
     changes = {LIGHT: (width, noise / 2)}
@@ -157,18 +157,18 @@ def _exposure_s(camera: SimulatedCamera) -> float:
 
 # --- walls ---
 
-TEXELS, FOCAL_PX = 2.0, 3000.0
-"""Texels of the wall per pixel of the near photograph; distance of the lens from the sensor, in pixels."""
+FOCAL_PX, LARGEST, PER_LEAF = 3000.0, 240.0, 60.0
+"""Distance of the lens from the sensor in pixels; largest leaf, and pixels per leaf, of the near photograph."""
 
 
 def wall_effects(plane: Entry) -> Effects:
     """More light, and a far photograph from nearer or farther."""
-    zoom, samples, noise = *(float(plane["diagnostics"][name]) for name in ("scale", "samples")), float(plane["noise"])
+    zoom, samples, noise = (float(np.mean(plane[name])) for name in ("scale", "samples", "noise"))
     mtf50, parameters = plane[MTF50_HORIZONTAL]["value"], TwoPhotoParameters(plane["s"], plane["k"])
     side = round(zoom * samples**0.5)
     changes = {LIGHT: (zoom, noise / 2)}
     changes |= {
-        f"the far photograph from {z / zoom:.2g} times the distance": (z, noise) for z in (0.8 * zoom, 1.25 * zoom)
+        f"the far photograph from {z / zoom:.2g} times the distance": (z, noise) for z in (0.9 * zoom, 1.2 * zoom)
     }
     now = _wall_uncertainty(side, zoom, noise, mtf50, parameters)
     return {
@@ -178,19 +178,24 @@ def wall_effects(plane: Entry) -> Effects:
 
 
 def _wall_uncertainty(side: int, zoom: float, noise: float, mtf50: float, parameters: TwoPhotoParameters) -> float:
-    """Standard uncertainty of MTF50 by the noise of a near and a far photograph, `side` pixels wide, of a wall."""
-    rng = np.random.default_rng(SEEDS[0])
-    texels = round(1.6 * TEXELS * side)
-    wall = FlatSheet(leaves((texels, texels), rng, largest=texels / 4, per_leaf=80.0), 1.0)
-    projection = Projection(FOCAL_PX, ((side - 1) / 2, (side - 1) / 2))
-    near, far = (
-        draw([PlacedSheet(wall, ObjectPose((0.0, 0.0, FOCAL_PX * TEXELS * z), roll_deg=2.0 * z), _optics(mtf50))],
-             projection, (side, side), {(0, 0): "Y"})
-        for z in (1.0, zoom)
-    )  # fmt: skip
-    pair = [Plane("Y", (one + noise * rng.standard_normal(one.shape)).astype(np.float32), 1e-6) for one in (near, far)]
-    found = estimate_psf_of_pair(pair[0], pair[1], parameters).value
-    return math.inf if found is None else found.quality.budgets[MTF50_HORIZONTAL]["noise"]
+    """Standard uncertainty of MTF50 by the noise of a near and a far photograph of a wall: median of several pairs.
+
+    side : rows and columns of either
+    """
+    projection, uncertainties = Projection(FOCAL_PX, ((side - 1) / 2, (side - 1) / 2)), []
+    for seed in SEEDS:
+        rng, texels = np.random.default_rng(seed), round(1.1 * side * zoom)
+        wall = FlatSheet(leaves((texels, texels), rng, largest=LARGEST, per_leaf=PER_LEAF), 1.0)
+        near, far = (
+            draw([PlacedSheet(wall, ObjectPose((0.0, 0.0, FOCAL_PX * z), roll_deg=2.0 * z), _optics(mtf50))],
+                 projection, (side, side), {(0, 0): "Y"})
+            + np.float32(noise) * rng.standard_normal((side, side), np.float32)
+            for z in (1.0, zoom)
+        )  # fmt: skip
+        outcome = estimate_psf_of_pair(near, far, parameters)
+        if outcome.value is not None:
+            uncertainties.append(outcome.value.quality.budgets[MTF50_HORIZONTAL]["noise"])
+    return float(np.median(uncertainties)) if uncertainties else math.inf
 
 
 # --- edges ---

@@ -79,8 +79,8 @@ class Restoration:
     shifts : (P, 2) x, y of each photograph relative to the first beyond its masks, pixels; light : (P,) relative to the
     first; turns, zooms : (P,) relative to the first, radians and ratio; all are corrected for. moved : (H, W), where
     something moved between the photographs and neither picture nor w is reliable. occlusion : (H, W), next to depth
-    edges, where w may belong to either side and both errors are raised, see `occlusion`. budget : terms of the picture's
-    expected error, white = 1; brighter : that error with four times the light.
+    edges, where w may belong to either side and both errors are raised, see `occlusion`. budget : terms of the expected
+    error of the picture, white = 1; brighter : that error with four times the light.
     unit : of w in files and reports. kernels : (P, K, K) of the estimated motions of a flat scene, one sample a pixel,
     or None; shapes : (P, n, n) on [-1, 1] of those of a scene in depth, or None. ground_truth : comparison with one, or
     None.
