@@ -18,6 +18,7 @@ from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.drawings.screws import screws_drawing
 from procedures.field import plan as field_plan
+from procedures.field.focus import FREQUENCY
 from procedures.field.measuring import Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, FieldFacts, TourStart
 from procedures.numbers import HELPS, TILT_CORNER
@@ -25,6 +26,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.pattern_print.sheet import SMALLEST_WIDTH_MM
 from procedures.pattern_psf.checks import check_light, seen_chart, shown
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.plan import LENS, check_sheets
 from procedures.pattern_psf.plan import plan as pattern_plan
@@ -57,6 +59,7 @@ from procedures.plan import (
     number,
     required,
 )
+from procedures.quality import mtf_along
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import SURE, Positions, Screws, behind_lens_um
@@ -153,7 +156,8 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     optics, f_number = known.optics(shown(frame).pitch), f_number_of(known)
     distance_mm, aimed_mm = known.begun().distance_mm, optics.distance_mm(known.wanted_px_per_cell)
     if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
-        return advice
+        noise = mtf_noise(frame, known)
+        return advice if noise is None else replace(advice, facts={**advice.facts, "chart_mtf_noise": noise})
     if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
         say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: there the rail reaches the bracket."
         return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
@@ -165,6 +169,15 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
         say = f"begin again with a chart at most {width_within_reach(without_laser(facts)):.0f} mm wide."
     needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart"
     return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
+
+
+def mtf_noise(frame: RawFrame, known: TiltFacts) -> float | None:
+    """Relative standard uncertainty of the MTF that is followed through focus, by noise; None where it is refused."""
+    estimate = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
+    if estimate is None:
+        return None
+    value, slope = mtf_along(estimate.psf, np.array([FREQUENCY]), 0.0)
+    return float(np.sqrt(slope[0] @ estimate.psf.parameter_covariance @ slope[0]) / value[0])
 
 
 SCREWS = (
@@ -229,6 +242,7 @@ def stops(facts: Facts) -> list[TourStop]:
     start = known.begun()
     pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
     depths = bracket_mm(known.optics(pitch), f_number_of(known), start.distance_mm)
+    focus = focus_um(known.chart_mtf_noise, f_number_of(known) * known.optics(pitch).plane_pitch_um)
     nearer = start.distance_mm / depths[0]
     as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
     locations = field_plan.locations({**facts, **as_nearest})  # the chart is not cut where it is largest
@@ -237,17 +251,31 @@ def stops(facts: Facts) -> list[TourStop]:
             f"place {i} of {len(locations)}, {depth:.0f} mm",
             Go(partial(to_depth, location, depth), partial(say_depth, location, depth)),
             partial(check_bracket, location),
-            partial(corner_goal, locations, (i - 1) * len(depths) + j, len(depths)),
+            partial(corner_goal, locations, (i - 1) * len(depths) + j, len(depths), focus),
         )
         for i, location in enumerate(locations, 1)
         for j, depth in enumerate(depths if i % 2 else depths[::-1])
     ]
 
 
-def corner_goal(places: Sequence[Location], taken: int, depths: int, facts: Facts) -> Goal:
-    """Progress of the corners' heights, in uncertainties of best focus at one place, known after the estimate."""
-    now, after = (field_plan.corner_spread(places[: n // depths]) for n in (taken, taken + 1))
-    return Goal(len(places) * depths - taken, "corner height", "times that of one place's best focus", now, after)
+def corner_goal(places: Sequence[Location], taken: int, depths: int, focus: float, facts: Facts) -> Goal:
+    """Progress of the corners' heights over the centre, by the uncertainty `focus` of best focus at one place, in
+    um."""
+    now, after = (focus * field_plan.corner_spread(places[: n // depths], plane=True) for n in (taken, taken + 1))
+    return Goal(len(places) * depths - taken, "height of the corners, by noise,", "um", now, after)
+
+
+def focus_um(noise: float | None, depth_um: float) -> float:
+    """Predicted standard uncertainty of best focus at one place, by a quartic through its bracket, in um; NaN where the
+    relative noise of the MTF is not known.
+
+    The blur circle t depths of focus away has t pixels: the logarithm of the MTF at f falls by (pi f t)^2 / 8.
+    """
+    if noise is None:
+        return math.nan
+    design = np.vander(STEPS, 5, increasing=True).astype(float)
+    slope = noise * np.linalg.inv(design.T @ design)[1, 1] ** 0.5
+    return float(depth_um * slope / (2 * (math.pi * FREQUENCY) ** 2 / 8))
 
 
 def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
@@ -432,6 +460,7 @@ class TiltFacts(FieldFacts):
     depths : distance of the chart along the optical axis in mm, by the photograph's mark
     turns : required turns of the screws
     helps : probability that they improve the alignment
+    chart_mtf_noise : of the photograph at the start, see `mtf_noise`
     corner_um : height of the sensor's highest corner over its centre
     """
 
@@ -442,6 +471,7 @@ class TiltFacts(FieldFacts):
     depths: Mapping[str, float] = gathered_numbers(DEPTH)
     turns: tuple[float, ...] = gathered(turns_of, prefix=TURN)
     helps: float | None = None
+    chart_mtf_noise: float | None = None
     corner_um: float | None = None
 
     @property
