@@ -54,7 +54,9 @@ def turn_advice(
     left = wanted - (turned or 0.0)
     tolerance = SHARE * abs(wanted) + SIGMAS * noise
     outline = Outline(bar(turned or 0.0, wanted, shape), bar(wanted, wanted, shape))
-    reading = Reading(f"screw {screw}", turned or 0.0, "turns", wanted - tolerance, wanted + tolerance)
+    reading = Reading(
+        f"screw {screw}", turned or 0.0, "turns", round(wanted - tolerance, 3), round(wanted + tolerance, 3)
+    )
     if turned is not None and reading.good:
         return Advice(True, f"Screw {screw} is turned by about {turned:.2f}.", (reading,), outline=outline)
     way = "away from" if left > 0 else "towards"
