@@ -246,8 +246,9 @@ def check_screw(screw: int, frame: RawFrame, facts: Facts) -> Advice:
     wanted, key = known.turns[screw - 1], f"{SHARPNESS}{screw}"
     before, now = known.sharpness.get(str(screw)), sharpness(plane, known)
     follow = partial(
-        turn_advice, screw, wanted, angle_deg=known.screws.angles_deg[screw - 1], shape=plane.samples.shape
-    )
+        turn_advice, screw, wanted, angle_deg=known.screws.angles_deg[screw - 1], shape=plane.samples.shape,
+        largest=max(map(abs, known.turns)),
+    )  # fmt: skip
     if before is None:
         return replace(follow(turned=None, noise=0.0), facts={key: 0.0 if now is None else now[0]})
     if now is None or not before or known.start is None:

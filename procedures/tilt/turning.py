@@ -20,7 +20,7 @@ FLANK, FOLLOWED = 2.0, 3.5
 SHARE, SIGMAS = 0.25, 3.0
 """Tolerance of a turn: a share of it, as the aberrations of the lens are not known, and standard uncertainties."""
 REACH, HALF = 0.4, 0.05
-"""Length of the bar of the largest turn or of one turn, and half its height, in fractions of the frame's."""
+"""Length of the bar of the largest turn, and half its height, in fractions of the frame's."""
 
 
 def blur_logarithm(depths: float) -> float:
@@ -45,15 +45,17 @@ def followed_turns(screw: int, turns: tuple[float, ...], change: float, screws: 
 
 
 def turn_advice(
-    screw: int, wanted: float, turned: float | None, angle_deg: float, noise: float, shape: tuple[int, ...]
-) -> Advice:
+    screw: int, wanted: float, turned: float | None, largest: float, angle_deg: float, noise: float,
+    shape: tuple[int, ...],
+) -> Advice:  # fmt: skip
     """Advice on the turn of a screw: a bar to match.
 
-    turned : turns so far, None before the first; noise : standard uncertainty of it; shape : rows and columns
+    turned : turns so far, None before the first; noise : standard uncertainty of it; largest : turn of the screws;
+    shape : rows and columns
     """
     left = wanted - (turned or 0.0)
     tolerance = SHARE * abs(wanted) + SIGMAS * noise
-    outline = Outline(bar(turned or 0.0, wanted, shape), bar(wanted, wanted, shape))
+    outline = Outline(*(bar(turns / largest, shape) for turns in (turned or 0.0, wanted)))
     reading = Reading(
         f"screw {screw}", turned or 0.0, "turns", round(wanted - tolerance, 3), round(wanted + tolerance, 3)
     )
@@ -64,9 +66,9 @@ def turn_advice(
     return Advice(False, say, (reading,), by_hand={f"screw_{screw}_turns": left}, outline=outline)
 
 
-def bar(turns: float, largest: float, shape: tuple[int, ...]) -> Points:
-    """Corners of a bar from the frame's middle, to the right for turns away from the lens."""
+def bar(length: float, shape: tuple[int, ...]) -> Points:
+    """Corners of a bar from the frame's middle, to the right for turns away from the lens; the longest has length 1."""
     rows, columns = shape
     x, y, half = columns / 2, rows / 2, HALF * rows
-    end = x + REACH * columns * turns / max(1.0, abs(largest))
+    end = x + REACH * columns * length
     return (x, y - half), (end, y - half), (end, y + half), (x, y + half)

@@ -105,8 +105,8 @@ def test_the_turn_of_a_screw_is_followed_on_the_flank_of_the_focus_curve(turn):
     change = logarithm(turn) - logarithm(0.0)
     turned = followed_turns(1, (turn, 0.0, -turn), change, screws, 1000 * bracket_step_mm)
     assert turned == pytest.approx(turn, rel=0.15)
-    assert turn_advice(1, turn, turned, 30.0, 0.002, (480, 640)).good
-    short = turn_advice(1, turn, 0.5 * turn, 30.0, 0.002, (480, 640))
+    assert turn_advice(1, turn, turned, 0.3, 30.0, 0.002, (480, 640)).good
+    short = turn_advice(1, turn, 0.5 * turn, 0.3, 30.0, 0.002, (480, 640))
     assert short.by_hand == {"screw_1_turns": pytest.approx(0.5 * turn)}
     assert short.outline.growth > 1
     assert np.isnan(followed_turns(1, (9.0, 0.0, -9.0), change, screws, 1000 * bracket_step_mm))
