@@ -222,8 +222,8 @@ def _edge_budget(width: int, height: int, noise: float, mtf50: float) -> Mapping
     light = 0.1 + 0.7 * (
         ndtr(distance * mtf50 / GAUSSIAN_AT_HALF) + noise * np.random.default_rng(1).standard_normal(x.shape)
     )
-    found = estimate_edge(light, Roi(0, 0, x.shape[1], height)).value
-    return {"noise": math.inf, "bins": math.inf} if found is None else found.budgets[EDGE_MTF50]
+    outcome = estimate_edge(light, Roi(0, 0, x.shape[1], height)).value
+    return {"noise": math.inf, "bins": math.inf} if outcome is None else outcome.budgets[EDGE_MTF50]
 
 
 # --- sensors ---
@@ -253,8 +253,8 @@ def _gain_uncertainty(model: Mapping[str, float], side: int, pictures: int, leve
     ladder = np.linspace(0, 1.1 * top, levels + 1)[1:]
     lights = tuple(measure_level(taken(signal), 0.01, signal) for signal in ladder)
     recording = SensorRecording((measure_level(taken(0.0), 0.01, 0.0),), lights, False, None, None)
-    found = characterise(recording, rng).value
-    return math.inf if found is None else found.numbers[SYSTEM_GAIN].uncertainty
+    outcome = characterise(recording, rng).value
+    return math.inf if outcome is None else outcome.numbers[SYSTEM_GAIN].uncertainty
 
 
 TWINS: Mapping[str, Callable[[Entry], Effects]] = {
