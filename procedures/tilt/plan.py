@@ -145,15 +145,11 @@ def screws_shown(facts: Facts) -> Diagram:
 
 
 def turns_shown(facts: Facts) -> Diagram | None:
-    """The turns of the screws from behind; None before the measurement, or where they would not help."""
-    known = facts_as(TiltFacts, facts)
-    helps = known.helps or 0.0
+    """The screws before their turns; None before the measurement, or where they would not help."""
+    helps = facts_as(TiltFacts, facts).helps or 0.0
     chance = "more than 99 %" if helps > SURELY else f"{100 * helps:.0f} %"
-    say = (
-        f"From behind: the turns of the screws, away from the lens or nearer. They help with a probability of {chance}."
-    )
-    drawing = screws_drawing(known.screws.angles_deg.tolist(), known.turns)
-    return Diagram("", (), (), say, drawing=drawing) if worth_turning(facts) else None
+    say = f"The screws as seen from behind the camera. Their turns help with a probability of {chance}."
+    return replace(screws_shown(facts), say=say) if worth_turning(facts) else None
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
@@ -495,11 +491,6 @@ def turns_of(facts: Facts) -> tuple[float, ...]:
     return tuple(number(facts, f"{TURN}{i}") for i in screws)
 
 
-def sharpness_of(facts: Facts) -> Mapping[str, float]:
-    """The MTF before the turn of each screw, by its number."""
-    return {name.removeprefix(SHARPNESS): number(facts, name) for name in facts if name.startswith(SHARPNESS)}
-
-
 @dataclass(frozen=True)
 class TiltFacts(FieldFacts):
     """Facts of the plan.
@@ -523,7 +514,7 @@ class TiltFacts(FieldFacts):
     chart_mtf_noise: float | None = None
     corner_um: float | None = None
     centre_um: float | None = None
-    sharpness: Mapping[str, float] = gathered(sharpness_of, "centre_um", prefix=SHARPNESS)
+    sharpness: Mapping[str, float] = gathered_numbers(SHARPNESS, "centre_um")
 
     @property
     def depth_um(self) -> float:

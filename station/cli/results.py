@@ -50,25 +50,24 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
     """The explanation of a result: entry of the record, lines, and verdicts."""
-    from station.results.explanation import TWIN, explain_result
+    from station.results.explanation import PREDICTED, TWIN, explain_result
     from station.results.reader import read_result, record_of
 
     planes = explain_result(read_result(folder))
     entry: dict[str, Any] = {"planes": [asdict(plane) for plane in planes]}
     lines = [line for plane in planes for line in _plane_lines(plane)]
-    known = record_of(folder, planes[0].plane)
-    if twin:
+    first, known = planes[0], record_of(folder, planes[0].plane)
+    if twin or (first.terms and PREDICTED & known.keys()):
         from station.demo.digital_twin import predictions
 
-        first = planes[0]
         budget = {part.term: part.share**0.5 * first.uncertainty for part in first.terms}
         with progress(1) as shown:
             shown("photographing with the digital twin", 0)
             effects = predictions(known, first.number, budget)
         entry["twin"] = [asdict(effect) for effect in effects]
-        lines += ["", f"By the digital twin, for {first.plane}:"]
+        lines += ["", f"Predicted for {first.plane}:"]
         lines += [f"  {one.words}: {one.number} ± goes from {one.before:.2g} to {one.after:.2g}" for one in effects]
-    elif planes[0].terms and TWIN & {*known, *known.get("diagnostics", {})}:
+    elif first.terms and TWIN & {*known, *known.get("diagnostics", {})}:
         lines.append("`--twin` predicts the effect of remedies by a simulated camera.")
     return entry, lines, [plane.verdict for plane in planes]
 
@@ -94,7 +93,7 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
         ]  # fmt: skip
     elif name:
         lines.append(f"  {name} {one.value}. {NO_BUDGET}")
-    return [*lines, *([f"  {one.prediction}"] if one.prediction else [])]
+    return lines
 
 
 def _batch_lines(batch: BatchExplanation) -> list[str]:

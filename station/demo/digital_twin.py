@@ -33,7 +33,7 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import FlatSheet, PlacedSheet, draw, leaves
 from simulators.world.projection import ObjectPose, Projection
 from simulators.world.scene import Scene
-from station.results.explanation import BRIGHTER
+from station.results.explanation import BRIGHTER, NEXT_VIEW
 
 Array = npt.NDArray[np.float64]
 Entry = Mapping[str, Any]
@@ -72,7 +72,7 @@ def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[
     Raises BadInput if no twin can photograph the subject.
     """
     before, plane = combined(dict(budget)), {**plane.get("diagnostics", {}), **plane}
-    if (view := plane.get("next_view")) is not None:
+    if (view := plane.get(NEXT_VIEW)) is not None:
         known = NextView(**view)
         words = f"one more view, with the chart in {next_view_words(known)}"
         return [TwinPrediction(words, f"uncertainty of the {known.of}", known.before, known.after)]

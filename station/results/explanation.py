@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import TERMS
-from procedures.geometry.next_view import NextView, next_view_words
 from procedures.numbers import PIXELS_PER_PATTERN, SYSTEM_GAIN, Group, in_group
 from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
@@ -83,8 +82,9 @@ WORDS = {
     "development": "rounding and coding of the files",
 }
 """Description of each term of a budget."""
-TWIN = {PIXELS_PER_PATTERN, EDGES, "scale", SYSTEM_GAIN, "next_view", BRIGHTER}
-"""Entries of planes whose subject the digital twin photographs."""
+NEXT_VIEW = "next_view"
+TWIN, PREDICTED = {PIXELS_PER_PATTERN, EDGES, "scale", SYSTEM_GAIN}, {NEXT_VIEW, BRIGHTER}
+"""Entries of planes whose subject the digital twin photographs, and of those whose own model predicts a gain."""
 OUTLIER = 3.5
 """Robust standard deviations from the median: B. Iglewicz, D. Hoaglin, How to detect and handle outliers, ASQC 1993."""
 LEAST_VALUES = 5
@@ -109,10 +109,7 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first.
-
-    prediction : gain of the most useful further photograph, in words; empty where the record has none
-    """
+    """A plane: cause, headline `number` in words, "" without one, and its budget, the largest term first."""
 
     plane: str
     verdict: str
@@ -122,7 +119,6 @@ class PlaneExplanation:
     value: str = ""
     uncertainty: float = 0.0
     terms: Sequence[BudgetShare] = field(default_factory=tuple)
-    prediction: str = ""
 
 
 @dataclass(frozen=True)
@@ -167,9 +163,7 @@ def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
-    plain = PlaneExplanation(
-        plane.name, str(plane.verdict), plane.reason, plane.remedy, prediction=_gain(plane.details)
-    )
+    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
     known = [name for name in in_group(Group.LINE) if name in {**plane.numbers, **plane.values}]
     name = next((name for name in known if _budget(plane, name)), next(iter(known), ""))
     number, budget = plane.numbers.get(name), _budget(plane, name)
@@ -187,22 +181,6 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
         )
     value = f"{stated(number.value, number.uncertainty)} {number.unit}".removesuffix(" 1")
     return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
-
-
-def _gain(details: Mapping[str, Any]) -> str:
-    """The gain that a record predicts, in words: of a further view of the chart, or of more light; else empty."""
-    if (error := details.get(BRIGHTER)) is not None:
-        return f"With four times the light, the expected error of the picture is {error:.2g}."
-    return _next_view(details)
-
-
-def _next_view(details: Mapping[str, Any]) -> str:
-    """The gain of the further view of the chart that the record of a geometry proposes, in words; else empty."""
-    if (known := details.get("next_view")) is None:
-        return ""
-    view = NextView(**known)
-    pose, gain = next_view_words(view), f"from {view.before:.2g} to {view.after:.2g}"
-    return f"One more view, with the chart in {pose}: the uncertainty of the {view.of}, falls {gain}."
 
 
 def _saved(term: str) -> float:

@@ -77,11 +77,9 @@ def test_the_progress_before_an_estimate():
     assert focus_um(0.0042, 33.0) == pytest.approx(0.46, abs=0.02)
 
 
-def test_the_screws_of_a_sensor_are_shown_with_their_turns():
-    lines = screws_drawing((0.0, 90.0, 180.0, 270.0), (0.5, -0.25, 0.0, 1.0)).splitlines()
-    assert lines[0].split() == ["1", "|0", "1", "turn|"]
-    assert lines[1].split() == ["1|====>", "|", "0.50", "away"]
-    assert lines[2].split() == ["2|=<", "|", "0.25", "nearer"]
+def test_the_screws_of_a_sensor_are_shown():
+    lines = screws_drawing((0.0, 90.0, 180.0, 270.0)).splitlines()
+    assert (lines[0].split(), lines[-1].split()) == (["1"], ["3"])
     assert {"4", "2"} <= set(lines[5].split())
 
 
