@@ -99,12 +99,3 @@ def test_foreshortening_gives_the_tilt_of_a_chart(tilt_deg):
     points = 8 * nodes[:, :2] @ turn + 500
     view = ChartView("", np.arange(len(nodes)), points, np.zeros((len(nodes), 2, 2)))
     assert greatest_tilt(nodes, [view]) == pytest.approx(tilt_deg, abs=1e-4)
-
-
-@pytest.mark.slow
-def test_frontal_views_are_not_passed():
-    frontal = replace(SMALL, camera=PLAIN, tilt_deg=0.5, bend_mm=0.0)
-    taken = take(frontal, np.random.default_rng(6))
-    found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes)
-    assert found.verdict is not Verdict.PASS
-    assert "tilt" in found.remedy
