@@ -61,9 +61,9 @@ def turn_advice(
     )
     if turned is not None and reading.good:
         return Advice(True, f"Screw {screw} is turned by about {turned:.2f}.", (reading,), outline=outline)
-    way = "away from" if left > 0 else "towards"
-    hour = round(angle_deg / 30) % 12 or 12
-    say = f"Turn screw {screw}, at {hour} o'clock from behind, by {abs(left):.3f} of a turn {way} the lens."
+    hour, way = round(angle_deg / 30) % 12 or 12, "away from" if left > 0 else "towards"
+    turn = f"Turn screw {screw}, at {hour} o'clock from behind, by {abs(left):.3f} of a turn"
+    say = f"{turn}: the sensor moves {way} the lens."
     return Advice(False, say, (reading,), by_hand={f"screw_{screw}_turns": left}, outline=outline)
 
 

@@ -66,7 +66,7 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
             effects = predictions(known, first.number, budget)
         entry["twin"] = [asdict(effect) for effect in effects]
         lines += ["", f"Predicted for {first.plane}:"]
-        lines += [f"  {one.words}: {one.number} ± goes from {one.before:.2g} to {one.after:.2g}" for one in effects]
+        lines += [f"  {one.words}: {one.number}, from ± {one.before:.2g} to ± {one.after:.2g}" for one in effects]
     elif first.terms and TWIN & {*known, *known.get("diagnostics", {})}:
         lines.append("`--twin` predicts the effect of remedies by a simulated camera.")
     return entry, lines, [plane.verdict for plane in planes]

@@ -68,7 +68,7 @@ def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[
     if (view := plane.get(NEXT_VIEW)) is not None:
         known = NextView(**view)
         words = f"one more view, with the chart in {next_view_words(known)}"
-        return [TwinPrediction(words, f"uncertainty of the {known.of}", known.before, known.after)]
+        return [TwinPrediction(words, known.of, known.before, known.after)]
     if (brighter := plane.get(BRIGHTER)) is not None:
         return [TwinPrediction(LIGHT, label(number), before, brighter)]
     twin = next((twin for name, twin in TWINS.items() if name in plane), None)
