@@ -93,7 +93,7 @@ def plan(estimate: Estimator) -> Plan:
             ),
             Step(
                 "turn", "Turn", "Turn the screws by the measured amounts.",
-                (Show(turns_shown), Go(to_flank, say_flank), *screws_to_turn()),
+                (Show(turns_shown), Go(to_flank, say_flank), *screws_to_turn()), screws_drawing((0.0, 120.0, 240.0)),
             ),
             Step(
                 "bracket", "Bracket", "The chart at places of the frame, at each of them through the focus.",
