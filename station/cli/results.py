@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from station.results.explanation import BatchExplanation, PlaneExplanation
 
 MOST_TERMS = 3
-NO_BUDGET = (
-    "The record states no budget: measure the photographs again with this version, which states one where it can."
-)
+NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
 
 
 @command("explain", strict=True, as_json=True)
