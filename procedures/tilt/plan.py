@@ -229,35 +229,31 @@ def to_flank(facts: Facts) -> dict[str, float]:
 
 def say_flank(facts: Facts) -> str:
     """The place from which the turns are followed, for the operator; empty where they are not."""
-    return (
-        "going where the chart is in the middle, out of focus: its sharpness follows the screws"
-        if to_flank(facts)
-        else ""
-    )
+    return "going where the chart is in the middle, out of focus, to follow the screws" if to_flank(facts) else ""
 
 
 def check_screw(screw: int, frame: RawFrame, facts: Facts) -> Advice:
-    """Follow the turn of a screw by the sharpness in the frame's middle."""
+    """Follow the turn of a screw by the sharpness in the frame's middle; no outline where that is impossible."""
     plane, known = shown(frame), facts_as(TiltFacts, facts)
-    wanted, key = known.turns[screw - 1], f"{SHARPNESS}{screw}"
     before, now = known.sharpness.get(str(screw)), sharpness(plane, known)
     follow = partial(
-        turn_advice, screw, wanted, angle_deg=known.screws.angles_deg[screw - 1], shape=plane.samples.shape,
-        largest=max(map(abs, known.turns)),
+        turn_advice, screw, known.turns[screw - 1], angle_deg=known.screws.angles_deg[screw - 1],
+        shape=plane.samples.shape, largest=max(map(abs, known.turns)),
     )  # fmt: skip
+
+    def turned(change: float) -> float:
+        return followed_turns(screw, known.turns, change, known.screws, known.depth_um)
+
     if before is None:
-        return replace(follow(turned=None, noise=0.0), facts={key: 0.0 if now is None else now[0]})
-    if now is None or not before or known.start is None:
-        turned = noise = math.nan
-    else:
-        turned, more = (
-            followed_turns(screw, known.turns, math.log(now[0] / before) + noise, known.screws, known.depth_um)
-            for noise in (0.0, now[1])
-        )
-        noise = 2**0.5 * abs(more - turned)
-    if math.isnan(turned):
+        advice, followed = follow(turned=None, noise=0.0), now and known.start and not math.isnan(turned(0.0))
+        facts = {f"{SHARPNESS}{screw}": now[0] if now and followed else 0.0}
+        return replace(advice, facts=facts, outline=advice.outline if followed else None)
+    if not before:
         return Advice(True, f"The focus does not show the turn of screw {screw}: the next bracket will.")
-    return follow(turned=turned, noise=noise)
+    if now is None:
+        return Advice(False, "The chart is not recognised: uncover it, and leave the light as it was.")
+    change = math.log(now[0] / before)
+    return follow(turned=turned(change), noise=2**0.5 * abs(turned(change + now[1]) - turned(change)))
 
 
 def screws_to_turn() -> tuple[Look, ...]:
