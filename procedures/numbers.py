@@ -523,6 +523,10 @@ DEPTH_OF_FIELD_FAR = _restoration(
     "depth_of_field_far", "m", "Far limit of the depth of field", "distance whose blur circle is one pixel wide, "
     "behind the plane of focus", _L, short="far limit",
 )  # fmt: skip
+PICTURE_STD = _restoration(
+    "picture_std", "1", "Expected error of the picture",
+    "expected root mean square error of the restored picture, white = 1", _L, _U, short="expected error",
+)  # fmt: skip
 RESIDUAL_OVER_NOISE = _restoration(
     "residual_over_noise", "1", "Residual, over the noise",
     "residual over the photographs' own noise: of their finest detail, or of the residual where the scene is smooth, "

@@ -464,13 +464,13 @@ def gathered(read: Callable[[Facts], Any], *inputs: str, prefix: str = "") -> An
     return field(default_factory=lambda: read({}), metadata={GATHERED: (read, prefix), INPUTS: inputs})
 
 
-def gathered_numbers(prefix: str) -> Any:
-    """A field of the numbers whose names begin with `prefix`, by the rest of their names."""
+def gathered_numbers(prefix: str, *inputs: str) -> Any:
+    """A field of the numbers whose names begin with `prefix`, by the rest of their names, derived from `inputs`."""
 
     def read(facts: Facts) -> Mapping[str, float]:
         return {name.removeprefix(prefix): number(facts, name) for name in facts if name.startswith(prefix)}
 
-    return gathered(read, prefix=prefix)
+    return gathered(read, *inputs, prefix=prefix)
 
 
 def derived_from(*inputs: str) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from procedures.choice import UNSEEN, Budget, combined, with_modes
-from procedures.field.estimate import MeasuredChart, mean_budgets, mean_modes
+from procedures.field.estimate import MeasuredChart, mean_budgets, mean_modes, median_subject
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, LateralColour, derive, lateral_colour
@@ -37,6 +37,7 @@ class PlaneField:
     numbers : of the whole field: the axis of the lens, and the median of each map
     pitch : sensor pixels per pixel of the plane
     budgets : of the numbers at one chart, see `mean_budgets`
+    subject : see `median_subject`
     """
 
     centre: Psf
@@ -46,6 +47,7 @@ class PlaneField:
     numbers: Mapping[str, Quantity]
     pitch: int = 1
     budgets: Mapping[str, Budget] = field(default_factory=dict)
+    subject: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +138,8 @@ def _plane_field(
     checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
     maps = tuple(_with_unseen(one, _unseen(quality)) for one in maps)
     numbers = _numbers(interpolation, maps)
-    return verdict_of(
-        checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, mean_budgets(charts))
-    )
+    spread, subject = mean_budgets(charts), median_subject(charts)
+    return verdict_of(checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, spread, subject))
 
 
 def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:

@@ -10,7 +10,14 @@ import numpy as np
 from procedures.choice import UNSEEN, Budget, combined
 from procedures.clipping import SensorModel
 from procedures.field.interpolate import interpolate
-from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
+from procedures.numbers import (
+    FWHM_HORIZONTAL,
+    FWHM_VERTICAL,
+    MTF50_HORIZONTAL,
+    MTF50_RADIAL,
+    MTF50_VERTICAL,
+    PIXELS_PER_PATTERN,
+)
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict
 from procedures.pattern import CELLS, Chart
@@ -46,6 +53,7 @@ class MeasuredChart:
     correspondences : in pixels of the plane
     budgets : uncertainty budgets of the numbers
     modes : see `PatternPsf`
+    subject : its width in pixels of the plane, and the noise over its contrast
     """
 
     node: Node
@@ -56,6 +64,7 @@ class MeasuredChart:
     shared: SharedErrors
     budgets: Mapping[str, Budget] = field(default_factory=dict)
     modes: Mapping[str, Array] = field(default_factory=dict)
+    subject: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, estimate: PatternPsf, node: Node) -> "MeasuredChart":
@@ -74,6 +83,7 @@ class MeasuredChart:
             estimate.shared,
             budgets,
             estimate.modes,
+            {PIXELS_PER_PATTERN: estimate.pixels_per_pattern, "noise": estimate.diagnostics["noise"]},
         )
 
     @property
@@ -94,6 +104,12 @@ def mean_budgets(charts: Sequence[MeasuredChart]) -> dict[str, dict[str, float]]
                 term: float(np.sqrt(np.mean([budget.get(term, 0.0) ** 2 for budget in budgets]))) for term in terms
             }
     return mean
+
+
+def median_subject(charts: Sequence[MeasuredChart]) -> dict[str, float]:
+    """Medians of the charts' `subject`."""
+    known = [chart.subject for chart in charts if chart.subject]
+    return {name: float(np.median([subject[name] for subject in known])) for name in known[0]} if known else {}
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,8 @@ FEWEST_POSITIONS = 3
 FEWEST_PLACES = 7  # A quadratic surface has six coefficients
 NEAR_TOP = 0.5  # positions whose MTF is at least this share of the best are fitted
 SAME_PLACE = 0.1  # charts at different focus positions nearer than this, in half diagonals, are at the same place
-COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 0.5), "astigmatism": (1.0, -1.0)}
+MEAN, DIFFERENCE = (0.5, 0.5), (1.0, -1.0)
+COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": MEAN, "astigmatism": DIFFERENCE}
 """Mapped combinations of sagittal and meridional focus."""
 
 
@@ -37,39 +38,33 @@ class FocusSurface:
 
     shape : (int, int)
     positions : (N, 2), measured places, in pixels of the plane
-    best : (N, 2), variance : (N, 2); measured sagittal and meridional focus
+    best : (N, 2), measured sagittal and meridional focus
     surface : both as quadratic functions of the position in half diagonals
     """
 
     shape: tuple[int, int]
     positions: Array
     best: Array
-    variance: Array
     surface: Surface
     unit: str
 
     def numbers(self) -> dict[str, Quantity]:
         """Tilt and curvature of the mean of sagittal and meridional focus at one half diagonal, averaged over all
         directions, and the difference of their curvatures."""
-        c, C = self.surface.coefficients()
-        curvature = np.array([0, 0, 0, 0.5, 0, 0.5])
-        mean, difference = c.mean(axis=1), c[:, 0] - c[:, 1]
+        bend, mean, difference = np.array([0, 0, 0, 0.5, 0, 0.5]), *map(np.array, (MEAN, DIFFERENCE))
         rows = {
-            "focus_centre": (np.eye(6)[0], mean, 2, "best focus at the frame's centre"),
-            "focus_tilt_x": (np.eye(6)[1], mean, 2, "slope along x, per half diagonal"),
-            "focus_tilt_y": (np.eye(6)[2], mean, 2, "slope along y, per half diagonal"),
-            FIELD_CURVATURE: (curvature, mean, 2, "mean quadratic, at one half diagonal"),
-            "astigmatic_difference": (
-                curvature, difference, 1, "sagittal less meridional curvature, at one half diagonal"
-            ),
-        }  # fmt: skip
-        return {
-            name: Quantity(
-                float(row @ values), self.unit, float(np.sqrt(row @ (C[0] + C[1]) @ row) / divisor), method,
-                len(self.best),
-            )
-            for name, (row, values, divisor, method) in rows.items()
-        }  # fmt: skip
+            "focus_centre": (np.eye(6)[0], mean, "best focus at the frame's centre"),
+            "focus_tilt_x": (np.eye(6)[1], mean, "slope along x, per half diagonal"),
+            "focus_tilt_y": (np.eye(6)[2], mean, "slope along y, per half diagonal"),
+            FIELD_CURVATURE: (bend, mean, "mean quadratic, at one half diagonal"),
+            "astigmatic_difference": (bend, difference, "sagittal less meridional curvature, at one half diagonal"),
+        }
+        numbers = {}
+        for name, (row, combination, method) in rows.items():
+            values, covariance = self.surface.coefficients(combination)
+            spread = float(np.sqrt(row @ covariance @ row))
+            numbers[name] = Quantity(float(row @ values), self.unit, spread, method, len(self.best))
+        return numbers
 
     def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
         """Sagittal focus, meridional focus, their mean, and their difference."""
@@ -80,19 +75,21 @@ class FocusSurface:
 @dataclass(frozen=True)
 class FocusOptimum:
     """Focus position of the greatest MTF along one direction; sensitivities : derivatives of `at` by the photographs'
-    positions, of sum 1."""
+    positions, of sum 1; gradients : by the parameters of the PSF at each focus position."""
 
     at: float
-    variance: float
     sensitivities: Mapping[str, float]
+    gradients: Mapping[float, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceFocus:
-    """Best sagittal and meridional focus at one position (x, y) of the plane."""
+    """Best sagittal and meridional focus at one position (x, y) of the plane; covariance : (2, 2) of both, which are of
+    the same photographs."""
 
     position: Array
     optima: tuple[FocusOptimum, FocusOptimum]
+    covariance: Array
 
 
 def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm") -> FocusSurface:
@@ -106,10 +103,9 @@ def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm")
     places = best_focus(bracket, shape)
     positions = np.array([place.position for place in places])
     best = np.array([[optimum.at for optimum in place.optima] for place in places])
-    variance = np.array([[optimum.variance for optimum in place.optima] for place in places])
-    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
+    covariances = np.stack([place.covariance for place in places])
     surface = fit_surface(in_half_diagonals(positions, shape), best, covariances, (2,))
-    return FocusSurface(shape, positions, best, variance, surface, unit)
+    return FocusSurface(shape, positions, best, surface, unit)
 
 
 def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = FREQUENCY) -> list[PlaceFocus]:
@@ -120,13 +116,24 @@ def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = F
         radius = radius_direction(shape, x, y)
         sagittal, meridional = (_optimum(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
         if sagittal is not None and meridional is not None:
-            places.append(PlaceFocus(np.array([x, y]), (sagittal, meridional)))
+            optima = sagittal, meridional
+            places.append(PlaceFocus(np.array([x, y]), optima, _covariance(series, optima)))
     if len(places) < FEWEST_PLACES:
         raise Refused(
             f"best focus lies within the bracket at {len(places)} places; {FEWEST_PLACES} are needed",
             "extend the bracket on both sides, and photograph more charts",
         )
     return places
+
+
+def _covariance(series: FocusSeries, optima: Sequence[FocusOptimum]) -> Array:
+    """Covariance of optima at one place by the noise of their common PSFs."""
+    total = np.zeros((len(optima), len(optima)))
+    for z, node in series:
+        noise = node.psf.parameter_covariance
+        J = np.stack([optimum.gradients.get(z, np.zeros(len(noise))) for optimum in optima])
+        total += J @ noise @ J.T
+    return total
 
 
 def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
@@ -156,7 +163,9 @@ def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimu
     if len(series) < FEWEST_POSITIONS:
         return None
     z = np.array([position for position, _ in series])
-    mtf, variance = np.array([_mtf(node, angle, frequency) for _, node in series]).T
+    values, slopes = zip(*(_mtf(node, angle, frequency) for _, node in series), strict=True)
+    mtf = np.array(values)
+    variance = np.array([d @ node.psf.parameter_covariance @ d for d, (_, node) in zip(slopes, series, strict=True)])
     used = np.flatnonzero(mtf > NEAR_TOP * mtf.max())
     if len(used) < FEWEST_POSITIONS:
         used = np.argsort(-mtf)[:FEWEST_POSITIONS]
@@ -174,8 +183,8 @@ def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimu
     for i, by_position in zip(used, by_logarithm * polyval(t, polyder(c)), strict=True):
         source = series[i][1].source
         sensitivities[source] = sensitivities.get(source, 0.0) + float(by_position)
-    spread = by_logarithm**2 @ (variance[used] / mtf[used] ** 2)
-    return FocusOptimum(float(middle + span * top), float(span**2 * spread), sensitivities)
+    gradients = {series[i][0]: span * by / mtf[i] * slopes[i] for i, by in zip(used, by_logarithm, strict=True)}
+    return FocusOptimum(float(middle + span * top), sensitivities, gradients)
 
 
 def _maximum(c: Array, low: float, high: float) -> float | None:
@@ -187,9 +196,10 @@ def _maximum(c: Array, low: float, high: float) -> float | None:
     return float(inside[best]) if best < len(inside) else None
 
 
-def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
+def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, Array]:
+    """The MTF along a direction, and its derivative by the PSF's parameters."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
-    return float(value[0]), float(slope[0] @ node.psf.parameter_covariance @ slope[0])
+    return float(value[0]), slope[0]
 
 
 def sharpest(bracket: Bracket) -> float:

@@ -195,12 +195,12 @@ def corner_goal(places: Sequence[Location], number: int, facts: Facts) -> Goal:
     return Goal(len(places) - number + 1, "MTF50 in the corners, by noise", "cycles/pixel", now, after)
 
 
-def corner_spread(places: Sequence[Location]) -> float:
-    """Uncertainty in a corner of a quadratic through values at places, over that of one value; infinite where they do
-    not determine it."""
+def corner_spread(places: Sequence[Location], *, plane: bool = False) -> float:
+    """Uncertainty in a corner of a quadratic through values at places, or of its plane alone over the centre, over that
+    of one value; infinite where they do not determine it."""
     x, y = np.array([(2 * one.x - 1, 2 * one.y - 1) for one in (*places, Location(1.0, 1.0))]).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    known, corner = design[:-1], design[-1]
+    known, corner = design[:-1], design[-1] * ([0, 1, 1, 0, 0, 0] if plane else 1)
     if np.linalg.matrix_rank(known) < len(corner):
         return float("inf")
     return float(np.sqrt(corner @ np.linalg.inv(known.T @ known) @ corner))

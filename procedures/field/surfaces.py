@@ -43,11 +43,12 @@ class Surface:
         # weights at the places are D S, S the solution's matrix: D has full rank
         return np.asarray(np.linalg.lstsq(monomials(places, degree), self.smoother.weights(places), rcond=None)[0])
 
-    def coefficients(self) -> tuple[Array, Array]:
-        """The polynomial's coefficients (c, m), in the order of `monomials`, and the covariance (m, c, c) of each."""
-        S = self.solution()
-        variance = np.diagonal(self.covariances, axis1=1, axis2=2) + self.lack
-        return S @ self.values, np.einsum("ci,im,di->mcd", S, variance, S)
+    def coefficients(self, combination: Array) -> tuple[Array, Array]:
+        """Coefficients (c,) of a linear combination (m,) of the components, in the order of `monomials`, and their
+        covariance (c, c)."""
+        S, u = self.solution(), combination
+        variance = np.einsum("a,iab,b->i", u, self.covariances, u) + u**2 @ self.lack
+        return S @ self.values @ u, (S * variance) @ S.T
 
 
 def fit_surface(places: Array, values: Array, covariances: Array, degrees: Sequence[int]) -> Surface:

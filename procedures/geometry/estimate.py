@@ -19,7 +19,7 @@ from procedures.geometry.reference import SmoothnessTrial, first_state, fit_mode
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
 from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_time
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
-from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
+from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt, normals_spread_deg
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
@@ -27,6 +27,8 @@ Array = npt.NDArray[np.float64]
 
 FRONTAL_DEG = 20.0
 """If no chart is tilted by more, its frontal poses explain a refusal; distortion alone appears as 15 degrees."""
+SAME_DEG = 5.0
+"""Greatest angle between the charts' normals and their mean that explains a refusal."""
 LEAST_VIEWS = 6
 """With fewer, the shape of the chart and that of the lens are hardly distinguished."""
 FEWEST_VIEWS = 3
@@ -295,6 +297,7 @@ def calibrate_geometry(
             f"a pixel of a frame of {size[0]} x {size[1]} must lie in it; got {x:g}, {y:g}", "name another"
         )
     nodes = chart_nodes(parameters.cell_mm) if nodes is None else nodes
+    start = None
     try:
         if len(views) < FEWEST_VIEWS:
             raise Refused(
@@ -311,17 +314,19 @@ def calibrate_geometry(
             shutter, fit = with_row_time(fit, shutter)
         geometry = _geometry(fit, trials, parameters, shutter)
     except Refused as error:
-        frontal = len(views) >= FEWEST_VIEWS and greatest_tilt(nodes, views) <= FRONTAL_DEG
-        refusal = _frontal(len(views)) if frontal else error
+        refusal = error
+        if len(views) >= FEWEST_VIEWS and greatest_tilt(nodes, views) <= FRONTAL_DEG:
+            refusal = _undetermined("stands square to the camera, or nearly,", len(views))
+        elif start is not None and normals_spread_deg(start.poses) <= SAME_DEG:
+            refusal = _undetermined(f"is tilted the same way, within {SAME_DEG:.0f} degrees,", len(views))
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return verdict_of(_checks(geometry, parameters), geometry)
 
 
-def _frontal(views: int) -> Refused:
-    """Refusal of frontal charts, for which focal length and distance cannot be separated."""
+def _undetermined(pose: str, views: int) -> Refused:
+    """Refusal of charts whose poses do not separate focal length and distance."""
     return Refused(
-        f"the chart stands square to the camera, or nearly, in all {views} views: a longer lens from farther away "
-        "would show the same",
+        f"the chart {pose} in all {views} views: a longer lens from farther away would show the same",
         f"geometry needs {FEWEST_VIEWS} views, better 12, of the chart turned by 20 to 40 degrees to different sides",
     )
 

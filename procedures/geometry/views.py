@@ -84,6 +84,13 @@ class Pose:
         return np.asarray(points @ self.R.T + self.t)
 
 
+def normals_spread_deg(poses: Sequence[Pose]) -> float:
+    """Greatest angle between the charts' normals and their mean."""
+    normals = np.array([pose.R[:, 2] for pose in poses])
+    mean = normals.mean(axis=0)
+    return float(np.degrees(np.arccos(np.clip(normals @ mean / np.linalg.norm(mean), -1, 1)).max()))
+
+
 def chart_nodes(cell_mm: float) -> Array:
     """Centres of the chart's bins on a flat sheet, in mm from its centre, (N, 3).
 

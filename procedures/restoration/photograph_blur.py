@@ -321,7 +321,7 @@ def _of_flat_scene(
 def judge_with_alternative(restoration: Restoration, kernels: Array, others: Array) -> Outcome[Restoration]:
     """A flat scene's picture, judged with its change under the kernels of another search."""
     more = picture_change(restoration.sharp, kernels, others, restoration.history[-1].weights.picture)
-    return judge(restoration.with_added_error(more))
+    return judge(restoration.with_added_error("kernels", more))
 
 
 def _motion_in(

@@ -12,7 +12,7 @@ import numpy as np
 from procedures.numerics.arrays import Array
 from procedures.plan import Goal, Outline, Points, Shake
 from procedures.raw import Plane
-from procedures.restoration.facts import APERTURES, MOTIONS, YES, RestorationFacts
+from procedures.restoration.facts import APERTURES, YES, RestorationFacts
 
 SIZE, USUAL = 64, 0.5
 """Frequencies along each axis; usual blur over the widest one."""
@@ -20,36 +20,34 @@ DISC: Array = np.sqrt((np.arange(200) + 0.5) / 200)[:, None] * np.stack(
     [trig(np.arange(200) * math.pi * (3 - 5**0.5)) for trig in (np.cos, np.sin)], axis=1
 )
 """Points of the unit disc at equal density."""
+ACROSS_DEG = (0.0, 90.0, 45.0)
+"""Directions of motions whose paths are not known before the estimate."""
 VIEW, INSET, CLEAR = (32, 24), 0.1, 0.1
 """Columns and rows of the first photograph's view; inset of its outline; least height of the correlation's peak."""
 
 
 def progress(taken: int, known: RestorationFacts, path: Callable[[str], Shake | None]) -> Goal:
-    """The predicted error of the picture by the photographs `taken` and by one more, where their blur is known."""
+    """The predicted error of the picture by the photographs `taken` and by one more, from the first one's noise."""
     left = known.photographs + (known.ground_truth == YES) - taken
-    each = [blur_points(which, known, path(which)) for which in known.blurred]
-    points = [one for one in each if one is not None]
-    if known.first_noise is None or known.first_contrast is None or len(points) < len(each):
+    if known.first_noise is None or known.first_contrast is None:
         return Goal(left)
     share = USUAL * (known.max_w or 0.0)
-    now, after = (
-        100 * picture_error([point * share for point in points[:n]], known.first_noise, known.first_contrast)
-        for n in (taken, taken + 1)
-    )
-    return Goal(left, "picture", "% of white", now, after)
+    points = [share * blur_points(which, known, path(which)) for which in known.blurred]
+    now, after = (100 * picture_error(points[:n], known.first_noise, known.first_contrast) for n in (taken, taken + 1))
+    return Goal(left, "error of the picture, as predicted,", "% of white", now, after)
 
 
-def blur_points(which: str, known: RestorationFacts, shake: Shake | None) -> Array | None:
-    """Points (n, 2) of a photograph's blur over the widest one; None where it is not known before the estimate."""
-    f_numbers = [known.f_numbers[one] for one in known.blurred]
-    widest = min((number for number in f_numbers if number), default=None)
+def blur_points(which: str, known: RestorationFacts, shake: Shake | None) -> Array:
+    """Points (n, 2) of a photograph's blur over the widest one. Motions by hand are straight, across each other."""
+    widest = min((f_number for name in known.blurred if (f_number := known.f_numbers[name])), default=None)
     f_number = known.f_numbers[which]
     if known.blur_by == APERTURES and widest and f_number:
         return DISC * (widest / f_number)
-    if known.blur_by == MOTIONS and shake is not None:
+    if shake is not None:
         points = np.stack([shake.shares["x_mm"], shake.shares["y_mm"]], axis=1)
         return np.asarray(points / np.abs(points).max())
-    return None
+    angle = math.radians(ACROSS_DEG[known.blurred.index(which)])
+    return np.outer(np.linspace(-1, 1, len(DISC)), (math.cos(angle), math.sin(angle)))
 
 
 def picture_error(blurs: Sequence[Array], noise: float, contrast: float) -> float:

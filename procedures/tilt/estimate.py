@@ -154,7 +154,7 @@ def measured_heights(places: Sequence[PlaceFocus], zero_um: float, position_um: 
     errors, common to a photograph's charts."""
     sources = sorted({name for place in places for optimum in place.optima for name in optimum.sensitivities})
     J = np.array([[sum(o.sensitivities.get(name, 0.0) for o in one.optima) / 2 for name in sources] for one in places])
-    noise = np.array([sum(o.variance for o in place.optima) / 4 for place in places])
+    noise = np.array([place.covariance.mean() for place in places])
     best = np.array([sum(o.at for o in place.optima) / 2 for place in places])
     return zero_um - best, np.diag(noise) + position_um**2 * J @ J.T
 

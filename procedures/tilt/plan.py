@@ -18,6 +18,7 @@ from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.drawings.screws import screws_drawing
 from procedures.field import plan as field_plan
+from procedures.field.focus import FREQUENCY
 from procedures.field.measuring import Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, FieldFacts, TourStart
 from procedures.numbers import HELPS, TILT_CORNER
@@ -25,6 +26,7 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.pattern_print.sheet import SMALLEST_WIDTH_MM
 from procedures.pattern_psf.checks import check_light, seen_chart, shown
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.plan import LENS, check_sheets
 from procedures.pattern_psf.plan import plan as pattern_plan
@@ -57,9 +59,11 @@ from procedures.plan import (
     number,
     required,
 )
-from procedures.raw import RawFrame
+from procedures.quality import mtf_along
+from procedures.raw import Plane, RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import SURE, Positions, Screws, behind_lens_um
+from procedures.tilt.turning import FLANK, blur_logarithm, followed_turns, turn_advice
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
@@ -68,6 +72,7 @@ ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the 
 MARK = 16  # characters of a file's hash that identify it
 AHEAD: Array = np.array([0.0, 0.0, 1.0])  # direction of the head's axis at zero
 SURELY = 0.99  # greatest probability that is stated
+MOST_SCREWS = 12
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -86,7 +91,10 @@ def plan(estimate: Estimator) -> Plan:
                 "screws", "Screws", "Enter the screws of the sensor, with the chart in the middle.", SCREWS,
                 drawings.TOUR,
             ),
-            Step("turn", "Turn", "Turn the screws by the measured amounts.", (Show(turns_shown), TURN_THEM)),
+            Step(
+                "turn", "Turn", "Turn the screws by the measured amounts.",
+                (Show(turns_shown), Go(to_flank, say_flank), *screws_to_turn()), screws_drawing((0.0, 120.0, 240.0)),
+            ),
             Step(
                 "bracket", "Bracket", "The chart at places of the frame, at each of them through the focus.",
                 (Tour(stops),), drawings.TOUR,
@@ -137,11 +145,11 @@ def screws_shown(facts: Facts) -> Diagram:
 
 
 def turns_shown(facts: Facts) -> Diagram | None:
-    """The turns of the screws from behind; None before the measurement, or where they would not help."""
-    known = facts_as(TiltFacts, facts)
-    say = "From behind: turn each screw until the sensor has moved away from the lens, or nearer, by its bar."
-    drawing = screws_drawing(known.screws.angles_deg.tolist(), known.turns)
-    return Diagram("", (), (), say, drawing=drawing) if worth_turning(facts) else None
+    """The screws before their turns; None before the measurement, or where they would not help."""
+    helps = facts_as(TiltFacts, facts).helps or 0.0
+    chance = "more than 99 %" if helps > SURELY else f"{100 * helps:.0f} %"
+    say = f"The screws as seen from behind the camera. Their turns help with a probability of {chance}."
+    return replace(screws_shown(facts), say=say) if worth_turning(facts) else None
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
@@ -153,7 +161,8 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     optics, f_number = known.optics(shown(frame).pitch), f_number_of(known)
     distance_mm, aimed_mm = known.begun().distance_mm, optics.distance_mm(known.wanted_px_per_cell)
     if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
-        return advice
+        sharp = sharpness(shown(frame), known)
+        return advice if sharp is None else replace(advice, facts={**advice.facts, "chart_mtf_noise": sharp[1]})
     if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
         say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: there the rail reaches the bracket."
         return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
@@ -167,9 +176,19 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
 
 
+def sharpness(plane: Plane, known: TiltFacts) -> tuple[float, float] | None:
+    """The MTF that is followed through focus, and its relative uncertainty by noise; None where it is refused."""
+    estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
+    if estimate is None:
+        return None
+    value, slope = mtf_along(estimate.psf, np.array([FREQUENCY]), 0.0)
+    noise = float(np.sqrt(slope[0] @ estimate.psf.parameter_covariance @ slope[0]))
+    return float(value[0]), noise / float(value[0])
+
+
 SCREWS = (
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
-    Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=12),
+    Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=MOST_SCREWS),
     Ask("screw_radius_mm", "How far are they from the frame's centre?", "number", "mm", low=1.0, high=500.0),
     Ask("screw_pitch_mm", "By how much does a turn move the sensor?", "number", "mm", low=0.01, high=5.0),
     Show(screws_shown),
@@ -195,30 +214,57 @@ def result_facts(results: Mapping[str, Any]) -> Facts:
         return {HELPS: 0.0}
     (tilt,) = tilts
     turns: dict[str, Fact] = {f"{TURN}{i}": turn.value for i, turn in enumerate(tilt.turns.turns, 1)}
-    return {**turns, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value}
+    centre = float(tilt.sensor.plane[0])
+    return {**turns, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value, "centre_um": centre}
 
 
-def say_turns(facts: Facts) -> str:
-    """Instruction to turn the screws; empty before the measurement, or where it would not help."""
-    if not worth_turning(facts):
-        return ""
+def to_flank(facts: Facts) -> dict[str, float]:
+    """Positions for a chart in the frame's middle, out of focus as the turns require; none where they are not known."""
     known = facts_as(TiltFacts, facts)
-    screws = zip(known.screws.angles_deg, known.turns, strict=False)
-    words = [
-        f"screw {i} at {angle:.0f}° by {abs(turn):.3f} of a turn, {'away from' if turn > 0 else 'towards'} the lens"
-        for i, (angle, turn) in enumerate(screws, 1)
-    ]
-    helps = known.helps or 0.0
-    chance = "more than 99 %" if helps > SURELY else f"{100 * helps:.0f} %"
-    return f"Turn {'; '.join(words)}. This helps with a probability of {chance}."
+    if known.start is None or known.centre_um is None or not worth_turning(facts):
+        return {}
+    focal, image = known.optics(1).focal_length_mm, (known.centre_um - FLANK * known.depth_um) / 1000
+    return to_depth(Location(0.5, 0.5), focal * image / (image - focal), facts)
 
 
-def turns_by_hand(facts: Facts) -> dict[str, float]:
-    """The turns in numbers."""
-    return {f"screw_{i}_turns": turn for i, turn in enumerate(facts_as(TiltFacts, facts).turns, 1)}
+def say_flank(facts: Facts) -> str:
+    """The place from which the turns are followed, for the operator; empty where they are not."""
+    return "going where the chart is in the middle, out of focus, to follow the screws" if to_flank(facts) else ""
 
 
-TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
+def check_screw(screw: int, frame: RawFrame, facts: Facts) -> Advice:
+    """Follow the turn of a screw by the sharpness in the frame's middle; no outline where that is impossible."""
+    plane, known = shown(frame), facts_as(TiltFacts, facts)
+    before, now = known.sharpness.get(str(screw)), sharpness(plane, known)
+    follow = partial(
+        turn_advice, screw, known.turns[screw - 1], angle_deg=known.screws.angles_deg[screw - 1],
+        shape=plane.samples.shape, largest=max(map(abs, known.turns)),
+    )  # fmt: skip
+
+    def turned(change: float) -> float:
+        return followed_turns(screw, known.turns, change, known.screws, known.depth_um)
+
+    if before is None:
+        advice, followed = follow(turned=None, noise=0.0), now and known.start and not math.isnan(turned(0.0))
+        facts = {f"{SHARPNESS}{screw}": now[0] if now and followed else 0.0}
+        return replace(advice, facts=facts, outline=advice.outline if followed else None)
+    if not before:
+        return Advice(True, f"The focus does not show the turn of screw {screw}: the next bracket will.")
+    if now is None:
+        return Advice(False, "The chart is not recognised: uncover it, and leave the light as it was.")
+    change = math.log(now[0] / before)
+    return follow(turned=turned(change), noise=2**0.5 * abs(turned(change + now[1]) - turned(change)))
+
+
+def screws_to_turn() -> tuple[Look, ...]:
+    """The turn of each screw, where turns help."""
+
+    def turns(screw: int, facts: Facts) -> bool:
+        return worth_turning(facts) and screw <= len(facts_as(TiltFacts, facts).turns)
+
+    screws = range(1, MOST_SCREWS + 1)
+    return tuple(Look(f"screw {i}", partial(check_screw, i), tries=4, when=partial(turns, i)) for i in screws)
+
 
 # --- bracket ---
 
@@ -229,6 +275,7 @@ def stops(facts: Facts) -> list[TourStop]:
     start = known.begun()
     pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
     depths = bracket_mm(known.optics(pitch), f_number_of(known), start.distance_mm)
+    focus = focus_um(known.chart_mtf_noise, known.depth_um)
     nearer = start.distance_mm / depths[0]
     as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
     locations = field_plan.locations({**facts, **as_nearest})  # the chart is not cut where it is largest
@@ -237,17 +284,32 @@ def stops(facts: Facts) -> list[TourStop]:
             f"place {i} of {len(locations)}, {depth:.0f} mm",
             Go(partial(to_depth, location, depth), partial(say_depth, location, depth)),
             partial(check_bracket, location),
-            partial(corner_goal, locations, (i - 1) * len(depths) + j, len(depths)),
+            partial(corner_goal, locations, (i - 1) * len(depths) + j, len(depths), focus),
         )
         for i, location in enumerate(locations, 1)
         for j, depth in enumerate(depths if i % 2 else depths[::-1])
     ]
 
 
-def corner_goal(places: Sequence[Location], taken: int, depths: int, facts: Facts) -> Goal:
-    """Progress of the corners' heights, in uncertainties of best focus at one place, known after the estimate."""
-    now, after = (field_plan.corner_spread(places[: n // depths]) for n in (taken, taken + 1))
-    return Goal(len(places) * depths - taken, "corner height", "times that of one place's best focus", now, after)
+def corner_goal(places: Sequence[Location], taken: int, depths: int, focus: float, facts: Facts) -> Goal:
+    """Progress of the corners' heights over the centre, by the uncertainty `focus` of best focus at one place, in
+    um."""
+    now, after = (focus * field_plan.corner_spread(places[: n // depths], plane=True) for n in (taken, taken + 1))
+    return Goal(len(places) * depths - taken, "height of the corners, by noise,", "um", now, after)
+
+
+def focus_um(noise: float | None, depth_um: float) -> float:
+    """Predicted standard uncertainty of best focus at one place, by a quartic through its bracket, in um; NaN where the
+    relative noise of the MTF is not known.
+
+    The blur circle t depths of focus away has t pixels: the logarithm of the MTF at f falls by (pi f t)^2 / 8, and its
+    noise grows as the MTF falls.
+    """
+    if noise is None:
+        return math.nan
+    design = np.vander(STEPS, 5, increasing=True) * np.exp([[blur_logarithm(step)] for step in STEPS])
+    slope = noise * np.linalg.inv(design.T @ design)[1, 1] ** 0.5
+    return float(depth_um * slope / (2 * (math.pi * FREQUENCY) ** 2 / 8))
 
 
 def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
@@ -414,8 +476,9 @@ def without_laser(facts: Facts) -> Facts:
 
 # --- Facts of a guided tilt: the screws, the distance of each photograph of the bracket, and the required turns ---
 
-DEPTH, TURN = "depth_", "turn_"
-"""Prefixes of a photograph's mark for the chart's distance, and of a screw's number for its turns."""
+DEPTH, TURN, SHARPNESS = "depth_", "turn_", "sharpness_"
+"""Prefixes of a photograph's mark for the chart's distance, and of a screw's number for its turns, and for the MTF in
+the frame's middle before them."""
 
 
 def turns_of(facts: Facts) -> tuple[float, ...]:
@@ -432,7 +495,9 @@ class TiltFacts(FieldFacts):
     depths : distance of the chart along the optical axis in mm, by the photograph's mark
     turns : required turns of the screws
     helps : probability that they improve the alignment
-    corner_um : height of the sensor's highest corner over its centre
+    chart_mtf_noise : of the photograph at the start, see `mtf_noise`
+    corner_um, centre_um : height of the sensor's highest corner over its centre, and its centre behind the lens
+    sharpness : MTF in the frame's middle before the turn of each screw, by its number
     """
 
     screw_count: float | None = None
@@ -442,7 +507,17 @@ class TiltFacts(FieldFacts):
     depths: Mapping[str, float] = gathered_numbers(DEPTH)
     turns: tuple[float, ...] = gathered(turns_of, prefix=TURN)
     helps: float | None = None
+    chart_mtf_noise: float | None = None
     corner_um: float | None = None
+    centre_um: float | None = None
+    sharpness: Mapping[str, float] = gathered_numbers(SHARPNESS, "centre_um")
+
+    @property
+    def depth_um(self) -> float:
+        """Depth of focus: f-number times a pixel of the plane. Raises BadParameter before the start."""
+        start = self.begun()
+        pitch = round(self.optics(1).principal_px(start.distance_mm) / start.principal_px)
+        return f_number_of(self) * self.optics(pitch).plane_pitch_um
 
     @property
     def screws(self) -> Screws:

@@ -59,12 +59,15 @@ class SensorMount:
     slopes : (x, y)
         Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
         photograph.
+    offset_um : float
+        Distance of its centre from its first place, away from the lens.
     count, radius_mm, pitch_mm, first_deg
         Of the screws: number, radius, pitch, and angle of the first, clockwise from the top as seen from behind the
         camera.
     """
 
     slopes: tuple[float, float] = (0.0, 0.0)
+    offset_um: float = 0.0
     count: int = 3
     radius_mm: float = 12.0
     pitch_mm: float = 0.35
@@ -79,7 +82,9 @@ class SensorMount:
         angles = np.radians(self.first_deg + 360 * np.arange(self.count) / self.count)
         at = self.radius_mm * np.column_stack([-np.sin(angles), np.cos(angles)])
         moved = np.linalg.lstsq(np.column_stack([np.ones(self.count), at]), 1000 * self.pitch_mm * np.array(turns))[0]
-        return replace(self, slopes=(self.slopes[0] + float(moved[1]), self.slopes[1] + float(moved[2])))
+        offset, right, down = (float(one) for one in moved)
+        slopes = self.slopes[0] + right, self.slopes[1] + down
+        return replace(self, slopes=slopes, offset_um=self.offset_um + offset)
 
     def tilt_um(self, camera: SimulatedCamera) -> tuple[float, float]:
         """The slopes as defocus per half diagonal."""
@@ -153,7 +158,9 @@ class View:
         light = Illumination(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
         scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
-        lens = replace(self.camera.lens, tilt_um=self.held.tilt_um(self.camera))
+        lens, held = self.camera.lens, self.held
+        off_um = defocus_um(held.offset_um / 1000, lens.f_number)
+        lens = replace(lens, tilt_um=held.tilt_um(self.camera), defocus_um=off_um)
         camera = replace(self.camera, lens=lens, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
         return camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
 

@@ -121,6 +121,8 @@ class Lens:
         Aberrations and lateral colour are centred on it, distortion on the frame's centre.
     tilt_um : (float, float)
         A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
+    defocus_um : float
+        A sensor away from the image, in the same measure.
     lateral_colour : float
         Relative growth of the image per micrometre of wavelength, 1 in green.
     vignetting : (float, float, float)
@@ -139,17 +141,18 @@ class Lens:
     field_curvature_um: float = 0.0
     axis: tuple[float, float] = (0.0, 0.0)
     tilt_um: tuple[float, float] = (0.0, 0.0)
+    defocus_um: float = 0.0
     lateral_colour: float = 0.0
     vignetting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noted: bool = True
 
     def wavefront(self, x: float, y: float) -> Wavefront:
         """Aberrations at a place in the frame, (x, y) from its centre in half diagonals."""
-        tilt_um = self.tilt_um[0] * x + self.tilt_um[1] * y
+        sensor_um = self.defocus_um + self.tilt_um[0] * x + self.tilt_um[1] * y
         x, y = x - self.axis[0], y - self.axis[1]
         q2, coma, stretch = x * x + y * y, self.coma_um, self.astigmatism_um
         return Wavefront(
-            defocus_um=self.field_curvature_um * q2 + tilt_um, astigmatism_um=stretch * (x * x - y * y),
+            defocus_um=self.field_curvature_um * q2 + sensor_um, astigmatism_um=stretch * (x * x - y * y),
             oblique_astigmatism_um=stretch * 2 * x * y, coma_y_um=coma * y, coma_x_um=coma * x,
             spherical_um=self.spherical_um,
         )  # fmt: skip

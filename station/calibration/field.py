@@ -29,6 +29,7 @@ def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> Pl
         name, outcome.verdict, estimate.centre, estimate.quality, reason=outcome.reason, remedy=outcome.remedy,
         other_causes=outcome.other_causes, pitch=estimate.pitch, estimate=estimate,
         values={"nodes": len(field.nodes), "components": len(field.components)}, place=str(Place.CENTRE),
+        diagnostics=estimate.subject,
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from station.results.explanation import BatchExplanation, PlaneExplanation
 
 MOST_TERMS = 3
+NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
 
 
 @command("explain", strict=True, as_json=True)
@@ -47,28 +48,25 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
     """The explanation of a result: entry of the record, lines, and verdicts."""
-    from procedures.numbers import PIXELS_PER_PATTERN
-    from station.results.explanation import explain_result
-    from station.results.reader import read_result
+    from station.results.explanation import PREDICTED, TWIN, explain_result
+    from station.results.reader import read_result, record_of
 
-    measurement = read_result(folder)
-    planes = explain_result(measurement)
+    planes = explain_result(read_result(folder))
     entry: dict[str, Any] = {"planes": [asdict(plane) for plane in planes]}
     lines = [line for plane in planes for line in _plane_lines(plane)]
-    if twin:
+    first, known = planes[0], record_of(folder, planes[0].plane)
+    if twin or (first.terms and PREDICTED & known.keys()):
         from station.demo.digital_twin import predictions
 
-        first = planes[0]
+        budget = {part.term: part.share**0.5 * first.uncertainty for part in first.terms}
         with progress(1) as shown:
             shown("photographing with the digital twin", 0)
-            effects = predictions(measurement.by_name[first.plane].details)
+            effects = predictions(known, first.number, budget)
         entry["twin"] = [asdict(effect) for effect in effects]
-        lines += ["", f"By the digital twin, for {first.plane}:"]
-        lines += [
-            f"  {one.words}: MTF50 ± goes from {first.uncertainty:.2g} to {one.uncertainty:.2g}" for one in effects
-        ]
-    elif planes[0].terms and PIXELS_PER_PATTERN in measurement.by_name[planes[0].plane].details:
-        lines.append("`--twin` predicts the effect of another distance and of more light.")
+        lines += ["", f"Predicted for {first.plane}:"]
+        lines += [f"  {one.words}: {one.number}, from ± {one.before:.2g} to ± {one.after:.2g}" for one in effects]
+    elif first.terms and TWIN & {*known, *known.get("diagnostics", {})}:
+        lines.append("`--twin` predicts the effect of remedies by a simulated camera.")
     return entry, lines, [plane.verdict for plane in planes]
 
 
@@ -82,15 +80,18 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
 
     lines = [f"{one.plane}: {one.verdict}" + (f", because {one.reason}" if one.reason else "")]
     lines += [f"  what helps: {one.remedy}"] if one.remedy else []
+    name = label(one.number)[:1].upper() + label(one.number)[1:] if one.number else ""
     if one.terms:
         first, *others = one.terms[:MOST_TERMS]
         lines += [
-            f"  {label(one.number)} {one.value}, {first.share:.0%} of its variance: {WORDS[first.term]}.",
+            f"  {name} {one.value}, {first.share:.0%} of its variance: {WORDS[first.term]}.",
             f"  Best: {first.remedy}; ± falls from {one.uncertainty:.2g} to {first.uncertainty_then:.2g} at best.",
             *(f"    {part.share:4.0%} {WORDS[part.term]}; to ± {part.uncertainty_then:.2g}: {part.remedy}"
               for part in others),
         ]  # fmt: skip
-    return [*lines, *([f"  {one.prediction}"] if one.prediction else [])]
+    elif name:
+        lines.append(f"  {name} {one.value}. {NO_BUDGET}")
+    return lines
 
 
 def _batch_lines(batch: BatchExplanation) -> list[str]:

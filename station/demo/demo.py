@@ -22,7 +22,7 @@ from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.digital_twin import TruthComparison, compare
+from station.demo.truth_comparison import TruthComparison, compare
 from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
 from station.reports.psf_page import chart_figures, edge_rows

@@ -1,25 +1,38 @@
-"""The effect of a remedy: the chart photographed by a simulated camera like the measured one, before and after it."""
+"""Effect of remedies: a simulated camera like the measured one photographs the subject before and after each."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from scipy.special import ndtr
 
 from procedures.choice import COMMON, combined
-from procedures.numbers import MTF50_HORIZONTAL, PIXELS_PER_PATTERN
-from procedures.outcome import BadInput, Quantity
+from procedures.geometry.next_view import NextView, next_view_words
+from procedures.numbers import EDGE_MTF50, MTF50_HORIZONTAL, PIXELS_PER_PATTERN, SYSTEM_GAIN, label
+from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.quality import PRINT_BLUR
-from procedures.transfer_function import Otf
+from procedures.sensor.estimate import characterise
+from procedures.sensor.stacks import LightLevel, SensorRecording, measure_level
+from procedures.slanted_edge.estimate import estimate_edge
+from procedures.slanted_edge.strip import Roi
+from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 from simulators.camera.camera import SimulatedCamera, pixels_at, render_plane
 from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
 from simulators.camera.sensor import Sensor
+from simulators.camera.sheets import FlatSheet, PlacedSheet, draw, leaves
+from simulators.world.projection import ObjectPose, Projection
 from simulators.world.scene import Scene
+from station.results.explanation import BRIGHTER, NEXT_VIEW
+
+Entry = Mapping[str, Any]
+"""A plane in a record."""
+Effects = Mapping[str, Mapping[str, float]]
+"""By change of the set-up: the factor by which each term of the budget changes; others stay as they are."""
 
 GAUSSIAN_AT_HALF = 0.1874
 """sigma f of a Gaussian whose transfer function is 0.5 at f: sqrt(ln 2 / 2) / pi."""
@@ -30,193 +43,202 @@ CHART = Chart.from_seed()
 SEEDS = (1, 2)
 SAME_WIDTH = 0.05
 """Relative difference of widths that changes nothing."""
+LIGHT = "four times the light"
 
 
 @dataclass(frozen=True)
 class TwinPrediction:
-    """A change of the set-up, and the standard uncertainty of MTF50 after it, in the unit of the record."""
+    """A change of the set-up, and the standard uncertainty of a number before and after it."""
 
     words: str
-    uncertainty: float
+    number: str
+    before: float
+    after: float
 
 
-def predictions(plane: Mapping[str, Any]) -> list[TwinPrediction]:
-    """The predicted effects of a better distance and of four times the light, from the record of a plane.
+def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[TwinPrediction]:
+    """The predicted effects of remedies on the uncertainty of a plane's number with this budget, from its record.
 
-    The twin has the measured MTF50, noise and size of the chart; its remaining properties are those of an ideal lens.
-    Terms that all photographs of the chart share stay as they are, except the blur of the print, which grows with the
-    square of the chart's width.
-    Raises BadInput if the record is not that of a photograph of the chart.
+    Twins have the measured sharpness, noise and size of the subject; their remaining properties are ideal. Terms that
+    the change does not concern stay as they are. The next view of a geometry, and a restoration with more light, are
+    those of their own models.
+    Raises BadInput if no twin can photograph the subject.
     """
-    try:
-        width, mtf50 = float(plane[PIXELS_PER_PATTERN]), float(plane[MTF50_HORIZONTAL]["value"])
-        budget: Mapping[str, float] = plane[MTF50_HORIZONTAL]["budget"]
-        noise, s, k = float(plane["diagnostics"]["noise"]), int(plane["s"]), int(plane["k"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput("the digital twin needs the record of a photograph of the chart", "name one") from error
-    best = pixels_at(1.0, s)
-    changes = {"four times the light": (width, noise / 2)}
-    if abs(best / width - 1) > SAME_WIDTH:
-        words = (
-            f"{width / best:.2g} times the distance (s/t = 1, a chart {best:.0f} pixels wide instead of {width:.0f})"
+    before, plane = combined(dict(budget)), {**plane.get("diagnostics", {}), **plane}
+    if (view := plane.get(NEXT_VIEW)) is not None:
+        known = NextView(**view)
+        words = f"one more view, with the chart in {next_view_words(known)}"
+        return [TwinPrediction(words, known.of, known.before, known.after)]
+    if (brighter := plane.get(BRIGHTER)) is not None:
+        return [TwinPrediction(LIGHT, label(number), before, brighter)]
+    twin = next((twin for name, twin in TWINS.items() if name in plane), None)
+    if twin is None or not budget:
+        raise BadInput(
+            "no digital twin photographs this subject: there are twins of charts, walls, edges and flat fields",
+            "read the gain of each remedy from the shares, without --twin",
         )
-        changes |= {words: (best, noise)}
-    parameters = PatternParameters(s, k, chosen=True)
-    own = combined({term: one for term, one in budget.items() if term not in COMMON})
-    now = _uncertainty(width, noise, mtf50, parameters)
+    try:
+        effects = twin(plane)
+    except (KeyError, TypeError, ValueError, StopIteration) as error:
+        raise BadInput(
+            "the record has too little for the digital twin", "measure it again with this version"
+        ) from error
     return [
         TwinPrediction(
-            words, math.hypot(_shared(budget, wide / width), own * _uncertainty(wide, change, mtf50, parameters) / now)
+            words, label(number), before, combined({term: u * factors.get(term, 1.0) for term, u in budget.items()})
         )
-        for words, (wide, change) in changes.items()
+        for words, factors in effects.items()
+        if np.isfinite(list(factors.values())).all()  # the twin's photographs were not refused
     ]
 
 
-def _shared(budget: Mapping[str, float], scale: float) -> float:
-    """Uncertainty by what all photographs of the chart share, with a chart `scale` times as wide."""
-    return combined(
-        {term: one * (scale**2 if term == PRINT_BLUR else 1.0) for term, one in budget.items() if term in COMMON}
-    )
+def _effects(
+    spread: Callable[..., float], now: tuple[float, ...], changes: Mapping[str, tuple[float, ...]],
+    terms: Sequence[str] = ("noise",),
+) -> Effects:  # fmt: skip
+    """The effects on the terms, by the twin's uncertainty `spread` now and after each change."""
+    before = spread(*now)
+    return {words: dict.fromkeys(terms, spread(*change) / before) for words, change in changes.items()}
 
 
-def _uncertainty(width: float, noise: float, mtf50: float, parameters: PatternParameters) -> float:
-    """Standard uncertainty of MTF50 of the twin without shared terms: median of several photographs.
+def _optics(mtf50: float) -> Optics:
+    """A Gaussian that has this MTF50 with the pixels."""
+    sigma = max((GAUSSIAN_AT_HALF / mtf50) ** 2 - PIXEL_SIGMA**2, 0.01) ** 0.5
+    return Optics((GaussianBlur(sigma), PixelAperture()), PITCH_UM)
+
+
+def _median(uncertainties: Sequence[float]) -> float:
+    """Infinite where every photograph was refused."""
+    return float(np.median(uncertainties)) if uncertainties else math.inf
+
+
+# --- charts ---
+
+
+def chart_effects(plane: Entry) -> Effects:
+    """A better distance, and more light: the blur of the print grows with the square of the chart's width."""
+    width, noise, best = plane[PIXELS_PER_PATTERN], plane["noise"], pixels_at(1.0, plane["s"])
+    changes = {LIGHT: (width, noise / 2)}
+    if abs(best / width - 1) > SAME_WIDTH:
+        size = f"a chart {best:.0f} pixels wide instead of {width:.0f}"
+        changes |= {f"{width / best:.2g} times the distance (s/t = 1, {size})": (best, noise)}
+    own = [term for term in plane[MTF50_HORIZONTAL]["budget"] if term not in COMMON]
+    effects = _effects(partial(_chart_uncertainty, plane), (width, noise), changes, own)
+    return {words: {**effects[words], PRINT_BLUR: (wide / width) ** 2} for words, (wide, _) in changes.items()}
+
+
+def _chart_uncertainty(plane: Entry, width: float, noise: float) -> float:
+    """Standard uncertainty of MTF50 of the twin without shared terms.
 
     noise : standard deviation of white samples over the chart's contrast
     """
-    sigma = max((GAUSSIAN_AT_HALF / mtf50) ** 2 - PIXEL_SIGMA**2, 0.01) ** 0.5
-    electrons = (1 / max(noise, 1e-4)) ** 2
-    size = round(1.8 * width) + 40
+    electrons, size = (1 / max(noise, 1e-4)) ** 2, round(1.8 * width) + 40
     sensor = Sensor(size, size, None, full_well_e=electrons / WHITE, gain_e_per_dn=electrons / WHITE / 15000)
-    camera = SimulatedCamera(
-        sensor=sensor, pitch_um=PITCH_UM, optics=Optics((GaussianBlur(sigma), PixelAperture()), PITCH_UM)
-    )
+    camera = SimulatedCamera(sensor=sensor, pitch_um=PITCH_UM, optics=_optics(plane[MTF50_HORIZONTAL]["value"]))
     scene = Scene((camera.place(CHART, pixels=width, roll_deg=3.0),))
-    uncertainties = []
+    exposure_s = WHITE * sensor.full_well_e / camera.white_e_per_s
+    parameters, uncertainties = PatternParameters(plane["s"], plane["k"], chosen=True), []
     for seed in SEEDS:
-        samples = render_plane(scene, camera, np.random.default_rng(seed), exposure_s=_exposure_s(camera))
+        samples = render_plane(scene, camera, np.random.default_rng(seed), exposure_s=exposure_s)
         outcome = estimate_psf(samples, CHART, parameters)
         if outcome.value is not None:
             budget = outcome.value.quality.budgets[MTF50_HORIZONTAL]
             uncertainties.append(combined({term: one for term, one in budget.items() if term not in COMMON}))
-    return float(np.median(uncertainties)) if uncertainties else float("inf")
+    return _median(uncertainties)
 
 
-def _exposure_s(camera: SimulatedCamera) -> float:
-    return WHITE * camera.sensor.full_well_e / camera.white_e_per_s
+# --- walls ---
+
+FOCAL_PX, LARGEST, PER_LEAF = 3000.0, 240.0, 60.0
+"""Distance of the lens from the sensor in pixels; largest leaf, and pixels per leaf, of the near photograph."""
 
 
-# --- Comparison of an estimated PSF with the true one and with its stated uncertainty ---
-
-Array = npt.NDArray[np.float64]
-
-FINE_STEP = 0.001
-"""Step of the curve from which the true MTF50 is read, cycles per pixel."""
-DIRECTIONS = ("horizontal", "vertical")
-
-
-@dataclass(frozen=True)
-class ComparedNumber:
-    """A measured number and its true value."""
-
-    measured: Quantity
-    true: float
-
-    @property
-    def sigmas(self) -> float:
-        """Measured minus true, in standard uncertainties."""
-        return (self.measured.value - self.true) / self.measured.uncertainty
+def wall_effects(plane: Entry) -> Effects:
+    """More light, and a far photograph from nearer or farther."""
+    zoom, samples, noise = (float(np.mean(plane[name])) for name in ("scale", "samples", "noise"))
+    changes = {f"the far photograph from {z:.2g} times the distance": (z * zoom, noise) for z in (0.9, 1.2)}
+    spread = partial(_wall_uncertainty, plane, round(zoom * samples**0.5))
+    return _effects(spread, (zoom, noise), {LIGHT: (zoom, noise / 2), **changes})
 
 
-@dataclass(frozen=True, eq=False)
-class TruthComparison:
-    """An estimate compared with the truth.
-
-    otf : callable
-        The true transfer function of the whole PSF at frequencies (fx, fy) in cycles per pixel of the plane.
-    aligned : (k, k) float64
-        The true PSF after the best subpixel shift.
-    error : float
-        Relative L2 distance from it.
-    expected : float
-        Expected error: root sum of squares of the covariance's and the truncation's.
-    centre_px : (float, float)
-        (x, y) from the chart's marks in the true image to the estimate's centre, in pixels of the plane.
-    mtf50 : mapping of direction to ComparedNumber
-    """
-
-    otf: Otf
-    aligned: Array
-    error: float
-    expected: float
-    centre_px: tuple[float, float]
-    mtf50: Mapping[str, ComparedNumber]
-
-    @property
-    def ratio(self) -> float:
-        return self.error / self.expected
-
-    @property
-    def centre_error_px(self) -> float:
-        """Error of the centre, in pixels of the plane."""
-        return math.hypot(*self.centre_px)
-
-
-def compare(estimate: PatternPsf, samples: Array, floor: float, otf: Otf) -> TruthComparison:
-    """Compare an estimate with the PSF that blurred its photograph.
-
-    estimate : PatternPsf
-    samples : (k, k) float64
-        The true PSF on the estimate's grid, of sum 1, its centre sample the geometric centre.
-    floor : float
-        Norm of the PSF outside the support, relative to that of the whole PSF.
-    otf : callable
-        The true transfer function of the whole PSF.
-    """
-    s = estimate.psf.s
-    aligned, shift = align(samples, estimate.psf.h)
-    # the estimate's origin is the image of the marks: a PSF that displaces them to the right is itself displaced left
-    centre = shift / s + mark_offset(samples, s, estimate.registration.jacobian())
-    return TruthComparison(
-        otf=otf,
-        aligned=aligned,
-        error=float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(samples)),
-        expected=math.hypot(estimate.diagnostics["relative_uncertainty"], floor),
-        centre_px=(float(centre[0]), float(centre[1])),
-        mtf50=_mtf50(estimate, otf),
+def _wall_uncertainty(plane: Entry, side: int, zoom: float, noise: float) -> float:
+    """Standard uncertainty of MTF50 by the noise of a near and a far photograph of a wall, of `side` rows and
+    columns."""
+    projection, optics = (
+        Projection(FOCAL_PX, ((side - 1) / 2, (side - 1) / 2)),
+        _optics(plane[MTF50_HORIZONTAL]["value"]),
     )
+    parameters, uncertainties = TwoPhotoParameters(plane["s"], plane["k"]), []
+    for seed in SEEDS:
+        rng, texels = np.random.default_rng(seed), round(1.1 * side * zoom)
+        wall = FlatSheet(leaves((texels, texels), rng, largest=LARGEST, per_leaf=PER_LEAF), 1.0)
+        near, far = (
+            draw([PlacedSheet(wall, ObjectPose((0.0, 0.0, FOCAL_PX * z), roll_deg=2.0 * z), optics)],
+                 projection, (side, side), {(0, 0): "Y"})
+            + np.float32(noise) * rng.standard_normal((side, side), np.float32)
+            for z in (1.0, zoom)
+        )  # fmt: skip
+        outcome = estimate_psf_of_pair(near, far, parameters)
+        if outcome.value is not None:
+            uncertainties.append(outcome.value.quality.budgets[MTF50_HORIZONTAL]["noise"])
+    return _median(uncertainties)
 
 
-def align(truth: Array, h: Array) -> tuple[Array, Array]:
-    """The truth (k, k) after the subpixel shift that minimises its distance from h, and the shift (x, y) in samples.
+# --- edges ---
 
-    Gauss-Newton on a Fourier shift, with zeros beyond the support.
-    """
-    k = len(truth)
-    spectrum = np.fft.fft2(np.pad(truth, k))
-    wave = -2j * np.pi * np.fft.fftfreq(3 * k)
-    shift = np.zeros(2)
-
-    def cut(filtered: npt.NDArray[np.complex128]) -> Array:
-        return np.asarray(np.fft.ifft2(filtered).real[k:-k, k:-k], dtype=np.float64)
-
-    for _ in range(10):
-        moved = spectrum * np.exp(wave * shift[0]) * np.exp(wave * shift[1])[:, None]
-        slopes = np.stack([cut(moved * wave).ravel(), cut(moved * wave[:, None]).ravel()], axis=1)
-        step = np.linalg.lstsq(slopes, (h - cut(moved)).ravel(), rcond=None)[0]
-        shift = shift + step
-        if np.abs(step).max() < 1e-7:
-            break
-    return cut(moved), shift
+SLANT = math.radians(5)
 
 
-def _mtf50(estimate: PatternPsf, otf: Otf) -> dict[str, ComparedNumber]:
-    """Measured and true MTF50, in the directions in which both exist."""
-    f = np.arange(0.0, estimate.psf.s / 2, FINE_STEP)
-    pairs = {}
-    for name, (x, y) in zip(DIRECTIONS, ((f, 0 * f), (0 * f, f)), strict=True):
-        measured = estimate.quality.numbers.get(f"mtf50_{name}")
-        below = np.flatnonzero(np.abs(otf(x, y)) < 0.5)
-        if measured is not None and len(below):
-            pairs[name] = ComparedNumber(measured, float(f[below[0]]) - FINE_STEP / 2)
-    return pairs
+def edge_effects(plane: Entry) -> Effects:
+    """More light, and an edge twice as long."""
+    edge = next(one for one in plane["edges"] if EDGE_MTF50 in one)
+    short, length = sorted(edge["roi"][2:])
+    noise = edge["diagnostics"]["noise"] / edge["diagnostics"]["contrast"]
+    changes = {LIGHT: (length, noise / 2), "an edge twice as long": (2 * length, noise)}
+    return _effects(partial(_edge_uncertainty, edge[EDGE_MTF50]["value"], short), (length, noise), changes)
+
+
+def _edge_uncertainty(mtf50: float, width: int, height: int, noise: float) -> float:
+    """Standard uncertainty of MTF50 by the noise, over the contrast, across an edge near vertical in a region of this
+    size."""
+    y, x = np.indices((height, width + height // 8))
+    distance = (x - x.mean()) * math.cos(SLANT) + (y - y.mean()) * math.sin(SLANT)
+    grain = noise * np.random.default_rng(SEEDS[0]).standard_normal(x.shape)
+    light = 0.1 + 0.7 * (ndtr(distance * mtf50 / GAUSSIAN_AT_HALF) + grain)
+    outcome = estimate_edge(light, Roi(0, 0, x.shape[1], height))
+    return math.inf if outcome.value is None else outcome.value.budgets[EDGE_MTF50]["noise"]
+
+
+# --- sensors ---
+
+LEVELS, MOST_PIXELS = 24, 40_000
+"""Levels of light of the twin from dark to saturation, and its most pixels."""
+
+
+def sensor_effects(plane: Entry) -> Effects:
+    """More pictures of each level, and more levels."""
+    changes = {"four times as many pictures of each level": (8, LEVELS), "twice as many levels": (2, 2 * LEVELS)}
+    side = math.isqrt(min(plane["rows"] * plane["columns"], MOST_PIXELS))
+    return _effects(partial(_gain_uncertainty, plane["model"], side), (2, LEVELS), changes)
+
+
+def _gain_uncertainty(model: Mapping[str, float], side: int, pictures: int, levels: int) -> float:
+    """Standard uncertainty of the gain by `pictures` at each of the levels of a sensor with `side` rows and columns."""
+    rng = np.random.default_rng(SEEDS[0])
+    gain, dark, top, variance = (float(model[name]) for name in ("gain", "dark_level", "saturation", "dark_variance"))
+
+    def level(signal: float) -> LightLevel:
+        electrons = rng.poisson(signal / gain, (pictures, side, side)) * gain
+        samples = dark + electrons + variance**0.5 * rng.standard_normal(electrons.shape)
+        return measure_level(list(np.rint(np.minimum(samples, dark + 1.02 * top))), 0.01, signal)
+
+    ladder = np.linspace(0, 1.1 * top, levels + 1)
+    recording = SensorRecording((level(0.0),), tuple(map(level, ladder[1:])), False, None, None)
+    outcome = characterise(recording, rng)
+    return math.inf if outcome.value is None else outcome.value.numbers[SYSTEM_GAIN].uncertainty
+
+
+TWINS: Mapping[str, Callable[[Entry], Effects]] = {
+    PIXELS_PER_PATTERN: chart_effects, "edges": edge_effects, "scale": wall_effects, SYSTEM_GAIN: sensor_effects,
+}  # fmt: skip
+"""By an entry of the plane that shows its subject, as `station.results.explanation.TWIN`."""

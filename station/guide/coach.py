@@ -63,7 +63,9 @@ def way_words(outline: Outline, shape: tuple[int, ...]) -> str:
     """How the outline must change to match: "→ 12 % ↓ 3 % of the frame, 5 % larger"."""
     words = [f"{arrow} {100 * share:.0f} %" for arrow, share in ways(outline, shape)]
     parts = [f"{' '.join(words)} of the frame"] if words else []
-    if abs(outline.growth - 1) >= LEAST_SHARE:
+    if outline.growth >= 2:
+        parts.append(f"{outline.growth:.1f} times as large")
+    elif abs(outline.growth - 1) >= LEAST_SHARE:
         parts.append(f"{100 * abs(outline.growth - 1):.0f} % {'larger' if outline.growth > 1 else 'smaller'}")
     if abs(outline.turn_deg) >= LEAST_TURN_DEG:
         parts.append(f"turned {'clockwise' if outline.turn_deg > 0 else 'counter-clockwise'}")

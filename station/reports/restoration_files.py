@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numbers import W_GREATEST, W_LEAST, W_MEDIAN
+from procedures.numbers import PICTURE_STD, W_GREATEST, W_LEAST, W_MEDIAN
 from procedures.outcome import Outcome, Quantity
 from procedures.restoration.joint.result import GroundTruth, Restoration
 from procedures.restoration.metres import Distances
 from station.common.versions import software
 from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
+from station.results.explanation import BRIGHTER, BUDGETS
 from station.results.exports import kernel_fits
 from station.results.measurement import RESTORATION, Measurement
 from station.results.plane_result import PlaneResult
@@ -64,7 +65,10 @@ def restored_plane(name: str, outcome: Outcome[Restoration]) -> PlaneResult:
     numbers = {W_MEDIAN: Quantity(float(np.median(restoration.w)) * per, unit, spread, method, restoration.w.size)}
     values = {W_LEAST: float(restoration.w.min()) * per, W_GREATEST: float(restoration.w.max()) * per,
               **asdict(restoration.diagnostics)}  # fmt: skip
-    return PlaneResult.of_outcome(name, outcome, numbers=numbers, values=values, pitch=0, estimate=restoration)
+    details = {BUDGETS: {PICTURE_STD: dict(restoration.budget)}, BRIGHTER: restoration.brighter}
+    return PlaneResult.of_outcome(
+        name, outcome, numbers=numbers, values=values, pitch=0, estimate=restoration, details=details
+    )
 
 
 def _entries(restoration: Restoration, distances: Distances | None) -> dict[str, Any]:

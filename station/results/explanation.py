@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import TERMS
-from procedures.geometry.next_view import NextView, next_view_words
-from procedures.numbers import Group, in_group
+from procedures.numbers import PIXELS_PER_PATTERN, SYSTEM_GAIN, Group, in_group
 from procedures.outcome import BadInput, Verdict
 from station.common.sanitise import printable, stated
 from station.results.measurement import Measurement
@@ -24,6 +23,8 @@ from station.results.result_files import RECORD
 
 DERIVED = "derived"
 EDGES = "edges"
+BUDGETS, BRIGHTER = "budgets", "with_four_times_the_light"
+"""Entries of a restoration: budgets by number, and the picture's expected error."""
 REMEDIES = {
     "noise": "take four times as many photographs, or give four times the light",
     "light": "light the chart evenly, within 10 % from corner to corner",
@@ -53,6 +54,10 @@ REMEDIES = {
     "overshoot": "switch off clarity and local contrast, or photograph RAW",
     "tone": "photograph RAW, which has no tone curve",
     "contrast": "photograph RAW, which has no tone curve",
+    "shapes": "measure the shapes of the blur again, and check that nothing moved",
+    "detail": "take a third photograph with another blur, which keeps what these suppress",
+    "kernels": "record the motion, or give measured kernels",
+    "development": "give RAW files",
 }
 """Remedy of each term of a budget."""
 WORDS = {
@@ -71,8 +76,15 @@ WORDS = {
     "overshoot": "wide mask not excluded",
     "tone": "tone curve not excluded",
     "contrast": "S-shaped tone curve not excluded",
+    "shapes": "disagreement of blur and photographs",
+    "detail": "detail that the blur has removed",
+    "kernels": "other kernels that explain the photographs as well",
+    "development": "rounding and coding of the files",
 }
 """Description of each term of a budget."""
+NEXT_VIEW = "next_view"
+TWIN, PREDICTED = {PIXELS_PER_PATTERN, EDGES, "scale", SYSTEM_GAIN}, {NEXT_VIEW, BRIGHTER}
+"""Entries of planes whose subject the digital twin photographs, and of those whose own model predicts a gain."""
 OUTLIER = 3.5
 """Robust standard deviations from the median: B. Iglewicz, D. Hoaglin, How to detect and handle outliers, ASQC 1993."""
 LEAST_VALUES = 5
@@ -97,10 +109,7 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: cause, headline `number` in words, "" without a budget, and the budget, the largest term first.
-
-    prediction : gain of the most useful further photograph, in words; empty where the record has none
-    """
+    """A plane: cause, headline `number` in words, "" without one, and its budget, the largest term first."""
 
     plane: str
     verdict: str
@@ -110,7 +119,6 @@ class PlaneExplanation:
     value: str = ""
     uncertainty: float = 0.0
     terms: Sequence[BudgetShare] = field(default_factory=tuple)
-    prediction: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,30 +163,24 @@ def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
-    plain = PlaneExplanation(
-        plane.name, str(plane.verdict), plane.reason, plane.remedy, prediction=_next_view(plane.details)
-    )
-    name = next((one for one in in_group(Group.LINE) if _budget(plane, one)), "")
-    if plane.verdict is Verdict.REFUSED or not name:
+    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
+    known = [name for name in in_group(Group.LINE) if name in {**plane.numbers, **plane.values}]
+    name = next((name for name in known if _budget(plane, name)), next(iter(known), ""))
+    number, budget = plane.numbers.get(name), _budget(plane, name)
+    if plane.verdict is Verdict.REFUSED or not (number or budget):
         return plain
-    number, budget = plane.numbers[name], _budget(plane, name)
-    total = sum(one**2 for one in budget.values())
+    total = sum(part**2 for part in budget.values())
     shares = [
-        BudgetShare(term, one**2 / total, REMEDIES.get(term, ""), math.sqrt(total - _saved(term) * one**2))
-        for term, one in sorted(budget.items(), key=lambda item: -item[1])
-        if one > 0
+        BudgetShare(term, part**2 / total, REMEDIES.get(term, ""), math.sqrt(total - _saved(term) * part**2))
+        for term, part in sorted(budget.items(), key=lambda item: -item[1])
+        if part > 0
     ]
+    if number is None:  # itself an uncertainty
+        return replace(
+            plain, number=name, value=f"{plane.values[name]:.2g}", uncertainty=total**0.5, terms=tuple(shares)
+        )
     value = f"{stated(number.value, number.uncertainty)} {number.unit}".removesuffix(" 1")
     return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
-
-
-def _next_view(details: Mapping[str, Any]) -> str:
-    """The gain of the further view of the chart that the record of a geometry proposes, in words; else empty."""
-    if (known := details.get("next_view")) is None:
-        return ""
-    view = NextView(**known)
-    pose, gain = next_view_words(view), f"from {view.before:.2g} to {view.after:.2g}"
-    return f"One more view, with the chart in {pose}: the uncertainty of the {view.of}, falls {gain}."
 
 
 def _saved(term: str) -> float:
@@ -189,7 +191,8 @@ def _saved(term: str) -> float:
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
     """The budget of a number of a plane; empty if it has none."""
     entry: Any = plane.details.get(name)
-    budget = entry.get("budget") if isinstance(entry, dict) else _mean_budget(plane, name)
+    several: Any = plane.details.get(BUDGETS, {})
+    budget = entry.get("budget") if isinstance(entry, dict) else several.get(name) or _mean_budget(plane, name)
     known = {} if not isinstance(budget, dict) else budget
     return {term: float(one) for term, one in known.items() if term in WORDS and isinstance(one, int | float)}
 

@@ -64,6 +64,13 @@ def read_record(folder: Path) -> dict[str, Any]:
     return record
 
 
+def record_of(folder: Path, plane: str) -> dict[str, Any]:
+    """The entry of a plane, or of the only result, in the record of a folder. Raises BadInput if it is damaged."""
+    record = read_record(folder)
+    several = _mapping(record.get(BY_PLANE))
+    return _mapping(several.get(plane, next((record[key] for key in RESULT_KEYS if key in record), None)))
+
+
 def find_results(sessions: Path) -> list[Path]:
     """The folders of all results under a folder of sessions, newest first."""
     folders = [record.parent for record in sessions.glob(f"*/derived/*/{RECORD}") if not record.parent.is_symlink()]

@@ -6,7 +6,7 @@ import pytest
 
 from procedures import Verdict, estimate_psf, read_frame
 from station.bench.opening import simulated_bench
-from station.demo.digital_twin import compare
+from station.demo.truth_comparison import compare
 
 pytestmark = pytest.mark.slow
 

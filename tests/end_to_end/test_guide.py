@@ -12,7 +12,7 @@ from procedures.choice import COMMON, combined
 from procedures.pattern_psf import plan as pattern_plan
 from procedures.plan import Ask
 from station.bench.opening import simulated_bench
-from station.demo.digital_twin import compare
+from station.demo.truth_comparison import compare
 from station.guide import session_report
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result, RunBegan, ScanEvent, StepEnded

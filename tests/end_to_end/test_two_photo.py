@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from station.demo.digital_twin import align
+from station.demo.truth_comparison import align
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.sessions.reader import read_session

@@ -59,12 +59,13 @@ def in_colour(
     moved, occlusion = _on_sensor(restoration.moved), _on_sensor(restoration.occlusion)
     sharp, std = _rgb(mosaic, u, term.R), spread_out(error, 2 * term.R + 1)
     whole, d = float(np.sqrt(np.mean(std**2))), restoration.diagnostics
-    std = std * np.where(occlusion, PICTURE, 1.0)
+    std, scale = std * np.where(occlusion, PICTURE, 1.0), whole / max(d.picture_std, 1e-9)
     return replace(
         restoration, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
         w_std=np.hypot(_on_sensor(2 * restoration.w_std), off), moved=moved, occlusion=occlusion,
         residual=residual.sum(axis=1, keepdims=True),
-        diagnostics=replace(d, picture_std=whole, gained=d.gained * d.picture_std / max(whole, 1e-9)),
+        diagnostics=replace(d, picture_std=whole, gained=d.gained / max(scale, 1e-9)),
+        budget={term: scale * part for term, part in restoration.budget.items()}, brighter=scale * restoration.brighter,
         unit=DepthUnit(restoration.unit.name, restoration.unit.per_pixel / 2),
     )  # fmt: skip
 

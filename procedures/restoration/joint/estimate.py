@@ -195,7 +195,7 @@ def _restoration(
     downhill = data.blur_adjoint(residual)[:, R:-R, R:-R].astype(np.float64)
     weights = np.maximum(effective_weights(sharp.astype(np.float64), downhill), last.picture)
     error = picture_error(
-        masks, np.quantile(w, joint_descent.DECILES), weights, residual, sharp, freedom,
+        masks, np.quantile(w, joint_descent.DECILES), weights, residual, sharp, noise, freedom,
         as_restored=p.least_image_weight > 0,
     )  # fmt: skip
     # where something moved, neither w nor the picture is known
@@ -221,7 +221,7 @@ def _restoration(
     )
     corrections = (registered.shifts, registered.light, registered.turns, registered.zooms)
     result = (sharp, uncertain, w, spread, residual, start, state.history, diagnostics)
-    return Restoration(*result, *corrections, moved, occlusion.mask)
+    return Restoration(*result, *corrections, moved, occlusion.mask, error.budget, error.brighter)
 
 
 def _sharpened(picture: Array) -> float:

@@ -5,7 +5,7 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,9 @@ SMOOTH = 0.25
 """Texture of the smoothest tenth of places, relative to the mean, up to which noise and mask errors can be
 separated."""
 
+NOISE, MISMATCH, DETAIL = "noise", "shapes", "detail"
+"""Terms of the budget."""
+
 
 UNSURE, VARIED = 0.1, 0.5
 """Relative errors of the amplified noise in a sector of frequencies, and of the band's contrast as the sector's."""
@@ -39,45 +42,63 @@ class PictureError:
     """Root mean squares, white = 1.
 
     noise : expected error of the restored picture due to amplified noise with mask errors; lost : (H, W) that due to
-    the prior, larger where there is texture; blurred : error of the least blurred photograph.
+    the prior, larger where there is texture; blurred : error of the least blurred photograph; random : share of the
+    photographs' noise in the power of the first, the rest is disagreement of masks and photographs; gain : error with
+    four times the light over that now.
     """
 
     noise: float
     lost: Array
     blurred: float
+    random: float
+    gain: float
 
     @property
     def std(self) -> float:
         """Expected error of the picture over the frame."""
         return float(np.sqrt(self.noise**2 + np.mean(self.lost**2)))
 
+    @property
+    def budget(self) -> Mapping[str, float]:
+        """Independent parts: amplified noise, disagreement of masks and photographs, detail suppressed by the prior."""
+        lost = float(np.sqrt(np.mean(self.lost**2)))
+        return {NOISE: self.noise * self.random**0.5, MISMATCH: self.noise * (1 - self.random) ** 0.5, DETAIL: lost}
+
+    @property
+    def brighter(self) -> float:
+        """The expected error with four times the light."""
+        return self.gain * self.std
+
 
 def picture_error(
-    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, fitted: float = 0.0,
-    *, as_restored: bool = False,
+    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
+    fitted: float = 0.0, *, as_restored: bool = False,
 ) -> PictureError:  # fmt: skip
     """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
     depths : w of equal parts of the frame; weights : effective weights of the prior in every band, see
-    `effective_weights`; fitted : noise fitted by the depth; as_restored : X is
-    that of the restored picture, for estimated masks, which share a part with the picture and make it too sharp.
+    `effective_weights`; sigma : noise of the photographs, what exceeds it is a disagreement; fitted : noise fitted by
+    the depth; as_restored : X is that of the restored picture, for estimated masks, which share a part with the picture
+    and make it too sharp.
 
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
-    N is estimated for the frame, X for each tile of it and each direction of frequencies.
+    N is estimated for the frame, X for each tile of it and each direction of frequencies. The best weight for N leaves
+    1 / (S / N + 1 / X).
     """
     wide = np.pad(sharp, ((0, 0), (0, 1), (0, 1)), mode="edge")
     power, slopes = tile_powers(residual), tile_powers(np.diff(wide, axis=1)[..., :-1], np.diff(wide, axis=2)[:, :-1])
     rings, sectors, count = rings_of((SIZE, SIZE)), sectors_of((SIZE, SIZE)), len(stacks)
     each = [(*responses(stacks, float(w)), responses_of_best(stacks, float(w))) for w in depths]
-    noisy, blurred, lost = 0.0, 0.0, np.zeros(slopes.mean.shape[:2])
+    noisy, blurred, lost, bands = 0.0, 0.0, np.zeros(slopes.mean.shape[:2]), []
     for band in range(BANDS):
         weight, frame = weights[band], [part.of(band).mean() for part in (power, slopes)]
         S, L, best = _within(each, rings == band)
         noise, _ = separated([(S, L)], weight, count, fitted, count * frame[0], frame[1], fixed=as_restored)
         noisy += noise * np.sum(S / (S + weight * L + 1e-12) ** 2)
         whole, _ = _contrast(S, L, weight, slopes.of(band), 0.0 if as_restored else noise)
+        bands.append((noise, float(whole.mean()), S, L))
         blurred += float(whole.mean()) * np.sum((1 - np.sqrt(best)) ** 2 / L)
         for sector in np.unique(sectors):
             S, L, _ = _within(each, (rings == band) & (sectors == sector))
@@ -86,9 +107,15 @@ def picture_error(
             known = (VARIED * whole) ** 2 / ((VARIED * whole) ** 2 + (unsure + UNSURE * contrast) ** 2 + 1e-30)
             lost += (known * contrast + (1 - known) * whole) * np.sum((weight * L / (S + weight * L + 1e-12)) ** 2 / L)
     total = len(depths) * np.sum(rings >= 0)
-    return PictureError(
-        float(np.sqrt(noisy / total)), np.sqrt(slopes.over_frame(lost / total)), float(np.sqrt(blurred / total))
+    random = min(1.0, sigma**2 * total / max(sum(noise * S.size for noise, _, S, _ in bands), 1e-30))
+    now, then = (
+        sum(np.sum(1 / (S / (part * noise + 1e-30) + L / (X + 1e-30) + 1e-30)) for noise, X, S, L in bands)
+        for part in (1.0, 1 - 0.75 * random)
     )
+    return PictureError(
+        float(np.sqrt(noisy / total)), np.sqrt(slopes.over_frame(lost / total)), float(np.sqrt(blurred / total)),
+        random, float(np.sqrt(then / max(now, 1e-30))),
+    )  # fmt: skip
 
 
 def _within(spectra: Sequence[tuple[Array, ...]], where: Array) -> tuple[Array, ...]:

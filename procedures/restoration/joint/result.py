@@ -1,5 +1,6 @@
 """Result of a restoration: picture, depth and diagnostics."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -78,7 +79,8 @@ class Restoration:
     shifts : (P, 2) x, y of each photograph relative to the first beyond its masks, pixels; light : (P,) relative to the
     first; turns, zooms : (P,) relative to the first, radians and ratio; all are corrected for. moved : (H, W), where
     something moved between the photographs and neither picture nor w is reliable. occlusion : (H, W), next to depth
-    edges, where w may belong to either side and both errors are raised, see `occlusion`.
+    edges, where w may belong to either side and both errors are raised, see `occlusion`. budget : terms of the expected
+    error of the picture, white = 1; brighter : that error with four times the light.
     unit : of w in files and reports. kernels : (P, K, K) of the estimated motions of a flat scene, one sample a pixel,
     or None; shapes : (P, n, n) on [-1, 1] of those of a scene in depth, or None. ground_truth : comparison with one, or
     None.
@@ -98,6 +100,8 @@ class Restoration:
     zooms: Array
     moved: Mask
     occlusion: Mask
+    budget: Mapping[str, float]
+    brighter: float
     unit: DepthUnit = field(default_factory=DepthUnit)
     kernels: Array | None = None
     shapes: Array | None = None
@@ -105,12 +109,16 @@ class Restoration:
 
     __repr__ = summary
 
-    def with_added_error(self, more: Array) -> "Restoration":
-        """With an additional error (H, W) of the picture, independent of that in the diagnostics."""
-        d, square = self.diagnostics, float(np.mean(more**2))
-        std = float(np.hypot(d.picture_std, square**0.5))
+    def with_added_error(self, term: str, more: Array) -> "Restoration":
+        """With an additional error (H, W) of the picture, independent of that in the diagnostics: a term of its
+        budget."""
+        d, added = self.diagnostics, float(np.mean(more**2)) ** 0.5
+        std = float(np.hypot(d.picture_std, added))
         diagnostics = replace(d, picture_std=std, gained=d.gained * d.picture_std / max(std, 1e-9))
-        return replace(self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=diagnostics)
+        return replace(
+            self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=diagnostics,
+            budget={**self.budget, term: added}, brighter=float(np.hypot(self.brighter, added)),
+        )  # fmt: skip
 
 
 def with_unit(

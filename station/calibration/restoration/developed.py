@@ -37,7 +37,7 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
     light = np.clip(outcome.value.sharp.mean(axis=0), 0, 1)
     error = np.max([development.light_error(light) for development in developments], axis=0)
     gain = max(1.0, outcome.value.diagnostics.noise_gain)
-    outcome = replace(outcome, value=outcome.value.with_added_error(gain * error))
+    outcome = replace(outcome, value=outcome.value.with_added_error("development", gain * error))
     if curve := wrong_curve(frames):
         outcome = with_doubt(outcome, *curve)
     unknown = unknown_of(developments)

@@ -19,10 +19,10 @@ from procedures.quality import Diffraction
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import WAVELENGTHS_UM, GaussianBlur
 from simulators.world.scene import Illumination
-from station.demo.digital_twin import align
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import RowValues, Setting
+from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from procedures.raw import Plane, read_frame
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from simulators.camera.camera import SimulatedCamera, true_psf
 from simulators.camera.optics import GaussianBlur, Optics
-from station.demo.digital_twin import align
 from station.demo.reproduce import cameras, patterns, rival_rows
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.rival_rows import LEVELS, edge_mtf, view
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
+from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
 

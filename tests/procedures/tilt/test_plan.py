@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from procedures.field.focus import FREQUENCY
 from procedures.field.measuring import Location
 from procedures.field.plan import TourStart
 from procedures.outcome import BadParameter
@@ -17,12 +18,14 @@ from procedures.tilt.plan import (
     depth_mm,
     off_reach_mm,
     plan,
-    say_turns,
     to_depth,
-    turns_by_hand,
+    turns_shown,
     width_within_reach,
     worth_turning,
 )
+from procedures.tilt.plane import Screws
+from procedures.tilt.turning import FLANK, followed_turns, turn_advice
+from simulators.camera.pupil import Wavefront, aberrated_otf, defocus_um
 
 SHAPE, PRINCIPAL_PX = (480, 640), 2071.0
 BASE = {"pan_deg": 2.0, "tilt_deg": -1.0, "z_mm": 150.0, "x_mm": 150.0, "y_mm": 100.0}
@@ -81,11 +84,32 @@ def test_the_rig_brings_the_chart_to_that_distance_at_its_place(axes):
 
 
 def test_screws_are_turned_where_it_was_measured_and_helps():
-    assert say_turns({}) == ""
     assert not worth_turning({**FOUND, "helps": 0.5})
-    assert say_turns({**FOUND, "helps": 0.5}) == ""
-    assert "screw 2 at 150° by 0.100 of a turn, towards the lens" in say_turns(FOUND)
-    assert turns_by_hand(FOUND) == {"screw_1_turns": 0.05, "screw_2_turns": -0.1, "screw_3_turns": 0.05}
+    assert turns_shown({**FOUND, "helps": 0.5}) is None
+    first, _, third, fourth = plan(lambda *_: {}).step("turn").requests[2:6]
+    assert (first.when(FOUND), third.when(FOUND), fourth.when(FOUND)) == (True, True, False)
+    assert not first.when({**FOUND, "helps": 0.5})
+
+
+@pytest.mark.parametrize("turn", [0.1, -0.2])
+def test_the_turn_of_a_screw_is_followed_on_the_flank_of_the_focus_curve(turn):
+    # diffraction at f/2.8 and defocus of pixels of 11.88 um: MTF at a quarter of a cycle
+    bracket_step_mm, screws = 2.8 * 11.88e-3, Screws(3, 12.0, 0.35)
+
+    def logarithm(turns):
+        shift = 2 * FREQUENCY / 11.88 * 0.55 * 2.8
+        blurred = Wavefront(defocus_um=defocus_um(FLANK * bracket_step_mm + turns * 0.35 / 3, 2.8))
+        otf = aberrated_otf(np.array([shift]), np.zeros(1), blurred, 0.55)
+        return float(np.log(np.abs(otf[0])))
+
+    change = logarithm(turn) - logarithm(0.0)
+    turned = followed_turns(1, (turn, 0.0, -turn), change, screws, 1000 * bracket_step_mm)
+    assert turned == pytest.approx(turn, rel=0.15)
+    assert turn_advice(1, turn, turned, 0.3, 30.0, 0.002, (480, 640)).good
+    short = turn_advice(1, turn, 0.5 * turn, 0.3, 30.0, 0.002, (480, 640))
+    assert short.by_hand == {"screw_1_turns": pytest.approx(0.5 * turn)}
+    assert short.outline.growth > 1
+    assert np.isnan(followed_turns(1, (9.0, 0.0, -9.0), change, screws, 1000 * bracket_step_mm))
 
 
 def test_another_round_begins_with_the_screws():

@@ -94,12 +94,12 @@ def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
     stated = [number.uncertainty for one in charts.planes["R"] for number in one.numbers.values()]
     np.testing.assert_allclose(np.sqrt(np.diag(joint.block("psf.R", "psf.R"))), stated)
     (red, _), own = colours(charts), joint.block("lateral_colour.R", "lateral_colour.R")
-    values, covariances = red.surface.coefficients()
-    count = len(values)
-    np.testing.assert_allclose(own[:count, :count], covariances[0], rtol=1e-9)
-    np.testing.assert_allclose(own[count:, count:], covariances[1], rtol=1e-9)
+    (x, first), (y, second) = (red.surface.coefficients(axis) for axis in np.eye(2))
+    count = len(x)
+    np.testing.assert_allclose(own[:count, :count], first, rtol=1e-9)
+    np.testing.assert_allclose(own[count:, count:], second, rtol=1e-9)
     assert joint.parts[3].names[:3] == ("x.1", "x.x", "x.y")
-    np.testing.assert_allclose(joint.parts[3].values, values.T.ravel())
+    np.testing.assert_allclose(joint.parts[3].values, [*x, *y])
 
 
 def test_charts_with_widened_supports_are_included(charts):

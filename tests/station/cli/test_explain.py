@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 
 from procedures.choice import COMMON, TERMS, combined
-from procedures.outcome import Quantity, Verdict
+from procedures.outcome import BadInput, Quantity, Verdict
 from station.demo import digital_twin
-from station.results.explanation import REMEDIES, explain_batch, explain_result, result_folder
+from station.results.explanation import REMEDIES, TWIN, explain_batch, explain_result, result_folder
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
+from station.results.reader import record_of
 from station.results.record_head import RecordHead
 from tests.program import run
 
@@ -29,6 +30,7 @@ def result(tmp_path_factory):
 
 def test_every_term_of_a_budget_has_a_remedy():
     assert REMEDIES.keys() >= TERMS.keys()
+    assert digital_twin.TWINS.keys() == TWIN
 
 
 def test_the_last_result_of_a_session_is_meant(tmp_path):
@@ -131,13 +133,54 @@ def test_batch_names_outliers_and_a_typical_photograph(result, tmp_path):
 @pytest.mark.slow
 def test_twin_predicts_the_gain_of_light_and_of_distance(result):
     """Noise falls by half with four times the light; a chart twice too small is worse than one at s/t = 1."""
-    record = json.loads((result / "result.json").read_text())["planes"]["G1"]
+    record = record_of(result, "G1")
     budget = record["mtf50_horizontal"]["budget"]
     shared = combined({term: one for term, one in budget.items() if term in COMMON})
     own = combined({term: one for term, one in budget.items() if term not in COMMON})
-    light, *_ = digital_twin.predictions(record)
-    assert 0.4 * own < (light.uncertainty**2 - shared**2) ** 0.5 < 0.8 * own
-    _, wider = digital_twin.predictions({**record, "pixels_per_pattern": 40.0})
+    light, *_ = digital_twin.predictions(record, "mtf50_horizontal", budget)
+    assert light.before == pytest.approx(record["mtf50_horizontal"]["uncertainty"])
+    assert 0.4 * own < (light.after**2 - shared**2) ** 0.5 < 0.8 * own
+    _, wider = digital_twin.predictions({**record, "pixels_per_pattern": 50.0}, "mtf50_horizontal", budget)
     print_blur = budget["print blur"]
-    grown = math.hypot(shared, print_blur * math.sqrt((digital_twin.pixels_at(1.0, record["s"]) / 40.0) ** 4 - 1))
-    assert grown < wider.uncertainty < math.hypot(grown, 0.9 * own)
+    grown = math.hypot(shared, print_blur * math.sqrt((digital_twin.pixels_at(1.0, record["s"]) / 50.0) ** 4 - 1))
+    assert grown < wider.after < math.hypot(grown, 0.9 * own)
+
+
+SUBJECTS = {
+    "mtf50_horizontal": {
+        "scale": 4.2, "samples": 3500.0, "noise": 0.0017, "s": 3, "k": 13, "mtf50_horizontal": {"value": 0.46},
+    },
+    "mtf50": {
+        "edges": [{"roi": [0, 0, 40, 90], "mtf50": {"value": 0.4}, "diagnostics": {"noise": 0.002, "contrast": 0.4}}],
+    },
+    "system_gain": {
+        "system_gain": {}, "rows": 240, "columns": 320,
+        "model": {"gain": 0.42, "dark_level": 512.0, "saturation": 15458.0, "dark_variance": 1.6},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("number", SUBJECTS)
+def test_twins_of_walls_edges_and_sensors_gain_by_light(number):
+    """Four times the light, or the pictures, halves the noise, within the scatter of the twin's few photographs."""
+    light, *_ = digital_twin.predictions(SUBJECTS[number], number, {"noise": 0.03, "ghost": 0.04})
+    assert light.before == pytest.approx(0.05)
+    assert (light.after**2 - 0.04**2) ** 0.5 == pytest.approx(0.015, rel=0.3)
+
+
+def test_subjects_without_a_twin_are_named():
+    with pytest.raises(BadInput, match="no digital twin photographs this subject"):
+        digital_twin.predictions({"tilt_corner": {}}, "tilt_corner", {"noise": 0.3})
+
+
+def test_a_restoration_has_the_budget_of_its_picture():
+    details = {"budgets": {"picture_std": {"noise": 0.03, "detail": 0.04}}, "with_four_times_the_light": 0.04}
+    plane = PlaneResult("result", Verdict.PASS, values={"picture_std": 0.05}, details=details)
+    (one,) = explain_result(Measurement("station/restore/1", RecordHead("restoration"), (plane,)))
+    assert (one.number, one.value, one.uncertainty) == ("picture_std", "0.05", pytest.approx(0.05))
+    assert [(term.term, term.uncertainty_then) for term in one.terms] == [
+        ("detail", pytest.approx(0.03)), ("noise", pytest.approx(0.0427, abs=1e-4)),
+    ]  # fmt: skip
+    (light,) = digital_twin.predictions(details, one.number, {"noise": 0.03, "detail": 0.04})
+    assert (light.before, light.after) == (pytest.approx(0.05), 0.04)

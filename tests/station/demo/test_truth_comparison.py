@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from station.demo.digital_twin import align
+from station.demo.truth_comparison import align
 
 
 def gaussian(x, y, k=17, sigma=1.8):

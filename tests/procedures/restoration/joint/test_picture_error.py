@@ -1,5 +1,7 @@
 """Expected error of the picture, and noise separated from errors of the masks, for simulated truth."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -38,12 +40,12 @@ def restored(request, scene):
     return filtered(scene, request.param, WEIGHT)
 
 
-def filtered(scene, wrong, weight):
+def filtered(scene, wrong, weight, noise=NOISE):
     rng = np.random.default_rng(2)
     true = kernels(rng)
     measured = (true * (1 + wrong * rng.standard_normal(true.shape))).clip(0)
     measured /= measured.sum(axis=(1, 2), keepdims=True)
-    z = np.fft.ifft2(spectra(true) * np.fft.fft2(scene)).real + NOISE * rng.standard_normal((2, N, N))
+    z = np.fft.ifft2(spectra(true) * np.fft.fft2(scene)).real + noise * rng.standard_normal((2, N, N))
     H, Z = spectra(measured), np.fft.fft2(z)
     across = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(N))
     U = (H.conj() * Z).sum(axis=0) / ((np.abs(H) ** 2).sum(axis=0) + weight * (across[:, None] + across))
@@ -57,15 +59,16 @@ def stacks(masks):
 
 def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, restored):
     u, residual, measured = restored
-    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u)
+    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     # errors of masks are equal in picture and residual only on average over many masks
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
+    assert error.std == pytest.approx(math.hypot(*error.budget.values()))
     assert error.blurred > 2 * error.std
 
 
 def test_two_standard_deviations_hold_95_percent_of_the_pixels(scene, restored):
     u, residual, measured = restored
-    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u)
+    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     inside = np.abs(u[0] - scene) < 2 * error_map(error, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
@@ -102,10 +105,29 @@ def test_noise_is_not_estimated_where_texture_is_everywhere():
 def test_detail_suppressed_by_the_prior_is_in_the_expected_error_of_known_masks(scene, weight):
     u, residual, masks = filtered(scene, 0.0, weight)
     true = np.std(u[0] - scene)
-    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, weight), residual, u)
+    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, weight), residual, u, NOISE)
     # with the contrast as restored it is 1.15 and 0.92 of the error
     assert error.std == pytest.approx(true, rel=0.07)
     # the smooth half, then the textured one: their errors differ
     off = [np.std(part) for part in np.split(u[0] - scene, 2, axis=1)]
     stated = [np.sqrt(np.mean(part**2)) for part in np.split(error_map(error, residual, 7), 2, axis=1)]
     np.testing.assert_allclose(stated, off, rtol=0.25)
+
+
+def test_what_exceeds_the_noise_is_a_disagreement_of_masks_and_photographs(scene):
+    shares = []
+    for wrong in (0.0, 0.5):
+        u, residual, masks = filtered(scene, wrong, WEIGHT)
+        error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
+        shares.append(error.budget["shapes"] ** 2 / (error.budget["shapes"] ** 2 + error.budget["noise"] ** 2))
+    assert shares[0] < 0.25
+    assert shares[1] > 0.5
+
+
+def test_the_error_with_more_light_is_that_of_a_brighter_photograph(scene):
+    best = min(np.logspace(-4, -1, 31), key=lambda weight: np.std(filtered(scene, 0.0, weight)[0][0] - scene))
+    u, residual, masks = filtered(scene, 0.0, best)
+    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, best), residual, u, NOISE)
+    u, *_ = filtered(scene, 0.0, best / 4, NOISE / 2)
+    assert error.brighter == pytest.approx(np.std(u[0] - scene), rel=0.1)
+    assert error.brighter < 0.8 * error.std

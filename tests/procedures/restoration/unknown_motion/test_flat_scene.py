@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -222,3 +223,4 @@ def test_the_difference_of_two_searches_is_in_the_estimated_error(blur, outcome)
     first, second = before.diagnostics, after.diagnostics
     assert second.picture_std**2 == pytest.approx(first.picture_std**2 + np.mean(more**2))
     assert second.gained * second.picture_std == pytest.approx(first.gained * first.picture_std)
+    assert math.hypot(*after.budget.values()) == pytest.approx(second.picture_std)
