@@ -27,9 +27,9 @@ CONTRAST = 10.0
 """How many times as bright as the darkest pixel nearby a lamp is."""
 QUIET = 0.01
 """Largest variance of a lamp's own samples, as a fraction of its squared step in brightness."""
-SHAPE_ERROR = 0.08
+SHAPE_ERROR = 0.05
 """Largest standard deviation of covered parts from those of lines and circles: at a half covered pixel."""
-MISFIT = 60.0
+MISFIT = 30.0
 """Deviance of 24 pixels above which neither a line nor a circle is a rim's shape."""
 LEAST_HITS = 0.25
 """Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
@@ -39,9 +39,9 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
-RADII = 1.3, 1.7, 2.2, 3.0, 4.5, 8.0
+RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0
 """Radii of round rims, pixels."""
-TURNS, STEP, SUBPIXELS = 24, 0.2, 6
+TURNS, STEP, SUBPIXELS = 40, 0.1, 4
 """Directions of a rim, distances between rims in pixels, and points along a pixel's side."""
 QUANTILES = (np.arange(24) + 0.5) / 24
 """Quantiles of the posterior over which values are averaged."""
@@ -119,19 +119,27 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
 
 @cache
 def _parts_of_shapes() -> Doubles:
-    """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2)."""
+    """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2).
+
+    Directions of an eighth of a turn suffice: the others are reflections of these. A subpixel is covered by the share
+    that a rim across it at its distance leaves.
+    """
     grid = (np.arange(SIDE * SUBPIXELS) + 0.5) / SUBPIXELS - SIDE / 2
-    turns = np.arange(TURNS) * 2 * np.pi / TURNS
-    along = np.cos(turns)[:, None, None] * grid + np.sin(turns)[:, None, None] * grid[:, None]
-    across = np.cos(turns)[:, None, None] * grid[:, None] - np.sin(turns)[:, None, None] * grid
+    distances = np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP)[:, None, None]
     shapes = []
-    for distance in np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP):
-        shapes.append(along < distance)
+    for turn in np.arange(TURNS // 8 + 1) * 2 * np.pi / TURNS:
+        along = np.cos(turn) * grid + np.sin(turn) * grid[:, None] - distances
+        across = np.cos(turn) * grid[:, None] - np.sin(turn) * grid
+        rims = [along]
         for radius in RADII:
-            shapes.append((along - distance + radius) ** 2 + across**2 < radius**2)
-            shapes.append((along - distance - radius) ** 2 + across**2 > radius**2)
-    parts = np.concatenate(shapes).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
-    return np.unique(parts.reshape(len(parts), -1).round(3), axis=0)
+            rims += [np.hypot(along + radius, across) - radius, radius - np.hypot(along - radius, across)]
+        shares = np.clip(0.5 - SUBPIXELS * np.concatenate(rims), 0, 1)
+        shapes.append(shares.reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4)))
+    parts = np.concatenate(shapes)
+    parts = np.concatenate([parts, parts[:, ::-1]])
+    parts = np.concatenate([parts, parts[:, :, ::-1]])
+    parts = np.concatenate([parts, parts.transpose(0, 2, 1)])
+    return np.unique(parts.reshape(len(parts), -1).round(4), axis=0)
 
 
 def _beta(mean: Doubles, variance: Doubles) -> tuple[Doubles, Doubles]:
