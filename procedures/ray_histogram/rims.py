@@ -4,6 +4,8 @@ A lamp covers a part a of a pixel at its rim, and each of the n samples sees it 
 own samples leave a standard deviation of sqrt(a (1 - a) / n): where all miss a bright lamp, the pixel is dark. But the
 samples of the pixels around determine the rim, a line or a circle. What they say of the pixel is the prior, a beta
 distribution; its own samples make that the posterior, again a beta distribution. Far from the rim the prior is 0.
+
+A pixel that sees the lamp by a single sample is not raised: pixels that see it once look alike, however much it covers.
 """
 
 from collections.abc import Iterator
@@ -39,6 +41,8 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
+LONE = 0.7
+"""Squared relative noise above which a pixel's light is that of a single sample: 1 - 1/n for one, half for two."""
 RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0
 """Radii of round rims, pixels."""
 TURNS, STEP, SUBPIXELS = 40, 0.1, 4
@@ -51,6 +55,8 @@ PIXELS = 256
 
 def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
     """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
+
+    Pixels beside a lamp that see it by a single sample have a value only.
 
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
@@ -96,7 +102,10 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
     spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
-    return np.where(rim[:, None], np.stack([values, spread]), np.nan)
+    light = means[:, CENTRE]
+    alone = quiet & (noise[rows, columns] / own > LONE * (light**2).sum(-1))
+    rest = np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
+    return np.stack([np.where(rim[:, None], values, rest), np.where(rim[:, None], spread, np.nan)])
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
