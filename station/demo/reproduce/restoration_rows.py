@@ -120,7 +120,7 @@ UNKNOWN_ORDER = increases("the errors of picture and w grow with the noise from 
 
 def _grid(shape: Array, name: str) -> RowValues:
     stacks = scenes.stacks(shape)
-    pairs = [scenes.pair(shape, noise) for noise in NOISES]
+    pairs = [scenes.pair(shape, noise, picture=scenes.map_drawing, picture_seed=7) for noise in NOISES]
     restored = [restore(list(pair.z), stacks).result() for pair in pairs]
     w = [pair.w_error(one.w) for pair, one in zip(pairs, restored, strict=True)]
     picture = [pair.error(one.sharp[0]) for pair, one in zip(pairs, restored, strict=True)]
