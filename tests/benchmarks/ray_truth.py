@@ -58,7 +58,8 @@ def results(scene: Render, n: int) -> Iterator[Result]:
         yield "bilateral, albedo", bilateral(whole.light.mean, scene.truth / reflected) * reflected, None
     filtered = filter_film(whole.film, threads=THREADS).picture
     yield "default", filtered, standard_uncertainty(whole.film, filtered, threads=THREADS)
-    yield from blends("blend", (halves, whole))
+    blended = blend(halves, whole, threads=THREADS)[0]
+    yield "blend", blended.picture, blended.uncertainty
     if n == SAMPLES[0]:
         pair = blend(*pictures(scene, n), threads=THREADS)[0]
         yield "EXR pair", pair.picture, pair.uncertainty
@@ -66,17 +67,8 @@ def results(scene: Render, n: int) -> Iterator[Result]:
         yield "Open Image Denoise", open_image_denoise(whole), None
     except BadInput:
         return
-
-
-def blends(name: str, render: Halves) -> Iterator[Result]:
-    """The blend without and with Open Image Denoise."""
-    blended = blend(*render, threads=THREADS)[0]
-    yield name, blended.picture, blended.uncertainty
-    try:
-        blended = blend(*render, denoiser=open_image_denoise, threads=THREADS)[0]
-    except BadInput:
-        return
-    yield f"{name}, OIDN", blended.picture, blended.uncertainty
+    blended = blend(halves, whole, denoiser=open_image_denoise, threads=THREADS)[0]
+    yield "blend, OIDN", blended.picture, blended.uncertainty
 
 
 def pictures(scene: Render, n: int) -> Halves:
@@ -112,8 +104,8 @@ def covered(picture: Picture, uncertainty: npt.NDArray[np.float32] | None, scene
         return ""
     noise = gaussian_filter(scene.truth_variance, (1, 1, 0))
     combined = np.sqrt(uncertainty**2 + noise + (2.0**-20 * scene.truth) ** 2)
-    noisy = scene.samples.min(2) < scene.samples.max(2)
-    return f"{np.mean((np.abs(picture - scene.truth) <= 2 * combined)[noisy]):.1%}"
+    within = np.abs(picture - scene.truth) <= 2 * combined
+    return f"{np.mean(within[scene.samples.min(2) < scene.samples.max(2)]):.1%}"
 
 
 def main() -> None:
@@ -126,10 +118,8 @@ def main() -> None:
             print(f"\n{name}, {n} samples      relMSE   PSNR, dB   within 2 u")
             for label, picture, uncertainty in results(scene, n):
                 error, ratio = relative_error(picture, scene), decibels(picture, scene)
-                print(
-                    f"{label:20s} {error:10.5f} {ratio:10.2f} {covered(picture, uncertainty, scene):>12s}",
-                    flush=True,
-                )
+                share = covered(picture, uncertainty, scene)
+                print(f"{label:20s} {error:10.5f} {ratio:10.2f} {share:>12s}", flush=True)
 
 
 if __name__ == "__main__":

@@ -5,13 +5,12 @@ from procedures.ray_histogram.regression import regress
 
 
 def test_light_linear_in_position_and_features_is_kept(rng):
-    # without noise, where weights are equal for equal pixels only, an inverse of the ridge is the whole error
     row, column = np.mgrid[:40, :33]
     feature = rng.random((40, 33, 2))
     truth = 0.3 + 0.004 * row - 0.003 * column + feature @ [0.2, 0.1]
     spread = 1.0 + 0.5 * np.resize([-1, 1], 32)  # mean 1
     film = film_of_samples(truth[..., None, None] * spread[:, None] * np.ones(3))
-    np.testing.assert_allclose(regress(film, feature)[..., 0], truth, atol=5e-4)
+    np.testing.assert_allclose(regress(film, feature)[..., 0], truth, atol=5e-4)  # the ridge's bias
 
 
 def test_a_feature_keeps_an_edge_while_noise_is_averaged(light):

@@ -42,9 +42,8 @@ def test_a_pixel_that_sees_the_lamp_once_is_not_raised(rng):
     samples = np.where((y**2 + x**2 < 16)[..., None], RADIANCE, WALL * rng.gamma(2.0, 0.5, (24, 24, 16)))
     samples[12, 17, 0] = RADIANCE
     film = film_of_samples(samples[..., None].repeat(3, -1))
-    values, spread = (array[12, 17] for array in lamp_rims(film, film.mean + 1.0))
-    np.testing.assert_array_equal(values, film.mean[12, 17])
-    assert np.isnan(spread).all()
+    values, _ = lamp_rims(film, film.mean + 1.0)
+    np.testing.assert_array_equal(values[12, 17], film.mean[12, 17])
 
 
 def test_nothing_but_a_rim_is_changed(lamps, flat_film, rng):
