@@ -117,9 +117,8 @@ def main() -> None:
         for n in given.samples:
             print(f"\n{name}, {n} samples      relMSE   PSNR, dB   within 2 u")
             for label, picture, uncertainty in results(scene, n):
-                error, ratio = relative_error(picture, scene), decibels(picture, scene)
-                share = covered(picture, uncertainty, scene)
-                print(f"{label:20s} {error:10.5f} {ratio:10.2f} {share:>12s}", flush=True)
+                error, db = relative_error(picture, scene), decibels(picture, scene)
+                print(f"{label:20s} {error:10.5f} {db:10.2f} {covered(picture, uncertainty, scene):>12s}", flush=True)
 
 
 if __name__ == "__main__":
