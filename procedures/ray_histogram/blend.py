@@ -19,6 +19,7 @@ from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+from procedures.ray_histogram.regression import regress
 from procedures.ray_histogram.rims import lamp_rims
 from procedures.ray_histogram.uncertainty import weighting_variance
 
@@ -26,7 +27,8 @@ Doubles = npt.NDArray[np.float64]
 Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 """A filter from outside: it takes the film's picture and its features."""
 
-HISTOGRAMS, DEMODULATED, DENOISED, UNFILTERED = "histograms", "histograms of the light", "denoiser", "unfiltered"
+HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
+DENOISED, UNFILTERED = "denoiser", "unfiltered"
 """The candidates, in the order in which they are blended."""
 WEIGHT_PX = 4.0
 """Standard deviation of the neighbourhood in which a weight is determined, pixels."""
@@ -40,6 +42,8 @@ NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the noise is averaged, which differs more between pixels."""
 SMOOTH_PX = 1.0
 """Standard deviation by which weights are smoothed."""
+ALBEDO_STEP, GUIDE_STEPS = 0.2, 5.0
+"""Differences of albedo, and of guides in their units, over which a regression takes light as linear."""
 LEAST_ALBEDO = 0.05
 """Pixels that reflect less are not divided by their albedo: lamps, glass and metal."""
 
@@ -130,10 +134,21 @@ def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser
     if render.light is not None and render.albedo is not None:
         light = filter_film(render.light, parameters, guides=render.guides, threads=threads).picture
         pictures[DEMODULATED] = light * divisor(render.albedo)
+    pictures[REGRESSED] = regress(film, _features(render), threads=threads)
     if denoiser is not None:
         pictures[DENOISED] = denoiser(render)
     pictures[UNFILTERED] = film.mean
     return _Candidates(filtered, {name: picture.astype(np.float64) for name, picture in pictures.items()})
+
+
+def _features(render: Render) -> Doubles:
+    """Albedo, normals and depth in units of the differences over which light is nearly linear, (rows, columns, n)."""
+    known = [np.zeros((*render.film.count.shape, 0))]
+    if render.albedo is not None:
+        known.append(render.albedo / ALBEDO_STEP)
+    if render.guides is not None:
+        known.append(np.split(render.guides, 2, axis=-1)[0] / GUIDE_STEPS)
+    return np.concatenate(known, axis=-1, dtype=np.float64)
 
 
 def cross_validated(

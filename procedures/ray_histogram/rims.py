@@ -4,6 +4,8 @@ A lamp covers a part a of a pixel at its rim, and each of the n samples sees it 
 own samples leave a standard deviation of sqrt(a (1 - a) / n): where all miss a bright lamp, the pixel is dark. But the
 samples of the pixels around determine the rim, a line or a circle. What they say of the pixel is the prior, a beta
 distribution; its own samples make that the posterior, again a beta distribution. Far from the rim the prior is 0.
+
+A pixel that sees the lamp by a single sample is not raised: pixels that see it once look alike, however much it covers.
 """
 
 from collections.abc import Iterator
@@ -27,9 +29,9 @@ CONTRAST = 10.0
 """How many times as bright as the darkest pixel nearby a lamp is."""
 QUIET = 0.01
 """Largest variance of a lamp's own samples, as a fraction of its squared step in brightness."""
-SHAPE_ERROR = 0.08
+SHAPE_ERROR = 0.05
 """Largest standard deviation of covered parts from those of lines and circles: at a half covered pixel."""
-MISFIT = 60.0
+MISFIT = 30.0
 """Deviance of 24 pixels above which neither a line nor a circle is a rim's shape."""
 LEAST_HITS = 0.25
 """Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
@@ -39,9 +41,11 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
-RADII = 1.3, 1.7, 2.2, 3.0, 4.5, 8.0
+LONE = 0.7
+"""Squared relative noise above which a pixel's light is that of a single sample: 1 - 1/n for one, half for two."""
+RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0
 """Radii of round rims, pixels."""
-TURNS, STEP, SUBPIXELS = 24, 0.2, 6
+TURNS, STEP, SUBPIXELS = 40, 0.1, 4
 """Directions of a rim, distances between rims in pixels, and points along a pixel's side."""
 QUANTILES = (np.arange(24) + 0.5) / 24
 """Quantiles of the posterior over which values are averaged."""
@@ -51,6 +55,8 @@ PIXELS = 256
 
 def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
     """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
+
+    Pixels beside a lamp that see it by a single sample have a value only.
 
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
@@ -96,7 +102,10 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
     spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
-    return np.where(rim[:, None], np.stack([values, spread]), np.nan)
+    light = means[:, CENTRE]
+    alone = quiet & (noise[rows, columns] / own > LONE * (light**2).sum(-1))
+    rest = np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
+    return np.stack([np.where(rim[:, None], values, rest), np.where(rim[:, None], spread, np.nan)])
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
@@ -119,19 +128,27 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
 
 @cache
 def _parts_of_shapes() -> Doubles:
-    """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2)."""
+    """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2).
+
+    Directions of an eighth of a turn suffice: the others are reflections of these. A subpixel is covered by the share
+    that a rim across it at its distance leaves.
+    """
     grid = (np.arange(SIDE * SUBPIXELS) + 0.5) / SUBPIXELS - SIDE / 2
-    turns = np.arange(TURNS) * 2 * np.pi / TURNS
-    along = np.cos(turns)[:, None, None] * grid + np.sin(turns)[:, None, None] * grid[:, None]
-    across = np.cos(turns)[:, None, None] * grid[:, None] - np.sin(turns)[:, None, None] * grid
+    distances = np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP)[:, None, None]
     shapes = []
-    for distance in np.arange(-SIDE / 2, SIDE / 2 + STEP, STEP):
-        shapes.append(along < distance)
+    for turn in np.arange(TURNS // 8 + 1) * 2 * np.pi / TURNS:
+        along = np.cos(turn) * grid + np.sin(turn) * grid[:, None] - distances
+        across = np.cos(turn) * grid[:, None] - np.sin(turn) * grid
+        rims = [along]
         for radius in RADII:
-            shapes.append((along - distance + radius) ** 2 + across**2 < radius**2)
-            shapes.append((along - distance - radius) ** 2 + across**2 > radius**2)
-    parts = np.concatenate(shapes).reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4), dtype=np.float64)
-    return np.unique(parts.reshape(len(parts), -1).round(3), axis=0)
+            rims += [np.hypot(along + radius, across) - radius, radius - np.hypot(along - radius, across)]
+        shares = np.clip(0.5 - SUBPIXELS * np.concatenate(rims), 0, 1)
+        shapes.append(shares.reshape(-1, SIDE, SUBPIXELS, SIDE, SUBPIXELS).mean((2, 4)))
+    parts = np.concatenate(shapes)
+    parts = np.concatenate([parts, parts[:, ::-1]])
+    parts = np.concatenate([parts, parts[:, :, ::-1]])
+    parts = np.concatenate([parts, parts.transpose(0, 2, 1)])
+    return np.unique(parts.reshape(len(parts), -1).round(4), axis=0)
 
 
 def _beta(mean: Doubles, variance: Doubles) -> tuple[Doubles, Doubles]:

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.ray_histogram.comparison import psnr_db
-from procedures.ray_histogram.film import BINS, EXPONENT, RANGE, Film
+from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film
+from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import read_npz
@@ -42,14 +43,7 @@ def nl_means(film: Film, k: float = 0.7, search: int = 6, patch: int = 1) -> Dou
     The variances are the film's, or read off the histograms' nodes where it has none. Weights exp(-max(0, d)) with
     d = mean of ((u - v)^2 - (a + min(a, b))) / (k^2 (a + b)), a and b the variances (Rousselle, Knaus, Zwicker 2012).
     """
-    n = film.count[..., None].astype(np.float64)
-    if film.variance is not None:
-        error = np.maximum(film.variance, 1e-8) / n
-    else:
-        last = BINS - 2
-        nodes = RANGE * np.append(np.arange(last + 1) / last, 2.0) ** EXPONENT
-        votes = film.histogram.astype(np.float64)
-        error = np.maximum(votes @ nodes**2 / n - (votes @ nodes / n) ** 2, 1e-8) / n
+    error = np.maximum(mean_variance(film), 1e-8 / film.count[..., None])
     reach = search + patch
     u, e = (np.pad(a, ((reach, reach), (reach, reach), (0, 0)), "reflect") for a in (film.mean, error))
     rows, columns = film.count.shape

@@ -21,10 +21,10 @@ from tests.procedures.two_photo.endless import WALLS
 from tests.procedures.two_photo.wall import samples_of
 
 NEAR_PX, TEXELS, SAMPLES, NOISE, WIDTH = 600, 4096, 144, 0.006, 0.5
-RATIOS = (3.45, 4.6, 5.75)
+RATIOS = (3.2, 4.0, 5.0)
 PIXEL_RAD, STEPS = 1e-3, 31
 CENTRE = (0.003, -0.002)
-SETS = ((4.6,), (3.45,), (3.45, 4.6), (3.45, 4.6, 5.75))
+SETS = ((4.0,), (3.2,), (3.2, 4.0), (3.2, 4.0, 5.0))
 
 
 def tabulated(f: np.ndarray) -> np.ndarray:

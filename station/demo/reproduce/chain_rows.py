@@ -28,7 +28,7 @@ MODERATE = 3
 
 
 def _pairs(shape: Array) -> list[scenes.Pair]:
-    return [scenes.pair(shape, noise, picture=scenes.texture, picture_seed=0) for noise in NOISES]
+    return [scenes.pair(shape, noise) for noise in NOISES]
 
 
 def _errors(pairs: Sequence[scenes.Pair], restored: Sequence[Array]) -> list[float]:
@@ -50,7 +50,7 @@ def _grows(values: Values) -> bool:
 def restoration_solvers(setting: Setting) -> RowValues:
     """Error term after n iterations of steepest descent and conjugate gradients: known depth, no noise, no prior."""
     shape = scenes.comatic()
-    pair = scenes.pair(shape, None, SMALL, picture=scenes.texture, picture_seed=0)
+    pair = scenes.pair(shape, None, SMALL)
     data = data_term(pair.z, scenes.stacks(shape))
     data.focus(np.pad(pair.w, data.R, mode="edge").astype(np.float32))
     begin = data.mean()

@@ -121,7 +121,7 @@ def gaussian_stacks(shape: Array) -> list[MaskStack]:
 
 def pair(
     shape: Array, noise_db: float | None, size: tuple[int, int] = SHAPE, seed: int = 1,
-    picture: Callable[[tuple[int, int], np.random.Generator], Array] = map_drawing, picture_seed: int = 7,
+    picture: Callable[[tuple[int, int], np.random.Generator], Array] = texture, picture_seed: int = 0,
 ) -> Pair:  # fmt: skip
     """Both photographs; noise in decibels below their contrast, None for none."""
     rng = np.random.default_rng(seed)

@@ -132,13 +132,6 @@ def test_significantly_different_means_separate_pixels(rng):
     assert errors[3.0] < errors[0.0] / 10
 
 
-def test_insignificant_differences_of_means_change_little(light):
-    frame = samples_of(film_of_samples(light(np.full((24, 24), 0.4), 64)))
-    without, fused = (fuse_scale(frame, FilterParameters(welch=welch)).similar for welch in (0.0, 3.0))
-    # three deviations or more are one pair in 370; a patch has 27 values, and these samples a long tail
-    assert (fused > 0.9 * without).mean() > 0.9
-
-
 def test_single_samples_are_compared_by_histograms_alone(light):
     frame = samples_of(film_of_samples(light(np.full((24, 24), 0.4), 1)))
     np.testing.assert_array_equal(
@@ -194,15 +187,8 @@ def test_frames_of_different_sizes_are_refused(flat_film):
     [
         ({"kappa": 0.0}, "kappa must be positive; got 0.0"),
         ({"kappa": float("nan")}, "got nan"),
-        ({"scales": 0}, "scales must be 1 or more; got 0"),
-        ({"search": 0}, "search must be 1 or more; got 0"),
         ({"patch": -1}, "patch must be 0 or more; got -1"),
-        ({"at_least": -1}, "at_least must be 0 or more; got -1"),
-        ({"least_count": -1.0}, "least_count must be 0 or more; got -1"),
-        ({"welch": -1.0}, "welch must be 0 or more; got -1"),
-        ({"doubt": -1.0}, "doubt must be 0 or more; got -1"),
         ({"softness": 1.5}, "softness must be between 0 and 1; got 1.5"),
-        ({"coarse": -0.1}, "coarse must be between 0 and 1; got -0.1"),
     ],
 )
 def test_impossible_parameters_are_refused(wrong, says):
