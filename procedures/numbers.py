@@ -556,6 +556,10 @@ FIELD_ERROR = _correction(
     "field_error", "1", "Error from the field", "rms error of the picture from the uncertainty of the field, white = 1",
     _H, _C, short="field error",
 )  # fmt: skip
+CURVE_ERROR = _correction(
+    "curve_error", "1", "Error from the tone curve", "rms error of a developed picture's light from its unknown tone "
+    "curve, white = 1", _H, _C, short="curve error",
+)  # fmt: skip
 
 # --- of a filtered render --------------------------------------------------------------------------------------------
 

@@ -20,10 +20,13 @@ from procedures.correction.optics import PlaneFields, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import TileGrid
+from procedures.correction.tone_curve import CurveError, decoded_again, plausible
+from procedures.correction.undershoot import bounded
 from procedures.display import summary
 from procedures.outcome import BadInput, Check, Outcome, Verdict, checked_type, verdict_of
 from procedures.psf_field import PsfField
 from procedures.raw import FrameLike, as_frame
+from procedures.reading.development import Development
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
@@ -31,8 +34,8 @@ Progress = Callable[[int, int], None]
 Answer = tuple[tuple[int, int], Single]
 """A tile's first sample, and its picture."""
 
-SAMPLE_TILES = 8
-"""Tiles for estimating the picture's mean difference before the whole is restored."""
+SAMPLE_TILES, CURVE_TILES = 8, 4
+"""Tiles for estimating the picture's mean difference before the whole is restored, and the error of a tone curve."""
 LEAST_RESOLVED = 0.5
 """Smallest resolved fraction of the frequencies of a finer grid."""
 TAU = {"total-variation": 0.6, "second-order": 0.25}
@@ -77,6 +80,7 @@ class Correction:
         Fraction of the frequencies of the finer grid that the photographs' positions resolve.
     scale : int
         Pixels of the picture per pixel of the sensor.
+    curve_error : error by the tone curve of a developed picture; None where the curve is known
     """
 
     picture: Single
@@ -92,6 +96,7 @@ class Correction:
     places: Sequence[BurstRegistration] = ()
     resolved: float = 1.0
     scale: int = 1
+    curve_error: CurveError | None = None
 
     __repr__ = summary
 
@@ -159,7 +164,9 @@ def correct(
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
     inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
-    correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs)
+    unsure = development if development and not development.curve_known else None
+    curve_error = work.curve_error(difference, unsure) if unsure else None
+    correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
 
 
@@ -210,10 +217,7 @@ class _Work:
 
     def difference(self) -> float:
         """Mean difference of the picture, from a sample of tiles restored twice."""
-        starts = list(self.grid)
-        at = np.linspace(0, len(starts) - 1, min(SAMPLE_TILES, len(starts)))
-        chosen = [starts[round(float(k))] for k in at]
-        tiles = [self._tile(start) for start in chosen]
+        tiles = [self._tile(start) for start in self._sample(SAMPLE_TILES)]
         margin = self.grid.rows.margin
         estimate = float(np.mean([mean_difference(first, self.how.prior) for _, first in tiles]))
         for _ in range(2):
@@ -223,6 +227,22 @@ class _Work:
             estimate = max(float(np.mean([mean_difference(u, self.how.prior) for u in inner])), 1e-6)
         return estimate
 
+    def curve_error(self, difference: float, development: Development) -> CurveError:
+        """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""
+        gains, prior, curve = self.mosaic.gains, self.how.prior, development.curve
+        curves = [curve, *plausible(development)]
+        lights: list[list[Single]] = [[] for _ in curves]
+        for start in self._sample(CURVE_TILES):
+            tile, first = self._tile(start)
+            inside = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1])) > 0
+            for light, other in zip(lights, curves, strict=True):
+                again, begin = decoded_again(tile, first, gains, curve, other)
+                size = difference * mean_difference(begin, prior) / mean_difference(first, prior)
+                u = deconvolve(again, begin, prior, self.tau(size), size, self.splitting)
+                light.append((u * gains[:, None, None])[:, inside])
+        assumed, *others = (np.concatenate(light, axis=1) for light in lights)
+        return CurveError.of(zip(curves[1:], others, strict=True), curve, assumed)
+
     def restored(self, difference: float, progress: Progress) -> Single:
         """The whole picture, in the photograph's units."""
         rows, columns = self.mosaic.shape
@@ -231,13 +251,19 @@ class _Work:
 
         def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
-            return start, deconvolve(tile, first, self.how.prior, tau, difference, self.splitting)
+            u = deconvolve(tile, first, self.how.prior, tau, difference, self.splitting)
+            return start, bounded(u, first, self._noise(tile))
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
             self._lay(out, start, u)
             progress(done, len(starts))
         out *= self.mosaic.gains[:, None, None]
         return out
+
+    def _sample(self, count: int) -> list[tuple[int, int]]:
+        """Starts of some tiles, evenly over the frame."""
+        starts = list(self.grid)
+        return [starts[round(float(k))] for k in np.linspace(0, len(starts) - 1, min(count, len(starts)))]
 
     def _tile(self, start: tuple[int, int]) -> tuple[DeconvolutionTile, Single]:
         n = self.grid.rows.n
@@ -252,6 +278,14 @@ class _Work:
             [self.optics.channel[planes[0]] for planes in groups],
         )
         return tile, self.mosaic.first(z, weight)
+
+    def _noise(self, tile: DeconvolutionTile) -> Single:
+        """Standard deviation (C, n, n) of the darkest samples near each place."""
+        import cv2
+
+        most = [tile.weight[np.equal(tile.channel, c)].max(axis=0) for c in range(tile.channels)]
+        near = np.stack([cv2.dilate(one, np.ones((5, 5), np.uint8)) for one in most])
+        return np.asarray(np.sqrt(self.mosaic.variance / np.maximum(near, 1e-6)), dtype=np.float32)
 
     def _groups(self, moved: Mapping[str, tuple[int, int]]) -> list[list[int]]:
         """Planes of one colour, photograph and displacement: they have samples at different places, and one PSF."""

@@ -11,7 +11,7 @@ from procedures.correction.checks import check_exposure
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
 from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
-from procedures.numbers import CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
+from procedures.numbers import CURVE_ERROR, CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
 from procedures.outcome import Outcome, Refused, with_doubt
 from procedures.pattern_psf.estimate import PUPIL_SPREAD
 from procedures.pattern_psf.focus.aperture import CONTRADICTION_SIGMAS, mean_f_number
@@ -124,9 +124,20 @@ def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction
     """The outcome, doubtful where the development is not known."""
     if frame.development is None or outcome.value is None:
         return outcome
-    for doubt in (wrong_curve([frame]), unknown_of([frame.development])):
+    for doubt in (wrong_curve([frame]), _by_curve(outcome.value), unknown_of([frame.development])):
         outcome = with_doubt(outcome, *doubt) if doubt else outcome
     return with_doubt(outcome, *_DEMOSAICKED)
+
+
+def _by_curve(value: Correction) -> tuple[str, str] | None:
+    """Doubt by a tone curve that is not known."""
+    if (error := value.curve_error) is None:
+        return None
+    reason = (
+        f"under other plausible tone curves the picture's light differs by {error.light:.1%} of white, and its levels "
+        f"by {error.levels:.1%}"
+    )
+    return reason, "give the RAW file, or a file without loss with its ICC profile or --encoding"
 
 
 _DEMOSAICKED = (
@@ -171,6 +182,7 @@ def correction_numbers(value: Correction) -> dict[str, float]:
         MTF50_AFTER: value.scale * float(np.median(predicted.after)),
         NOISE_GAIN: float(np.median(predicted.noise_gain)),
         FIELD_ERROR: value.field_error.rms,
+        **({CURVE_ERROR: value.curve_error.light} if value.curve_error else {}),
     }
 
 
@@ -179,7 +191,7 @@ def correction_entries(corrected: Corrected) -> dict[str, Any]:
     value = corrected.outcome.value
     if value is None:
         return verdict_entry(corrected.outcome)
-    development = corrected.frame.development
+    development, curve = corrected.frame.development, value.curve_error
     predicted, noise = value.prediction, float(np.sqrt(np.mean(value.field_error.noise)))
     return {
         **verdict_entry(corrected.outcome),
@@ -200,6 +212,7 @@ def correction_entries(corrected: Corrected) -> dict[str, Any]:
             MTF50_AFTER: _number(value.scale * predicted.after, CYCLES),
             NOISE_GAIN: _number(predicted.noise_gain, "1"),
             FIELD_ERROR: {"rms": value.field_error.rms, "unit": "1", "of_noise": noise},
+            **({CURVE_ERROR: {"rms": curve.light, "unit": "1", "of_levels": curve.levels}} if curve else {}),
         },
     }
 

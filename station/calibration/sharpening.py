@@ -29,6 +29,8 @@ BANDS, SECTORS = (0.04, 0.08, 0.12, 0.16, 0.2, 0.25), 8
 UNLIKE = 0.25
 """Difference of the logarithms of two spectra, root mean square over bands, from which blurs differ: up to 0.1 for
 photographs that are moved, 0.7 and more for discs of radius 1.5 and 2.5 pixels."""
+TURNED = 0.08
+"""Mean of that difference above which it shows which photograph is the softer one."""
 DIRECTED = 0.45
 """Part of that difference which depends on the direction, from which it is motion: 0.02 to 0.3 of two
 apertures, 0.6 to 1 of motions."""
@@ -48,6 +50,8 @@ def choose(
         return FIELD, ("there is one photograph, and the PSF field of its lens",), {}
     apertures = [frame.exposure.f_number for frame in frames]
     if way == DEFOCUS or ratio or (way is None and not field_given and _differ(apertures)):
+        if way is None:
+            _check_order(frames, ratio)
         return DEFOCUS, (_aperture_reason(apertures, ratio),), {"ratio": _ratios(apertures, ratio)}
     if way in (FIELD, FINER) and not field_given:
         raise BadParameter(f"--way {way} needs the PSF field of the lens", "give --field")
@@ -65,6 +69,20 @@ def choose(
             "give --ratio, the f-number of photograph 1 over that of photograph 2; or --way shaken",
         )
     return SHAKEN, (f"the photographs are blurred differently: {words}",), {}
+
+
+def _check_order(frames: Sequence[RawFrame], ratio: Sequence[float]) -> None:
+    """Refuse a ratio that contradicts which photograph is the softer one: it was probably inverted. Raises
+    BadParameter."""
+    for number, (given, frame) in enumerate(zip(ratio, frames[1:], strict=False), start=2):
+        softer = -float(_spectral_change(frames[0], frame).mean())
+        if abs(softer) > TURNED and given > 0 and softer * math.log(given) < 0:
+            first, second = (number, 1) if softer > 0 else (1, number)
+            raise BadParameter(
+                f"--ratio {given:g} states that photograph {second} is blurred more, but photograph {first} is: their "
+                f"spectra differ by {abs(softer):.2f} in logarithm",
+                f"give --ratio {1 / given:.4g}, or the photographs in the other order; --way defocus insists",
+            )
 
 
 def _differ(apertures: Sequence[float | None]) -> bool:
@@ -90,12 +108,17 @@ def _ratios(apertures: Sequence[float | None], ratio: Sequence[float]) -> tuple[
 
 def spectral_difference(one: RawFrame, other: RawFrame) -> tuple[float, float]:
     """Difference of two photographs' spectra in logarithm, root mean square, and the part of it by direction."""
-    logs = [np.log(band_powers(_centre(frame))) / 2 for frame in (one, other)]
-    difference = logs[1] - logs[0]
-    difference -= difference[0].mean()  # light
+    difference = _spectral_change(one, other)
     by_direction = difference - difference.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(difference**2)))
     return size, math.sqrt(float(np.mean(by_direction**2))) / max(size, 1e-9)
+
+
+def _spectral_change(one: RawFrame, other: RawFrame) -> Array:
+    """Logarithm of the second spectrum over the first, (bands, sectors), apart from their light."""
+    logs = [np.log(band_powers(_centre(frame))) / 2 for frame in (one, other)]
+    change = logs[1] - logs[0]
+    return np.asarray(change - change[0].mean())
 
 
 def _centre(frame: RawFrame) -> Array:

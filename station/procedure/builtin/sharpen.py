@@ -85,6 +85,7 @@ class Sharpen(Procedure[SharpenSettings]):
             options: dict[str, Any] = {
                 "field": str(settings.field),
                 "raw": settings.raw,
+                "encoding": settings.encoding,
                 "scale": 2 if way == FINER else 1,
             }
             return _taken("correct", options, reasons, paths, terms, progress)
