@@ -229,19 +229,19 @@ class _Work:
 
     def curve_error(self, difference: float, development: Development) -> CurveError:
         """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""
-        gains, prior, curve = self.mosaic.gains, self.how.prior, development.curve
-        curves = [curve, *plausible(development)]
-        lights: list[list[Single]] = [[] for _ in curves]
+        curve, gains, prior = development.curve, self.mosaic.gains, self.how.prior
+        squares = []
         for start in self._sample(CURVE_TILES):
             tile, first = self._tile(start)
-            inside = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1])) > 0
-            for light, other in zip(lights, curves, strict=True):
+            inside, pictures = self._window(start) > 0, []
+            for other in (curve, *plausible(development)):
                 again, begin = decoded_again(tile, first, gains, curve, other)
                 size = difference * mean_difference(begin, prior) / mean_difference(first, prior)
-                u = deconvolve(again, begin, prior, self.tau(size), size, self.splitting)
-                light.append((u * gains[:, None, None])[:, inside])
-        assumed, *others = (np.concatenate(light, axis=1) for light in lights)
-        return CurveError.of(zip(curves[1:], others, strict=True), curve, assumed)
+                u = deconvolve(again, begin, prior, self.tau(size), size, self.splitting) * gains[:, None, None]
+                pictures.append((u[:, inside], other.encoded(u[:, inside])))
+            assumed, *others = pictures
+            squares += [[np.mean((a - b) ** 2) for a, b in zip(one, assumed, strict=True)] for one in others]
+        return CurveError(*(float(rms) for rms in np.sqrt(np.mean(squares, axis=0))))
 
     def restored(self, difference: float, progress: Progress) -> Single:
         """The whole picture, in the photograph's units."""
@@ -294,8 +294,11 @@ class _Work:
             groups.setdefault((colour, key.partition(" ")[2], moved.get(key, (0, 0))), []).append(p)
         return list(groups.values())
 
+    def _window(self, start: tuple[int, int]) -> Single:
+        return np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))
+
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:
-        window = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))
+        window = self._window(start)
         (y, ys), (x, xs) = (_overlap(at, len(window), size) for at, size in zip(start, out.shape[1:], strict=True))
         out[:, y, x] += window[ys, xs] * u[:, ys, xs]
 

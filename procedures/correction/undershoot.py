@@ -1,8 +1,4 @@
-"""Undershoot beside edges: a lower bound of a corrected picture from the flat dark parts next to them.
-
-Few iterations leave dark rims on the dark side of an edge. A sample there that is not darker than a flat part nearby is
-no evidence of anything darker than that part.
-"""
+"""Dark rims at edges: a corrected picture is bounded by the flat parts near it, where its samples are not darker."""
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +12,9 @@ FLAT = 2.0
 
 
 def bounded(u: Single, samples: Single, noise: Single) -> Single:
-    """The picture (C, n, n), at most one standard deviation of the noise below the flat parts near it.
+    """The picture (C, n, n), at most one standard deviation of the noise below the darkest flat part near it.
 
-    samples : (C, n, n) the picture before deblurring
-    noise : (C, n, n) standard deviation of its samples
+    samples : (C, n, n) the picture before deblurring; noise : (C, n, n) standard deviation of its samples
     """
     import cv2
 
@@ -27,7 +22,6 @@ def bounded(u: Single, samples: Single, noise: Single) -> Single:
     for restored, before, sigma, bound in zip(u, samples, noise, out, strict=True):
         mean = cv2.blur(before, (FLAT_PX, FLAT_PX))
         variance = cv2.blur(before * before, (FLAT_PX, FLAT_PX)) - mean * mean
-        flat = np.where(variance < (FLAT * sigma) ** 2, mean, np.float32(np.inf))
-        least = cv2.erode(flat, reach) - sigma
-        bound[...] = np.where(np.isfinite(least) & (before > least), np.maximum(restored, least), restored)
+        least = cv2.erode(np.where(variance < (FLAT * sigma) ** 2, mean, np.float32(np.inf)), reach) - sigma
+        bound[...] = np.where((least < before) & (least > restored), least, restored)
     return out
