@@ -70,6 +70,14 @@ def test_defocus_without_apertures_asks_for_their_ratio(photograph):
                                             {"ratio": (1.6,)})  # fmt: skip
 
 
+def test_an_inverted_ratio_is_named_unless_the_way_is_given(photograph):
+    paths = photograph("a", disc(2)), photograph("b", disc(2.5))
+    with pytest.raises(BadParameter, match="photograph 1 is blurred more, but photograph 2 is") as refused:
+        chosen(*paths, ratio=(0.8,))
+    assert "--ratio 1.25" in refused.value.remedy
+    assert chosen(*paths, ratio=(0.8,), way=DEFOCUS)[2] == {"ratio": (0.8,)}
+
+
 def test_recorded_apertures_give_the_ratio(tmp_path):
     paths = []
     for f_number in (2.0, 2.8):
