@@ -226,7 +226,7 @@ def main() -> None:
         figures = " ".join(f"{one:6.2f}" for one in psnr(picture, truth))
         black = truth[0][SQUARES] < DARKEST
         under = np.quantile((truth - picture)[:, *SQUARES][:, black], 0.999) if given.chart else 0.0
-        print(f"{words:34} {figures}  colour {colour_error(picture):5.2f} undershoot {under:.3f}", flush=True)
+        print(f"{words:34} {figures}  colour {colour_error(picture):5.2f} undershoot {under:.4f}", flush=True)
 
     line("through the lens, all colours", image)
     began = time.process_time()

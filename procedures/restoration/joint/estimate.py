@@ -183,8 +183,9 @@ def _restoration(
     residual = data.residual(state.u)
     w = state.w[inside]
     flat = p.flat_w is not None
-    spread = np.zeros_like(w) if flat else w_uncertainty(data, state.u, state.w, state.statistics.sigma)[inside]
     limit = min(b.stack.max_w for b in data.blurs)
+    spread = np.zeros_like(w) if flat else w_uncertainty(data, state.u, state.w, state.statistics.sigma)[inside]
+    spread = np.minimum(spread, limit)
     masks, last = [b.stack for b in data.blurs], state.history[-1].weights
     sharp = state.u[:, R:-R, R:-R]
     finest = max(noise_upper_bound(data.z), LEAST_NOISE)
@@ -278,7 +279,8 @@ def judge(result: Restoration) -> Outcome[Restoration]:
         Check("gain", d.gained, LEAST_GAIN, doubtful,
               f"the restored picture is expected to err by {d.picture_std:.1%} of white, and the least blurred "
               f"photograph by {d.picture_std * d.gained:.1%}: restoring gains nothing",
-              "use the photograph, take photographs with less noise or more different blur, or raise --image-weight",
+              f"{order}use the photograph, take photographs with less noise or more different blur, or raise "
+              "--image-weight",
               least=True, prior=SYMPTOM**2),
         Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
