@@ -115,7 +115,10 @@ def _check_focus(photograph: Exposure, field: Exposure) -> list[str]:
 
 def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise], *, developed: bool = False) -> list[Check]:
     """Checks for linear, unprocessed samples; each has the worst plane's number. A developed picture is processed."""
-    noises = [estimate for name, estimate in noise.items() if _resolved(planes[name], estimate)]
+    noises = [
+        one for name, one in noise.items()
+        if one.variance_at(planes[name].samples[::16, ::16]).mean() ** 0.5 > RESOLVED_NOISE * planes[name].quantisation
+    ]  # fmt: skip
     whiteness = min((estimate.whiteness for estimate in noises), default=1.0)
     rise = min((estimate.rise for estimate in noises), default=1.0)
     clipped = max(float((plane.samples >= 0.998).mean()) for plane in planes.values())
@@ -140,8 +143,3 @@ def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise], *, develo
               "photograph may have a tone curve", linear, least=True),
         clipping,
     ]  # fmt: skip
-
-
-def _resolved(plane: Plane, noise: Noise) -> bool:
-    usual = float(noise.variance_at(plane.samples[::16, ::16]).mean())
-    return bool(usual**0.5 > RESOLVED_NOISE * plane.quantisation)

@@ -42,11 +42,6 @@ class Prediction:
     after: Array
     noise_gain: Array
 
-    @property
-    def gain(self) -> Array:
-        """MTF50 after over before."""
-        return np.asarray(self.after / self.before)
-
 
 def predict(optics: PlaneFields, mosaic: Mosaic, prior: Prior, tau: float, difference: float) -> Prediction:
     """Maps of gain and cost for a prior of strength `tau` and the picture's mean difference."""

@@ -129,16 +129,11 @@ def recorded_motion(frames: Sequence[RawFrame], focal: float | None) -> Recorded
         return tuple(one for one in each if one is not None)
 
     with suppress(BadInput):
-        within_s = max(map(times_within_s, frames))
+        records = [frame.shaker_path or frame.imu for frame in frames]
+        within_s = max(0.0 if record is None else record.within_s for record in records)
         uncertainty = max(0.0 if one.shaker_path is None else one.shaker_path.amplitude_uncertainty for one in frames)
         return RecordedMotion(poses(0.0), focal, within_s=within_s, late=poses, scale_uncertainty=uncertainty)
     return None
-
-
-def times_within_s(frame: RawFrame) -> float:
-    """Bound of the error of a motion record's times."""
-    record = frame.shaker_path or frame.imu
-    return 0.0 if record is None else record.within_s
 
 
 def unknown_motion(photographs: int, known: RestorationFacts) -> UnknownMotion:

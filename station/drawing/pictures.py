@@ -26,6 +26,16 @@ def levels(image: Array, black: float, white: float) -> Levels:
     return np.asarray(np.clip((image - black) / max(white - black, 1e-12) * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
+def smaller(image: Array, side: int) -> Array:
+    """An image reduced to a largest side in pixels, unchanged if it is not larger."""
+    import cv2
+
+    if max(image.shape[:2]) <= side:
+        return image
+    factor = side / max(image.shape[:2])
+    return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
+
+
 def false_colours(image: Levels) -> Levels:
     """8-bit levels in false colours."""
     import cv2

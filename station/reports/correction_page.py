@@ -9,7 +9,7 @@ import numpy.typing as npt
 from procedures.correction.estimate import Correction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
-from station.drawing.pictures import display_png
+from station.drawing.pictures import display_png, smaller
 from station.drawing.plots import Figure
 from station.reports.page import Block, Figures, Heading, Items, KeyNumbers, Note, Section, image, percent
 from station.reports.psf_figures import map_figure
@@ -34,7 +34,8 @@ def correction_page(report: Report) -> str:
 
     def pair(part: Callable[[Single], Single], captions: tuple[str, str], words: str) -> Figures:
         shown = (
-            image(_png(part(one) * balance), f"{words}: {c}") for one, c in zip((before, after), captions, strict=True)
+            image(display_png(np.squeeze(part(one) * balance)), f"{words}: {c}")
+            for one, c in zip((before, after), captions, strict=True)
         )
         return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
 
@@ -43,7 +44,7 @@ def correction_page(report: Report) -> str:
         "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
         f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced to grey only here.",
     )
-    whole, compared = pair(_small, captions, "the whole frame"), list[Block]()
+    whole, compared = pair(lambda one: smaller(one, MAX_SIDE_PX), captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:
         part = pair(lambda one, x=x, y=y: _part(one, x, y), ("Before.", "After."), words)  # type: ignore[misc]
         compared += [Heading(f"{words}, twice its size"), part]
@@ -118,27 +119,10 @@ def _part(picture: Single, x: float, y: float) -> Single:
     return np.repeat(np.repeat(cut, 2, axis=0), 2, axis=1)
 
 
-def _small(picture: Single) -> Single:
-    factor = MAX_SIDE_PX / max(picture.shape[:2])
-    if factor >= 1:
-        return picture
-    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    return np.asarray(small.reshape(*small.shape[:2], picture.shape[2]), dtype=np.float32)
-
-
-def _png(picture: Single) -> bytes:
-    return display_png(picture[..., 0] if picture.shape[-1] == 1 else picture)
-
-
 def _finer(picture: Single, scale: int) -> Single:
     """The photograph (H, W, C) on a finer grid, pixels as they are: first pixel upon first pixel."""
-    if scale == 1:
-        return picture
-    rows, columns = (scale * size for size in picture.shape[:2])
-    to_pixels = np.array([[1 / scale, 0, 0], [0, 1 / scale, 0]])
-    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    finer = cv2.warpAffine(picture, to_pixels, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(finer.reshape(rows, columns, picture.shape[2]), dtype=np.float32)
+    nearest = [np.minimum((np.arange(scale * size) + scale // 2) // scale, size - 1) for size in picture.shape[:2]]
+    return np.asarray(picture[np.ix_(*nearest)])
 
 
 def _maps(value: Correction) -> Figures:

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter
 from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
-from station.drawing.pictures import encoded, levels, picture
+from station.drawing.pictures import encoded, levels, picture, smaller
 from station.drawing.plots import Figure
 from station.reports.page import Block, Figures, KeyNumbers, Note, Scripted, Section, html, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
@@ -47,7 +47,8 @@ def restoration_page(report: Report) -> str:
     white = float(np.percentile(photographs[0], 99.5))
 
     def shown(picture_: Array, caption: str) -> Figure:
-        return Figure(image(encoded(".png", levels(_small(picture(picture_)), 0, white)), caption), caption)
+        small = levels(smaller(picture(picture_), MAX_SIDE_PX), 0, white)
+        return Figure(image(encoded(".png", small), caption), caption)
 
     before = [shown(photograph, f"Photograph {n}.") for n, photograph in enumerate(photographs, 1)]
     after = shown(restoration.sharp, "Restored: `sharp.tiff` keeps the photographs’ scale.")
@@ -73,7 +74,7 @@ def restoration_page(report: Report) -> str:
 def _slider(before: Array, after: Array, white: float) -> Figure:
     """The photograph over the restored picture, up to a border that the reader moves."""
     photograph, restored = (
-        image(encoded(".png", levels(_small(picture(one)), 0, white)), words)
+        image(encoded(".png", levels(smaller(picture(one), MAX_SIDE_PX), 0, white)), words)
         for one, words in ((before, "photograph 1"), (after, "restored picture"))
     )
     words = "Photograph 1, left, and the restored picture: pull the corner below the border."
@@ -129,7 +130,7 @@ def _facts(restoration: Restoration) -> KeyNumbers:
 def _map(
     values: Array, unit: str, name: str, caption: str, limits: tuple[float, float], colours: str = "magma"
 ) -> Figure:
-    return map_figure(_small(values), unit, name, caption, limits=limits, colours=colours)
+    return map_figure(smaller(values, MAX_SIDE_PX), unit, name, caption, limits=limits, colours=colours)
 
 
 def _depth(restoration: Restoration) -> list[Figure]:
@@ -154,7 +155,7 @@ def _relief(restoration: Restoration, white: float) -> list[Block]:
     if high - low < MIN_SPAN_PX:
         return []
     shown = (picture(restoration.sharp), (0.0, white), "restored picture"), (restoration.w, (low, high), "depth")
-    images = [image(encoded(".png", levels(_small(one, RELIEF_PX), *ends)), words) for one, ends, words in shown]
+    images = [image(encoded(".png", levels(smaller(one, RELIEF_PX), *ends)), words) for one, ends, words in shown]
     words = "The restored picture over w, turned by dragging or the arrow keys: what is wide in photograph 1 is raised."
     return [Scripted(html(RELIEF, words, words, *images), "relief.js")]
 
@@ -238,12 +239,3 @@ def _kernel(kernel: Array, n: int) -> Markup:
     side = max(1, KERNEL_PX // len(kernel))
     enlarged = np.kron(kernel, np.ones((side, side)))
     return image(encoded(".png", levels(enlarged, 0, float(kernel.max()))), f"kernel of photograph {n}")
-
-
-def _small(image_: Array, side: int = MAX_SIDE_PX) -> Array:
-    import cv2
-
-    factor = side / max(image_.shape[:2])
-    if factor >= 1:
-        return image_
-    return np.asarray(cv2.resize(image_, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
