@@ -1,14 +1,12 @@
 """Row time of a rolling shutter, from frames of a video in which the chart or the camera moves.
 
 A row y is exposed y times the row time r after the first, so that a point at row y appears where the moving chart is
-at that time. A cubic spline through the poses over time gives the velocity V of every view, a rotation and a shift per
-second; to first order a point is displaced by
-
-    r (y - y0) J V,
-
-J being the derivative of the projection by the pose, and y0 the middle row, to whose time the poses refer. The
-points are corrected for this displacement, and r is an unknown of the adjustment in addition to all others.
+at that time. The poses refer to the time of the middle row y0. A cubic spline through them gives the chart's pose at
+the time r (y - y0) of every point, and thus its displacement, for which the points are corrected. The correction is
+repeated with r as a further unknown of the adjustment: a point moves by y - y0 times its velocity in the frame.
 """
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import (
     Adjustment,
@@ -24,22 +22,23 @@ from procedures.geometry.adjustment import (
     AdjustmentState,
     ModelDoubt,
     adjust,
-    by_pose,
     extra_terms,
 )
-from procedures.geometry.views import ChartView, Pose
+from procedures.geometry.views import ChartView
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 6
 """Frames of a video that show how the chart moves."""
-ITERATIONS, NEGLIGIBLE = 6, 0.05
+ITERATIONS, NEGLIGIBLE = 12, 0.05
 """Corrections of the points at most; change of the row time, in standard uncertainties, that needs no further one."""
 SIGNIFICANT = 3.0
 """Row time, in standard uncertainties, from which the shutter is a rolling one."""
 SHARP_S = 1e-3
 """Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
+STEP_S = 1e-4
+"""Half of the time over which velocities are taken."""
 ENDS = 1
 """Views at either end of a video, whose velocity a spline does not give well: they do not contribute."""
 
@@ -111,7 +110,7 @@ def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming,
 def row_time(fit: Adjustment) -> tuple[float, float, Array]:
     """Row time that remains in the points, its standard uncertainty, and the response of the unknowns per second."""
     views = fit.problem.views
-    extra = [_derivative(fit.state, fit.problem, i, rate) for i, rate in enumerate(_velocities(fit.state.poses, views))]
+    extra = [_from_middle(view, fit)[:, None] * velocity for view, velocity in zip(views, _velocities(fit), strict=True)]
     for i in (*range(ENDS), *range(len(views) - ENDS, len(views))):
         extra[i] = np.zeros_like(extra[i])
     terms = extra_terms(fit, [one[..., None] for one in extra])
@@ -123,27 +122,46 @@ def row_time(fit: Adjustment) -> tuple[float, float, Array]:
 
 def _corrected(fit: Adjustment, views: Sequence[ChartView], row_s: float) -> list[ChartView]:
     """The views as all rows at the middle row's time would show them."""
-    rates = _velocities(fit.state.poses, views)
-    moved = [row_s * _derivative(fit.state, fit.problem, i, rate) for i, rate in enumerate(rates)]
+    motion = _Motion.of(fit)
+    moved = [
+        motion.points(fit, view, row_s * _from_middle(view, fit)) - motion.points(fit, view, np.zeros(len(view)))
+        for view in views
+    ]
     return [replace(view, points=view.points - one) for view, one in zip(views, moved, strict=True)]
 
 
-def _derivative(state: AdjustmentState, problem: AdjustmentProblem, i: int, rate: Array) -> Array:
-    """Displacement (n, 2) of a view's points per second of the row time."""
-    view = problem.views[i]
-    points = state.poses[i].apply(problem.shaped(state, view))
-    velocity = by_pose(state.camera.by_points(points), points) @ rate
-    return np.asarray((view.points[:, 1:] - (state.camera.rows - 1) / 2) * velocity)
-
-
-def _velocities(poses: Sequence[Pose], views: Sequence[ChartView]) -> list[Array]:
-    """Velocity (6,) of every view, as a change of its pose per second."""
-    times = np.array([view.time_s for view in views])
-    turns = RotationSpline(times, Rotation.from_matrix(np.array([pose.R for pose in poses])))
-    shifts = CubicSpline(times, np.array([pose.t for pose in poses]))(times, 1)
-    # the spline's rates are in the chart's axes
-    spins = [pose.R @ rate for pose, rate in zip(poses, turns(times, 1), strict=True)]
+def _velocities(fit: Adjustment) -> list[Array]:
+    """Velocities (n, 2) of the points of every view, in pixels per second."""
+    motion, views = _Motion.of(fit), fit.problem.views
+    steps = [np.full(len(view), STEP_S) for view in views]
     return [
-        np.concatenate([spin, shift - np.cross(spin, pose.t)])
-        for spin, shift, pose in zip(spins, shifts, poses, strict=True)
+        (motion.points(fit, view, step) - motion.points(fit, view, -step)) / (2 * STEP_S)
+        for view, step in zip(views, steps, strict=True)
     ]
+
+
+def _from_middle(view: ChartView, fit: Adjustment) -> Array:
+    """Rows (n,) of a view's points, from the middle one."""
+    return np.asarray(view.points[:, 1] - (fit.state.camera.rows - 1) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Splines through the poses over time: unit quaternions, each next to the one before, and shifts."""
+
+    turns: CubicSpline
+    shifts: CubicSpline
+
+    @classmethod
+    def of(cls, fit: Adjustment) -> _Motion:
+        times, poses = np.array([view.time_s for view in fit.problem.views]), fit.state.poses
+        turns = Rotation.from_matrix(np.array([pose.R for pose in poses])).as_quat()
+        signs = np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0, -1.0, 1.0)
+        turns[1:] *= np.cumprod(signs)[:, None]
+        return cls(CubicSpline(times, turns), CubicSpline(times, np.array([pose.t for pose in poses])))
+
+    def points(self, fit: Adjustment, view: ChartView, after_s: Array) -> Array:
+        """Pixels (n, 2) of a view's nodes, each at its own time (n,) after the view's."""
+        times = view.time_s + after_s
+        turns = Rotation.from_quat(self.turns(times))
+        return fit.state.camera.project(turns.apply(fit.problem.shaped(fit.state, view)) + self.shifts(times))
