@@ -1,15 +1,16 @@
 """Row time of a rolling shutter, from frames of a video in which the chart or the camera moves.
 
 A row y is exposed y times the row time r after the first, so that a point at row y appears where the moving chart is
-at that time. The poses refer to the time of the middle row y0. A cubic spline through them gives the chart's pose at
-the time r (y - y0) of every point, and thus its displacement, for which the points are corrected. The correction is
-repeated with r as a further unknown of the adjustment: a point moves by y - y0 times its velocity in the frame.
+at that time. The poses refer to the time of the middle row y0; a cubic spline through them gives the chart's pose at
+the time r (y - y0) of every point. The adjustment is that of all views with their neighbours, since a pose that is
+wrong displaces the points of the views around it. With r as a further unknown, by which a point moves by y - y0 times
+its velocity in the frame, it is repeated until r does not change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import (
+    POSE,
     Adjustment,
     AdjustmentProblem,
     AdjustmentState,
@@ -31,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 6
 """Frames of a video that show how the chart moves."""
-ITERATIONS, NEGLIGIBLE = 12, 0.05
+ITERATIONS, NEGLIGIBLE = 6, 0.05
 """Corrections of the points at most; change of the row time, in standard uncertainties, that needs no further one."""
 SIGNIFICANT = 3.0
 """Row time, in standard uncertainties, from which the shutter is a rolling one."""
@@ -39,8 +41,10 @@ SHARP_S = 1e-3
 """Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
 STEP_S = 1e-4
 """Half of the time over which velocities are taken."""
-ENDS = 1
-"""Views at either end of a video, whose velocity a spline does not give well: they do not contribute."""
+ROUNDS = 3
+"""Projections that give the rows of moving points: each reduces their error by the path during a row, in rows."""
+NEAR = 4
+"""Views before and after one, whose poses displace its points."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,82 @@ class ShutterTiming:
         }[self.kind]
 
 
-def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, AdjustmentProblem]:
-    """The row time by a simple camera, and the problem with points corrected to the middle row's time.
+@dataclass(frozen=True, eq=False)
+class MovingProblem(AdjustmentProblem):
+    """Views of a moving chart by a camera whose rows are exposed one after the other.
+
+    row_s : float
+        Time between neighbouring rows.
+    """
+
+    row_s: float = 0.0
+
+    def placed(self, state: AdjustmentState, i: int) -> Array:
+        """Positions (n, 3) of a view's nodes in its camera's frame, each at the time of its row."""
+        return self._placed_at(state, i, self._times(state, i))
+
+    def still(self, state: AdjustmentState, i: int) -> ChartView:
+        """A view with all points at the middle row's time."""
+        moved = state.camera.project(self.placed(state, i)) - state.camera.project(super().placed(state, i))
+        return replace(self.views[i], points=self.views[i].points - moved)
+
+    def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
+        """Derivatives as of the base, with six columns for each of the poses `near` the view."""
+        J, by_nodes = super().jacobian(state, i)
+        near, every = self._near(i), [view.time_s for view in self.views]
+        weights = CubicSpline(every, np.eye(len(every))[:, near])(self._times(state, i))
+        of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
+        return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
+
+    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+        """Indices of camera, shape terms and the poses near a view among the unknowns."""
+        near, first = self._near(i), len(state.camera.params) + len(state.terms_mm)
+        places: npt.NDArray[np.int64] = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
+        return places
+
+    def velocity(self, state: AdjustmentState, i: int) -> Array:
+        """Velocity (n, 2) of a view's points at the times of their rows, in pixels per second."""
+        times = self._times(state, i)
+        ahead, behind = (state.camera.project(self._placed_at(state, i, times + one)) for one in (STEP_S, -STEP_S))
+        return np.asarray((ahead - behind) / (2 * STEP_S))
+
+    def from_middle(self, state: AdjustmentState, i: int) -> Array:
+        """Rows (n,) of a view's points, from the middle one.
+
+        Of the projected points: noise of observed rows would be that of the residuals, and displace the row time by its
+        product with the mean velocity.
+        """
+        rows, middle = np.zeros(len(self.views[i])), (state.camera.rows - 1) / 2
+        for _ in range(ROUNDS):
+            placed = self._placed_at(state, i, self.views[i].time_s + self.row_s * rows)
+            rows = state.camera.project(placed)[:, 1] - middle
+        return np.asarray(rows)
+
+    def _times(self, state: AdjustmentState, i: int) -> Array:
+        return self.views[i].time_s + self.row_s * self.from_middle(state, i)
+
+    def _near(self, i: int) -> slice:
+        """The poses that a view's points depend on: the weights of others in a spline are below 0.01."""
+        return slice(max(0, i - NEAR), min(len(self.views), i + NEAR + 1))
+
+    def _placed_at(self, state: AdjustmentState, i: int, times: Array) -> Array:
+        turns, shifts = _motion(state, self)
+        nodes = self.shaped(state, self.views[i])
+        return np.asarray(Rotation.from_quat(turns(times)).apply(nodes) + shifts(times))
+
+
+@lru_cache(maxsize=2)
+def _motion(state: AdjustmentState, problem: MovingProblem) -> tuple[CubicSpline, CubicSpline]:
+    """Splines through the poses over time: unit quaternions, each next to the one before, and shifts."""
+    times = np.array([view.time_s for view in problem.views])
+    turns = Rotation.from_matrix(np.array([pose.R for pose in state.poses])).as_quat()
+    signs = np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0, -1.0, 1.0)
+    turns[1:] *= np.cumprod(signs)[:, None]
+    return CubicSpline(times, turns), CubicSpline(times, np.array([pose.t for pose in state.poses]))
+
+
+def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, MovingProblem]:
+    """The row time by a simple camera, and the problem with it.
 
     Raises Refused if the views are too few to show how the chart moves.
     """
@@ -86,15 +164,14 @@ def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Sh
             f"{len(problem.views)}",
             "record a longer video, or omit --frame-rate-hz",
         )
-    original, total = problem.views, 0.0
+    moving = MovingProblem(problem.nodes, problem.views, problem.shape)
     for _ in range(ITERATIONS):
-        fit = adjust(state, problem)
+        fit = adjust(state, moving)
         change, sigma, _ = row_time(fit)
-        total, state = total + change, fit.state
-        problem = replace(problem, views=_corrected(fit, original, total))
+        moving, state = replace(moving, row_s=moving.row_s + change), fit.state
         if abs(change) < NEGLIGIBLE * sigma:
             break
-    return ShutterTiming(total, sigma, state.camera.rows), problem
+    return ShutterTiming(moving.row_s, sigma, state.camera.rows), moving
 
 
 def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming, Adjustment]:
@@ -108,60 +185,12 @@ def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming,
 
 
 def row_time(fit: Adjustment) -> tuple[float, float, Array]:
-    """Row time that remains in the points, its standard uncertainty, and the response of the unknowns per second."""
-    views = fit.problem.views
-    extra = [_from_middle(view, fit)[:, None] * velocity for view, velocity in zip(views, _velocities(fit), strict=True)]
-    for i in (*range(ENDS), *range(len(views) - ENDS, len(views))):
-        extra[i] = np.zeros_like(extra[i])
-    terms = extra_terms(fit, [one[..., None] for one in extra])
+    """Change of the row time, its standard uncertainty, and the response of the unknowns per second."""
+    problem, state = fit.problem, fit.state
+    assert isinstance(problem, MovingProblem)
+    moved = (problem.from_middle(state, i)[:, None] * problem.velocity(state, i) for i in range(len(problem.views)))
+    terms = extra_terms(fit, [one[..., None] for one in moved])
     information = float(terms.matrix[0, 0])
     if not information > 0:
         return 0.0, float("inf"), np.zeros(len(terms.response))
     return float(terms.right[0]) / information, fit.scale / np.sqrt(information), terms.response[:, 0]
-
-
-def _corrected(fit: Adjustment, views: Sequence[ChartView], row_s: float) -> list[ChartView]:
-    """The views as all rows at the middle row's time would show them."""
-    motion = _Motion.of(fit)
-    moved = [
-        motion.points(fit, view, row_s * _from_middle(view, fit)) - motion.points(fit, view, np.zeros(len(view)))
-        for view in views
-    ]
-    return [replace(view, points=view.points - one) for view, one in zip(views, moved, strict=True)]
-
-
-def _velocities(fit: Adjustment) -> list[Array]:
-    """Velocities (n, 2) of the points of every view, in pixels per second."""
-    motion, views = _Motion.of(fit), fit.problem.views
-    steps = [np.full(len(view), STEP_S) for view in views]
-    return [
-        (motion.points(fit, view, step) - motion.points(fit, view, -step)) / (2 * STEP_S)
-        for view, step in zip(views, steps, strict=True)
-    ]
-
-
-def _from_middle(view: ChartView, fit: Adjustment) -> Array:
-    """Rows (n,) of a view's points, from the middle one."""
-    return np.asarray(view.points[:, 1] - (fit.state.camera.rows - 1) / 2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """Splines through the poses over time: unit quaternions, each next to the one before, and shifts."""
-
-    turns: CubicSpline
-    shifts: CubicSpline
-
-    @classmethod
-    def of(cls, fit: Adjustment) -> _Motion:
-        times, poses = np.array([view.time_s for view in fit.problem.views]), fit.state.poses
-        turns = Rotation.from_matrix(np.array([pose.R for pose in poses])).as_quat()
-        signs = np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0, -1.0, 1.0)
-        turns[1:] *= np.cumprod(signs)[:, None]
-        return cls(CubicSpline(times, turns), CubicSpline(times, np.array([pose.t for pose in poses])))
-
-    def points(self, fit: Adjustment, view: ChartView, after_s: Array) -> Array:
-        """Pixels (n, 2) of a view's nodes, each at its own time (n,) after the view's."""
-        times = view.time_s + after_s
-        turns = Rotation.from_quat(self.turns(times))
-        return fit.state.camera.project(turns.apply(fit.problem.shaped(fit.state, view)) + self.shifts(times))

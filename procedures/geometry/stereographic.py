@@ -95,8 +95,8 @@ def _bent(params: Array, s: Array, q: Array) -> Array:
     """Image (n, 2) of stereographic coordinates, in focal lengths from the centre."""
     p1, p2, s1, s2, s3, s4, p3, p4 = params[RADIAL.stop :]
     u, v = p1 + p3 * q, p2 + p4 * q
-    along, down = q * (v + s1 + s2 * q), q * (u + s3 + s4 * q)
-    return np.asarray((_factor(params, q) + 2 * (s[:, 0] * v + s[:, 1] * u))[:, None] * s + np.column_stack([along, down]))
+    moved = np.column_stack([q * (v + s1 + s2 * q), q * (u + s3 + s4 * q)])
+    return np.asarray((_factor(params, q) + 2 * (s[:, 0] * v + s[:, 1] * u))[:, None] * s + moved)
 
 
 def _by_flat(params: Array, s: Array, q: Array) -> Array:

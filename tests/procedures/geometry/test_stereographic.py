@@ -13,7 +13,7 @@ from tests.benchmarks.fisheye_views import CELL_MM, polynomial, poses
 
 CAMERA = CameraModel(
     STEREOGRAPHIC,
-    np.array([1000.0, 1003.0, 1500.0, 990.0, -0.08, 0.01, -0.002, 2e-4, 1e-3, -2e-3, 5e-4, 1e-4, -1e-3, 2e-4, 3e-4, -2e-4]),
+    np.array([1000.0, 1003, 1500, 990, -0.08, 0.01, -0.002, 2e-4, 1e-3, -2e-3, 5e-4, 1e-4, -1e-3, 2e-4, 3e-4, -2e-4]),
     3000,
     2000,
 )
