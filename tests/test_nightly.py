@@ -1,4 +1,4 @@
-"""The nightly command: its parts are there, its summary tells what became of each, and the workflow runs them all."""
+"""The nightly command: its parts are there, its summary shows what became of each, and the workflow runs them all."""
 
 import importlib.util
 import os
@@ -38,7 +38,7 @@ def test_every_part_is_there_or_a_slot(nightly, tmp_path):
     assert missing <= SLOTS
 
 
-def test_the_summary_tells_result_duration_and_log_of_every_part(nightly, tmp_path, monkeypatch):
+def test_the_summary_shows_result_duration_and_log_of_every_part(nightly, tmp_path, monkeypatch):
     def python(name, code, **more):
         return nightly.Part(name, f"about {name}", (sys.executable, "-c", code), **more)
 

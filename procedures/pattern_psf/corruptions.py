@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from procedures.choice import OPEN, Trial
 from procedures.corruption.directions import RIM, ZOOM
 from procedures.corruption.evidence import TextureEvidence
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check
-from procedures.pattern import BLOCK
+from procedures.pattern import AIM_S_OVER_T, BLOCK
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
@@ -25,9 +26,19 @@ DOTS_VISIBLE = 0.008
 """Root mean square of the printed lines' offsets, in cells, above which they are those of the printer's dots."""
 
 
-def corruption_checks(evidence: TextureEvidence, *, raw: bool, structured: bool) -> list[Check]:
-    """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes."""
+def corruption_checks(
+    evidence: TextureEvidence, last: Trial, s_over_t: float, *, raw: bool, structured: bool
+) -> list[Check]:
+    """Tests of the corruptions that a photograph shows; a `structured` residual may have other causes.
+
+    Detail beyond the band of a too coarse grid remains in the residual, where it looks like sharpening.
+    """
     checks = evidence.checks(raw=raw)
+    if raw and last.band_edge > OPEN:
+        sentence = f"s = {last.s} undersamples the PSF: the OTF is still {last.band_edge:.2f} at the band's edge"
+        farther = s_over_t * (last.s + 1) / last.s / AIM_S_OVER_T
+        remedy = f"photograph from {farther:.2g} times the distance, which allows s = {last.s + 1}"
+        checks[0] = replace(checks[0], sentence=sentence, remedy=remedy, prior=1.0)
     return [replace(check, prior=SYMPTOM * check.prior) for check in checks] if structured else checks
 
 

@@ -260,7 +260,8 @@ def estimate_psf(
     quality = with_modes(quality, psf, modes)
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
-    corrupted = corruption_checks(evidence, raw=plane.raw, structured=is_structured(diagnostics))
+    structured = is_structured(diagnostics)
+    corrupted = corruption_checks(evidence, tried[-1], diagnostics.s_over_t, raw=plane.raw, structured=structured)
     checks = [*solved.refusals, *checks_of(diagnostics, final.fit, inputs), *corrupted]
     result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
     return verdict_of(checks, replace(result, modes=modes, probability=_probability(checks, quality, raw=plane.raw)))

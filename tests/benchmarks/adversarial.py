@@ -290,7 +290,8 @@ def pair(seed: int, corruption: Corruption, *, source: str) -> tuple[Photograph,
     pose, noise = draw_pose(rng), draw_noise(rng)
     while (lens := draw_lens(rng)).mtf50(0.0) > SHARPEST:
         pass
-    lens, truth = replace(lens, **corruption.lens), np.abs(lens.along(0.0, CURVE))
+    lens = replace(lens, **corruption.lens)
+    truth = np.abs(lens.along(0.0, CURVE))
     shots = []
     for light in wall_lights(lens, pose, rng):
         light = light if corruption.light is None else corruption.light(light)

@@ -112,7 +112,7 @@ class Watch(threading.Thread):
             self.killed = workers[-1]
             os.kill(self.killed, signal.SIGKILL)
 
-    def told(self) -> str:
+    def stated(self) -> str:
         """The greatest memory, and that of the second and the last fifth of the photographs."""
         last = self.memory[-1][0]
         early = [mb for done, mb in self.memory if 0.2 * last <= done < 0.4 * last] or [0.0]
@@ -177,11 +177,9 @@ def measure(root: Path, broken: set[str], count: int) -> None:
     """One process, two, and two with a killed one."""
     frames, third = root / "frames", count // 3
     one, cpu, watch = run(frames, root / "one", "--jobs", "1")
-    print(f"one process   {one:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; {check(root / 'one', broken, count)}")
+    print(f"one process   {one:6.1f} s, processor {cpu:6.1f} s; {watch.stated()}; {check(root / 'one', broken, count)}")
     two, cpu, watch = run(frames, root / "two", "--jobs", "2")
-    print(
-        f"two processes {two:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; {one / two:.2f} x faster ({BOUND_RATIO})"
-    )
+    print(f"two processes {two:6.1f} s, {cpu:6.1f} s CPU; {watch.stated()}; {one / two:.2f} x as fast ({BOUND_RATIO})")
     again, cpu, _ = run(frames, root / "two", "--jobs", "2")
     print(f"  again       {again:6.1f} s, processor {cpu:6.1f} s: nothing is done twice")
     took, cpu, watch = run(frames, root / "killed", "--jobs", "2", kill_after=third)

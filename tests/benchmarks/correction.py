@@ -1,7 +1,7 @@
 """A photograph through a simulated lens, corrected through the measured field: what is gained, and how long it takes.
 
     python -m tests.benchmarks.correction gain            PSNR against the scene: several fields, and none
-    python -m tests.benchmarks.correction loss            what fields' errors cost against the lens's own, and as told
+    python -m tests.benchmarks.correction loss            what fields' errors cost against the lens's own, and as stated
     python -m tests.benchmarks.correction speed [MEGAPIXELS]   four planes of a mosaic; 24 by default
 
 The scene is a public photograph (matplotlib's sample of Grace Hopper, of the U.S. Navy), blurred by the lens's own
@@ -105,7 +105,7 @@ def losses(lens: Lens, seed: int) -> Iterator[np.ndarray]:
     """For each way to measure the lens's field, mean squares of the frame and without its rim: (3, 2).
 
     What the picture errs by through the lens's own PSFs, what it errs by more through the field, and how far the two
-    pictures lie apart; and how far they do as told from the field's covariance, twice.
+    pictures lie apart; and how far they do as stated from the field's covariance, twice.
     """
     camera = FieldCamera(lens)
     frame, truth = photograph(camera)
@@ -135,22 +135,22 @@ def corrected(frame: RawFrame, field: dict[str, PsfField], how: CorrectionParame
 def loss() -> None:
     """Print the loss against the lens's own PSFs in dB, and how far the pictures lie apart, in levels of 255.
 
-    The loss is of LENS, of the mean over all lenses, and as it would be if what is told came to the picture's other
-    errors as an independent one; the distance is measured and told: of the frame, and without its rim.
+    The loss is of LENS, of the mean over all lenses, and as it would be if what is stated came to the picture's other
+    errors as an independent one; the distance is measured and stated: of the frame, and without its rim.
     """
     every = np.array([list(losses(lens, seed)) for seed, lens in enumerate(LENSES, start=1)])
-    words = ("loss, dB", "of all", "as told", "differs")
+    words = ("loss, dB", "of all", "as stated", "differs")
     head = f"{'charts':28}" + "".join(f" {one:>13}" for one in words)
-    print(f"{head} {'told':>6} {'over it':>11} {'of one':>11}   (frame, inside)")
+    print(f"{head} {'stated':>6} {'over it':>11} {'of one':>11}   (frame, inside)")
     for (columns, rows, margin, noise), each in zip(MEASURED, every.swapaxes(0, 1), strict=True):
-        lost, as_told = (10 * np.log10(1 + each[:, k] / each[:, 0]) for k in (1, 3))
-        _, _, apart, told = 255 * np.sqrt(np.maximum(each.mean(axis=0), 0))
+        lost, as_stated = (10 * np.log10(1 + each[:, k] / each[:, 0]) for k in (1, 3))
+        _, _, apart, stated = 255 * np.sqrt(np.maximum(each.mean(axis=0), 0))
         ratios = np.sqrt(each[:, 3] / each[:, 2])
-        columns_of = (lost[0], lost.mean(axis=0), as_told.mean(axis=0), apart)
+        columns_of = (lost[0], lost.mean(axis=0), as_stated.mean(axis=0), apart)
         print(
             f"{f'{columns} x {rows} to {margin:.0%}, noise {noise} times':28}"
             + "".join(f" {frame:6.3f} {inside:6.3f}" for frame, inside in columns_of)
-            + f" {told[0]:6.3f} {told[0] / apart[0]:5.2f} {told[0] / apart[1]:5.2f}"
+            + f" {stated[0]:6.3f} {stated[0] / apart[0]:5.2f} {stated[0] / apart[1]:5.2f}"
             + f" {ratios[:, 0].min():5.2f} {ratios[:, 0].max():5.2f}",
             flush=True,
         )

@@ -1,8 +1,8 @@
 """Damaged copies of the published photograph of the chart: how many are refused, doubted, passed, and which pass wrong.
 
 A pass is wrong where MTF50, along rows or columns, lies farther than three of its stated standard uncertainties from
-the undamaged photograph's. An unsharp mask of a tenth leaves a PSF that a lens could have, too: such copies are told
-apart, and are not counted.
+the undamaged photograph's. An unsharp mask of a tenth leaves a PSF that a lens could have, too: such copies are
+reported apart, and are not counted.
 
 python -m tests.benchmarks.damaged_charts [words that the copies' names must hold]
 """
@@ -52,13 +52,13 @@ def main() -> None:
             continue
         off = sigmas(outcome.value, base)
         one, true = (found.quality.numbers.get(NUMBERS[0]) for found in (outcome.value, base))
-        told = "no MTF50" if one is None or true is None else (
+        stated = "no MTF50" if one is None or true is None else (
             f"{one.value / true.value - 1:+7.2%} ± {one.uncertainty / one.value:.2%}"
         )  # fmt: skip
         far = off > FAR and outcome.verdict is Verdict.PASS
         wrong += [name] if far and name in CHANGES else []
         mark = "WRONG" if far else ""
-        print(f"{name:30s} {outcome.verdict:9s} {told}, {off:5.1f} σ {mark:5s} {outcome.reason}", flush=True)
+        print(f"{name:30s} {outcome.verdict:9s} {stated}, {off:5.1f} σ {mark:5s} {outcome.reason}", flush=True)
     count = verdicts.total()
     print(f"{count} copies: {dict(verdicts)}; refused {verdicts[Verdict.REFUSED] / count:.0%}")
     print(f"passes farther than {FAR:g} stated uncertainties from the undamaged value: {', '.join(wrong) or 'none'}")

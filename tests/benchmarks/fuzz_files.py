@@ -188,7 +188,7 @@ SENSOR = {
         },
     },
 }  # fmt: skip
-"""What a sensor's record tells that others use."""
+"""What a sensor's record shows that others use."""
 
 
 def _sensor(path: Path) -> None:
@@ -219,7 +219,7 @@ def _exports(path: Path) -> None:
 
 
 def _pictures(text: str) -> Callable[[Path], None]:
-    """A manifest and the pictures that it tells of."""
+    """A manifest and the pictures that it names."""
 
     def write(path: Path) -> None:
         path.write_text(text)
@@ -343,7 +343,7 @@ def _lights(path: Path) -> None:
 
 
 def _tiny(data: bytes) -> bytes:
-    """A picture of a few pixels, its size told by the content."""
+    """A picture of a few pixels, its size stated by the content."""
     columns, rows, *levels = (*data[-400:], *bytes(400))
     columns, rows = 1 + columns % 9, 1 + rows % 9
     return f"P5 {columns} {rows} 255\n".encode() + bytes(levels[: columns * rows])

@@ -140,7 +140,7 @@ class Answer:
     code: str
     memory: int = 0
     time_s: float = 0.0
-    told: str = ""
+    stated: str = ""
 
 
 @dataclass
@@ -205,8 +205,8 @@ def _serve(subject: Subject, numbers: range, mouth: int) -> int:
         resource.setrlimit(resource.RLIMIT_CPU, (int(begin_s) + TIME_S, resource.RLIM_INFINITY))
         Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
         before = _status("VmRSS")
-        code, told = _read(subject)
-        answer = (code, 1024 * max(0, _status("VmHWM") - before), _processor_s() - begin_s, told)
+        code, stated = _read(subject)
+        answer = (code, 1024 * max(0, _status("VmHWM") - before), _processor_s() - begin_s, stated)
         os.write(mouth, (json.dumps(answer) + "\n").encode())
     return 0
 
@@ -234,7 +234,7 @@ def _processor_s() -> float:
 
 
 def fuzz(mutations: int, seed: int, only: Sequence[str] = (), keep: Path | None = None) -> dict[str, Counts]:
-    """Counts by file, of so many mutations shared out evenly; told as they come."""
+    """Counts by file, of so many mutations shared out evenly; reported as they come."""
     chosen = {name: one for name, one in READERS.items() if not only or any(part in name for part in only)}
     counts: dict[str, Counts] = defaultdict(Counts)
     # what is compiled is made or loaded once, not in every fork
@@ -279,7 +279,7 @@ def _count(counts: Counts, subject: Subject, n: int, answer: Answer) -> None:
     counts.memory, counts.time_s = max(counts.memory, answer.memory), max(counts.time_s, answer.time_s)
     if answer.code not in STATED:
         mark = subject.spoil(n)
-        counts.odd.append(f"{mark}: {answer.code}: {answer.told}")
+        counts.odd.append(f"{mark}: {answer.code}: {answer.stated}")
         if subject.keep:
             subject.keep.mkdir(parents=True, exist_ok=True)
             (subject.keep / mark.replace("/", "-")).write_bytes(subject.path.read_bytes())

@@ -65,8 +65,10 @@ def spline(draws: int) -> None:
     assert found.value is not None
     for model in MODELS:
         poor = calibrate_geometry(taken.views, WAVY.camera.size, GeometryParameters(CELL_MM, model=model), taken.nodes)
-        told = poor.reason if poor.value is None else f"residual {poor.value.residual_scale:.1f} times the noise"
-        print(f"{model}: {poor.verdict}, {told}, {'' if 'too simple' in poor.reason else 'not '}flagged as too simple")
+        reported = poor.reason if poor.value is None else f"residual {poor.value.residual_scale:.1f} times the noise"
+        print(
+            f"{model}: {poor.verdict}, {reported}, {'' if 'too simple' in poor.reason else 'not '}flagged as too simple"
+        )
     chosen, scale = found.value.camera.model, found.value.residual_scale
     print(f"chosen: {chosen}, {found.verdict}, residual {scale:.2f} times the noise", flush=True)
     _spread(draws, chosen, WAVY)
@@ -146,8 +148,8 @@ def opencv(draws: int) -> None:
         for rich in (True, False):
             his = np.sqrt(np.mean([e**2 for kind, e in theirs if kind is rich]))
             kind = "rational, thin prism" if rich else "five coefficients"
-            told = f"ours {mine:.4f} pixel rms, OpenCV's {kind} {his:.3f}: {his / mine:.0f} times"
-            print(f"sheet bent by {bend} mm: {told}", flush=True)
+            reported = f"ours {mine:.4f} pixel rms, OpenCV's {kind} {his:.3f}: {his / mine:.0f} times"
+            print(f"sheet bent by {bend} mm: {reported}", flush=True)
 
 
 class Peer:
@@ -176,7 +178,7 @@ def speed(_: int) -> None:
 def photographs(_: int) -> None:
     """Processor's time from a photograph of 24 megapixels to its points in each of its four planes, the least of three.
 
-    30 photographs take 30 times as long; `speed` tells what then comes.
+    30 photographs take 30 times as long; `speed` shows what then comes.
     """
     chart, camera = Chart.from_seed(), SimulatedCamera(sensor=Sensor(rows=4000, columns=6000))
     for pixels in (250, 600, 1000):

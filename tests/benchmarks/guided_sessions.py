@@ -78,9 +78,11 @@ def tilt(bench: Bench, folder: Path) -> None:
             print(f"  {bench.clock.now_s() / 60:.1f} minutes: corner truly {np.abs(true) @ half_mm:.2f} um")
             for one in event.planes.values():
                 for what, at in (("tilt_horizontal", 0), ("tilt_vertical", 1)):
-                    told = one.numbers[what]
+                    stated = one.numbers[what]
                     truly = 2 * true[at] * half_mm[at]
-                    print(f"    {what} {told.value:+.2f} +- {told.uncertainty:.2f} um, truly {truly:+.2f}", flush=True)
+                    print(
+                        f"    {what} {stated.value:+.2f} +- {stated.uncertainty:.2f} um, truly {truly:+.2f}", flush=True
+                    )
 
     guided("tilt", bench, folder, {}, listen)
     print(f"  left: corner truly {np.abs(view.held.slopes) @ half_mm:.2f} um")
@@ -115,7 +117,7 @@ def restoration(folder: Path, seed: int) -> None:
         w, witness = np.load(result / "w.npy"), json.loads((result / "result.json").read_text())["ground_truth"]
         grain = w.shape[0] // 120
         parts = [tuple(slice(grain * one.start, grain * one.stop) for one in part) for part in SHEETS]
-        told = [float(np.median(w[part])) for part in parts]
+        stated = [float(np.median(w[part])) for part in parts]
         distances_mm = [bench.simulated.world.distance_mm(0.0) + one.behind_mm for one in view.sheets]
         camera = view.camera
         if answers.get("blur_by") == "apertures":
@@ -125,9 +127,9 @@ def restoration(folder: Path, seed: int) -> None:
             truth = [widest * (1 - focus_mm / d) for d in distances_mm]
         else:
             truth = [1000 / d for d in distances_mm]
-        print("  w " + ", ".join(f"{a:.3f} (truly {b:.3f})" for a, b in zip(told, truth, strict=True)))
+        print("  w " + ", ".join(f"{a:.3f} (truly {b:.3f})" for a, b in zip(stated, truth, strict=True)))
         print(f"  ground truth {witness['psnr_db']:.1f} dB, photographs {max(witness['before_db']):.1f} dB at best; "
-              f"error {100 * witness['error']:.2f} % of white, as soft {100 * witness['error_as_soft']:.2f} %, told "
+              f"error {100 * witness['error']:.2f} % of white, as soft {100 * witness['error_as_soft']:.2f} %, stated "
               f"{100 * witness['told']:.2f} %", flush=True)  # fmt: skip
         bench.close()
 

@@ -142,7 +142,7 @@ def true_mtf50(camera: SimulatedCamera, placed: PlacedChart, dioptres: float) ->
 
 
 def sweep(f_number: float, rng: np.random.Generator) -> tuple[float, float]:
-    """The true MTF50 at the best focus that a sweep finds, and the score that is told for it, over the maximum."""
+    """The true MTF50 at the best focus that a sweep finds, and the score that is stated for it, over the maximum."""
     lens = Lens(focal_length_mm=50.0, f_number=f_number)
     camera = SimulatedCamera(lens, Sensor(180, 260, cfa=None), pitch_um=8.0)
     chart = Chart.from_seed()
@@ -164,13 +164,13 @@ def sweep(f_number: float, rng: np.random.Generator) -> tuple[float, float]:
 
 
 def sweeps(count: int) -> None:
-    """Print how far below the maximum the best focus found lies, and how far off the score told."""
+    """Print how far below the maximum the best focus found lies, and how far off the score stated."""
     for f_number in F_NUMBERS:
         found = np.array([sweep(f_number, np.random.default_rng([int(10 * f_number), i])) for i in range(count)])
         short, off = 1 - found[:, 0], found[:, 1] - 1
         print(
             f"f/{f_number:g}, {count} sweeps of {PLACES} photographs: the true MTF50 at the best focus found lies "
-            f"{np.mean(short):.2%} below its maximum, at most {short.max():.2%}; the MTF50 told is off by "
+            f"{np.mean(short):.2%} below its maximum, at most {short.max():.2%}; the MTF50 stated is off by "
             f"{np.mean(off):+.2%}, at most {np.abs(off).max():.2%}"
         )
 

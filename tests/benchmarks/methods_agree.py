@@ -1,4 +1,4 @@
-"""One simulated camera by the chart, by two photographs and by slanted edges: do they tell the same numbers?
+"""One simulated camera by the chart, by two photographs and by slanted edges: do they give the same numbers?
 
 Cameras are analytic transfer functions that have no end, each drawn by three renderers that share nothing with each
 other (tests/procedures/pattern_psf/analytic_camera.py, two_photo/endless.py, slanted_edge/analytic.py), nor with the
@@ -57,7 +57,7 @@ class Answer:
 
 
 def answers(camera: dict[str, float], seed: int) -> Iterator[Answer]:
-    """All results of one camera that pass; the others are told."""
+    """All results of one camera that pass; the others are reported."""
     picture = of_chart.light(of_chart.circular(**camera), CHART, VIEW, fine=10, points=6)
     for number, s in enumerate(SAMPLINGS):
         plane = of_chart.exposed(picture, np.random.default_rng([seed, number]))
@@ -77,7 +77,7 @@ def answers(camera: dict[str, float], seed: int) -> Iterator[Answer]:
 
 
 def passed(name: str, outcome: Outcome[object]) -> bool:
-    """Whether it is compared; why not is told."""
+    """Whether it is compared; why not is reported."""
     if outcome.verdict is not Verdict.PASS:
         print(f"  {name}: {outcome.verdict}, {outcome.reason}")
     return outcome.verdict is Verdict.PASS
@@ -86,21 +86,21 @@ def passed(name: str, outcome: Outcome[object]) -> bool:
 def _of_psf(name: str, outcome: Outcome[PatternPsf] | Outcome[TwoPhotoPsf]) -> Iterator[Answer]:
     if passed(name, outcome):
         quality: Quality = outcome.value.quality
-        told = {
+        stated = {
             key: (one.value, one.uncertainty)
             for key, one in quality.numbers.items()
             if key.rpartition("_")[0] in NUMBERS and key.rpartition("_")[2] in AXES
         }
-        yield Answer(name, told, outcome.value.psf)
+        yield Answer(name, stated, outcome.value.psf)
 
 
 def _of_edge(axis: str, found: EdgeMtf) -> Answer:
-    told = {f"{key}_{axis}": (found.numbers[key].value, found.numbers[key].uncertainty) for key in NUMBERS[:2]}
-    return Answer(f"edge, {axis}", told, None, found.normal_deg)
+    stated = {f"{key}_{axis}": (found.numbers[key].value, found.numbers[key].uncertainty) for key in NUMBERS[:2]}
+    return Answer(f"edge, {axis}", stated, None, found.normal_deg)
 
 
 def along(one: Answer, other: Answer, name: str) -> tuple[float, float]:
-    """A number of `one` as `other` tells it: along the edge's normal where that is one."""
+    """A number of `one` as `other` shows it: along the edge's normal where that is one."""
     value, uncertainty = one.numbers[name]
     if one.psf is None or other.psf is not None:
         return value, uncertainty
@@ -130,12 +130,12 @@ def main() -> None:
                             f"  {number}: {a.method} {x:.4f} ± {u:.4f}, {b.method} {y:.4f} ± {v:.4f}: {sigmas:+.1f} σ"
                         )
     for (pair, number), some in sorted(apart.items()):
-        tell(f"{pair}, {number}", some)
-    tell("between methods", [z for (pair, _), some in apart.items() if " and " in pair for z in some])
-    tell("all", [z for some in apart.values() for z in some])
+        report(f"{pair}, {number}", some)
+    report("between methods", [z for (pair, _), some in apart.items() if " and " in pair for z in some])
+    report("all", [z for some in apart.values() for z in some])
 
 
-def tell(name: str, sigmas: list[float]) -> None:
+def report(name: str, sigmas: list[float]) -> None:
     """How many agree."""
     z = np.abs(sigmas)
     print(

@@ -6,7 +6,7 @@ drawn from that function: nothing is cut to a support.
 Usage: psf_field.py accuracy|speed [FOLDER], the folder keeping the photographs for another run; or
 psf_field.py draws [N], N fields at each of three f-numbers, two photographs of a sensor without a mosaic each, whose
 scene is drawn once and whose noise anew; or
-psf_field.py corners [N], the same of N fields from the guide's usual tour, told at the tour's four corners.
+psf_field.py corners [N], the same of N fields from the guide's usual tour, stated at the tour's four corners.
 """
 
 import os
@@ -184,8 +184,8 @@ def compare_maps(found: FieldResult, plane: str, place_at: Callable[[float, floa
     """Add every place's errors of every map."""
     one = found.planes[plane].result()
     shape = one.interpolation.field.shape
-    told: list[FieldMap] = [m for m in one.maps if m.uncertainty is not None]
-    for i, m in enumerate(told):
+    stated: list[FieldMap] = [m for m in one.maps if m.uncertainty is not None]
+    for i, m in enumerate(stated):
         without = i >= len(MAPS)
         for j, k in np.argwhere(m.enclosed & np.isfinite(m.value)):
             x, y = float(m.x[k]), float(m.y[j])
@@ -194,7 +194,7 @@ def compare_maps(found: FieldResult, plane: str, place_at: Callable[[float, floa
             off.setdefault(m.name, []).append(np.array([m.value[j, k] - true, m.uncertainty[j, k], true]))
 
 
-def tell(off: Off) -> None:
+def report(off: Off) -> None:
     """Of each map: mean difference, and how often it holds the truth."""
     for name, rows in off.items():
         error, sigma, true = np.array(rows).T
@@ -242,7 +242,7 @@ def accuracy(folder: Path) -> None:
         if name in COMPARED:
             off: Off = {}
             compare_maps(found, name, partial(place_in_colour, plane=name), off)
-            tell(off)
+            report(off)
     colour_coverage(found)
 
 
@@ -272,11 +272,11 @@ def draws(count: int) -> None:
             measured = measure_frames(frames, Chart.from_seed(), PatternParameters(S, K))
             compare_maps(concluded(measured, PHOTOSITE), "Y", partial(place_in_mono, lens=lens), off)
         print(f"f/{f_number:g}, {count} fields of {len(lights)} photographs")
-        tell(off)
+        report(off)
         for name, rows in off.items():
             together.setdefault(name, []).extend(rows)
     print(f"all {len(ROWS) * count * len(F_NUMBERS)} photographs")
-    tell(together)
+    report(together)
 
 
 def corners(count: int) -> None:
@@ -305,13 +305,13 @@ def corners(count: int) -> None:
             for name, value, sigma, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
                 off.setdefault(name, []).append(np.array([value - truth, sigma, truth]))
     print(f"{count} fields of {len(tour)} photographs, at the tour's corners")
-    tell(off)
+    report(off)
 
 
 def tell_field(name: str, one: PlaneField) -> None:
     """The model, the axis, and of the planes compared the errors of the samples at the nodes and between them."""
     field, axis = one.interpolation.field, one.interpolation.axis
-    where = "not told" if axis is None else f"{axis.position.round(3)} ± {np.sqrt(np.diag(axis.covariance)).round(3)}"
+    where = "not stated" if axis is None else f"{axis.position.round(3)} ± {np.sqrt(np.diag(axis.covariance)).round(3)}"
     print(f"{name}: {len(field.nodes)} nodes, {field.model.name}, {len(field.components)} components, "
           f"axis {where}, true {LENS.axis}")  # fmt: skip
     if name not in COMPARED:

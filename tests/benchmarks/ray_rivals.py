@@ -3,7 +3,7 @@
 python -m tests.benchmarks.ray_rivals prints the PSNR of all of them on the Cornell box, and with names of the project's
 scenes after it, on small renders of those. Neither rival is given feature buffers (albedo, normals), as ours is not.
 
-- *Welch*: pixels are averaged with those around, by distance, whose means a Welch test does not tell apart (Sakai and
+- *Welch*: pixels are averaged with those around, by distance, whose means a Welch test does not distinguish (Sakai and
   others, A Statistical Approach to Monte Carlo Denoising, 2024); as it is, and on samples under a Box-Cox transform.
 - *Collaborative*: patches of like histograms are a group; each of them is estimated by Bayes' rule from the group's
   mean and covariance and the noise's, twice, over three scales (Boughida and Boubekeur, Bayesian Collaborative
@@ -53,7 +53,7 @@ LEAST_EIGENVALUE = 1e-10
 
 
 def welch(film: Film, critical: float, power: float, radius: int) -> Doubles:
-    """The film's picture, each pixel averaged with those that a Welch test does not tell from it in any colour."""
+    """The film's picture, each pixel averaged with those that no Welch test distinguishes from it in a colour."""
     mean, error = _transformed(film, power)
     total, weights = film.mean.copy(), np.ones((*film.count.shape, 1))
     for dy, dx in _half_disc(radius):
@@ -202,7 +202,7 @@ class Judge:
 def compare(film: Film, covariances: dict[str, Doubles], judge: Judge) -> None:
     """Print all filters' errors, and the coverage of our uncertainty."""
     found = filter_film(film, threads=THREADS)
-    told = standard_uncertainty(film, found.picture, threads=THREADS)
+    stated = standard_uncertainty(film, found.picture, threads=THREADS)
     attempts = {
         f"test at {critical} sigma, power {power}, radius {radius}": welch(film, critical, power, radius)
         for critical in CRITICAL for power in BOX_COX for radius in RADII
@@ -213,8 +213,10 @@ def compare(film: Film, covariances: dict[str, Doubles], judge: Judge) -> None:
     print(f"  ours           {judge.best({'': found.picture.astype(np.float64)})}")
     truth = judge.truth.mean if isinstance(judge.truth, Film) else judge.truth
     if isinstance(judge.truth, Film):  # the converged render errs too
-        told = np.sqrt(told**2 + mean_variance(judge.truth)).astype(np.float32)
-    print(f"  ours: {coverage(found.picture, told, truth):.1%} of values within two standard uncertainties", flush=True)
+        stated = np.sqrt(stated**2 + mean_variance(judge.truth)).astype(np.float32)
+    print(
+        f"  ours: {coverage(found.picture, stated, truth):.1%} of values within two standard uncertainties", flush=True
+    )
 
 
 def correlated(film: Film, correlation: float) -> Doubles:

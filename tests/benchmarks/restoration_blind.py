@@ -3,7 +3,7 @@
 `python -m tests.benchmarks.restoration_blind [--recorded] [--pairs N] [--noise DB] [--large]`
 
 `--recorded` begins the search from both paths as a unit with errors of 3 % records them; `--pairs` takes the first N;
-`--noise` is told below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
+`--noise` is stated below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
 """
 
 import platform

@@ -101,8 +101,8 @@ def main() -> None:
         except SystemExit as end:
             print("exit code", end.code)
         seconds = time.process_time() - start
-        told = json.loads((out / "result.json").read_text())
-        print(told["verdict"], told.get("reason", ""), f"{seconds:.0f} s")
+        stated = json.loads((out / "result.json").read_text())
+        print(stated["verdict"], stated.get("reason", ""), f"{seconds:.0f} s")
         sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
         if sharp is not None:
             print(f"restored {score(case, sharp.astype(float)):.2f}")

@@ -1,4 +1,4 @@
-"""Restoration on other scenes than the shared pairs, against the same restoration told the true depth.
+"""Restoration on other scenes than the shared pairs, against the same restoration that knows the true depth.
 
 `python -m tests.benchmarks.restoration_holdout [--noise 40] [--blur KIND] [--depth KIND] [--seed N] [--descent]`
 

@@ -3,7 +3,7 @@
 `python -m tests.benchmarks.restoration_measured_shake FOLDER [--photographs 2] [--weights 0.3 1 3] [--unknown]`. FOLDER
 holds the public set of Levin et al. (2009), 4 scenes x 8 kernels: `im05_flit01.mat` to `im08_flit08.mat` with the sharp
 picture x, the photograph y and the kernel f. Eight groups of photographs, two of each scene. `--weights` also restores
-with these multiples of the weight that the station chose; `--unknown` finds the kernels from the photographs, and tells
+with these multiples of the weight that the station chose; `--unknown` finds the kernels from the photographs, and shows
 how like the true ones they are. The plain filter is Tikhonov's over all photographs, brought into
 one place by the truth, with the weight that suits the truth best.
 """
@@ -110,14 +110,14 @@ def _least(left: Callable[[Array], float], begin: Array) -> OptimizeResult:
     )
 
 
-def restored(case: Shaken, weight: float | None = None, told: FreeKernels | None = None) -> tuple[Restoration, str]:
-    """What the station makes of it, and what it says. told : the kernels, where the photographs told them."""
+def restored(case: Shaken, weight: float | None = None, reported: FreeKernels | None = None) -> tuple[Restoration, str]:
+    """What the station makes of it, and what it says. reported : the kernels, where the photographs gave them."""
     z = [photograph[None] for photograph in case.z]
     max_w = default_max_w(case.known)
     ratios = fitting_ratios(z, case.known, max_w)
     p = RestorationParameters(image_weight=weight)
-    if told is not None:
-        outcome = blur_of_kernels(told, z).restored(z, p)
+    if reported is not None:
+        outcome = blur_of_kernels(reported, z).restored(z, p)
     else:
         outcome = restore(z, stacks_of(case.known, ratios, max_w, case.z[0].shape), p)
     assert outcome.value is not None, outcome.reason
@@ -151,14 +151,14 @@ def covered(case: Shaken, found: Restoration) -> tuple[float, float]:
     return float(found.diagnostics.picture_std / left.std()), float(np.mean(np.abs(left) < 2 * std))
 
 
-def blur_of_kernels(told: FreeKernels, z: list[Array]) -> SceneBlur:
+def blur_of_kernels(reported: FreeKernels, z: list[Array]) -> SceneBlur:
     """As the station takes kernels that it found."""
-    blur = blur_of(BlurSpec(UnknownMotion("whole", kernels=(*told.kernels,))), z)
-    return replace(blur, motion=told.shapes)
+    blur = blur_of(BlurSpec(UnknownMotion("whole", kernels=(*reported.kernels,))), z)
+    return replace(blur, motion=reported.shapes)
 
 
 def unknown(case: Shaken) -> FreeKernels:
-    """The kernels as the photographs tell them; printed."""
+    """The kernels as the photographs show them; printed."""
     start = time.process_time()
     found = kernels_of_flat_scene(np.stack(case.z))
     seconds = time.process_time() - start
@@ -176,16 +176,16 @@ def _likeness(a: Array, b: Array) -> float:
     return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def compare(case: Shaken, multiples: list[float], told: FreeKernels | None = None) -> list[float]:
+def compare(case: Shaken, multiples: list[float], reported: FreeKernels | None = None) -> list[float]:
     """PSNR of the plain filter, of the restoration, and of those with other weights; printed."""
     plain = Plain.of(case)
     filtered = max(score(case, plain.restored(weight)) for weight in WEIGHTS)
     start = time.process_time()
-    found, said = restored(case, told=told)
+    found, said = restored(case, reported=reported)
     seconds = time.process_time() - start
     weight = found.history[-1].weights.picture
     scores = [filtered, score(case, found.sharp[0])]
-    scores += [score(case, restored(case, m * weight, told)[0].sharp[0]) for m in multiples]
+    scores += [score(case, restored(case, m * weight, reported)[0].sharp[0]) for m in multiples]
     stated, inside = covered(case, found)
     print(
         "".join(f"{one:7.2f}" for one in scores) + f"   stated/error {stated:.2f}  in 2 sd {inside:.3f}"

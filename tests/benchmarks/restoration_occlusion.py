@@ -23,7 +23,7 @@ MASKS_PX = {"defocus": 0.05, "motion": 0.12}
 
 
 def trial(kind: str, widths: tuple[float, float], noise_db: float, seed: int) -> None:
-    """Print errors over told ones of both parts."""
+    """Print errors over stated ones of both parts."""
     openings = (
         ((lens(), 1.0), (lens(), 1.25))
         if kind == "defocus"
@@ -36,16 +36,16 @@ def trial(kind: str, widths: tuple[float, float], noise_db: float, seed: int) ->
         print(f"{kind} {widths} {noise_db:.0f} dB: {outcome.verdict}: {outcome.reason}")
         return
     found, inside = outcome.value, (slice(RIM, -RIM), slice(RIM, -RIM))
-    off, told = (found.sharp[0] - case.sharp)[inside], found.sharp_std[inside]
-    w_off, w_told = (found.w - case.w)[inside], np.hypot(found.w_std, MASKS_PX[kind])[inside]
+    off, stated = (found.sharp[0] - case.sharp)[inside], found.sharp_std[inside]
+    w_off, w_stated = (found.w - case.w)[inside], np.hypot(found.w_std, MASKS_PX[kind])[inside]
     beside = found.occlusion[inside]
     print(f"{kind} {widths} {noise_db:.0f} dB: {outcome.verdict} {outcome.reason[:60]}")
     for name, part in (("beside", beside), ("rest", ~beside)):
         if part.any():
-            over = np.sqrt(np.mean(off[part] ** 2) / np.mean(told[part] ** 2))
-            shares = [np.mean(np.abs(a[part]) < 2 * b[part]) for a, b in ((off, told), (w_off, w_told))]
+            over = np.sqrt(np.mean(off[part] ** 2) / np.mean(stated[part] ** 2))
+            shares = [np.mean(np.abs(a[part]) < 2 * b[part]) for a, b in ((off, stated), (w_off, w_stated))]
             print(
-                f"   {name:6} {part.mean():4.0%} of the frame: picture's error over the told one {over:.2f}, within "
+                f"   {name:6} {part.mean():4.0%} of the frame: picture's error over the stated one {over:.2f}, within "
                 f"2 sigma {shares[0]:.0%}; w within 2 sigma {shares[1]:.0%}",
                 flush=True,
             )

@@ -45,7 +45,7 @@ CASES: dict[str, Callable[[Array], Array]] = {
 }
 
 
-def tell(name: str, case: Shaken) -> None:
+def report(name: str, case: Shaken) -> None:
     """Print one line."""
     z, start = [one[None] for one in case.z], time.process_time()
     try:
@@ -67,7 +67,7 @@ def main() -> None:
     case = group(asked.folder, scene, kernels)
     print(f"Python {platform.python_version()}, {platform.machine()}, scene {scene}, kernels {kernels}; PSNR, dB")
     for name in asked.cases or CASES:
-        tell(name, replace(case, z=[case.z[0], CASES[name](case.z[1])]))
+        report(name, replace(case, z=[case.z[0], CASES[name](case.z[1])]))
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ class FaultyDisk(Disk):
 
 
 class Log:
-    """What a process did and was told, outside the session; whole lines survive it."""
+    """What a process did and received, outside the session; whole lines survive it."""
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -145,13 +145,13 @@ class Log:
         os.write(self._file, (json.dumps(words) + "\n").encode())
 
     def heard(self, event: object) -> None:
-        """What the operator is told."""
+        """What is reported to the operator."""
         if isinstance(event, ProgressEvent):
             self.write("heard", event.say)
 
 
 class WatchedSession(Session):
-    """A session that logs which photographs it has told to be kept."""
+    """A session that logs which photographs it has reported as kept."""
 
     log: Log
 
@@ -281,7 +281,7 @@ def complaints(root: Path, reference: Path) -> list[str]:
     if exposed > len(state.shots) + len(again):
         found.append(f"{exposed} exposures, {len(state.shots)} shots, and only {len(again)} said to be repeated")
     if any(line.data["say"] not in said for line in again):
-        found.append("a repetition was noted and never told")
+        found.append("a repetition was noted and never reported")
     if sum(shot.purpose == "look" for shot in state.shots) > 1 and not any("begins again" in one for one in said):
         found.append("the look was repeated in silence")
     counting = [shot.sha256 for shot in state.counting()]
@@ -347,8 +347,10 @@ def main() -> int:
             shutil.rmtree(root)
     (folder,) = sessions_in(reference / "sessions")
     same = all(one.identical for one in recompute(folder))
-    told = ", ".join(f"{kind} {faults[kind]}" for kind in KINDS)
-    print(f"{sum(faults.values())} interruptions ({told}) in {sessions} sessions, {time.perf_counter() - start:.0f} s")
+    stated = ", ".join(f"{kind} {faults[kind]}" for kind in KINDS)
+    print(
+        f"{sum(faults.values())} interruptions ({stated}) in {sessions} sessions, {time.perf_counter() - start:.0f} s"
+    )
     print(f"{weathered} more ran with a limit, or until the disk had room again, to their end")
     print(f"{wrong} sessions with something lost, repeated in silence, or different; recomputed: {same}")
     if not wrong:

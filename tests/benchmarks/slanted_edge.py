@@ -29,7 +29,7 @@ from tests.procedures.slanted_edge.scenes import FULL_WELL_E, RECIPE, edge_light
 MTF50 = 0.25
 
 
-def tell(name: str, numbers: Sequence[Quantity], true: float) -> None:
+def report(name: str, numbers: Sequence[Quantity], true: float) -> None:
     """One line: the errors' 95th percentile, their mean, and how they compare with the error bars."""
     error = np.array([n.value for n in numbers]) / true - 1
     z = np.array([(n.value - true) / n.uncertainty for n in numbers])
@@ -53,7 +53,7 @@ def edges(count: int, rows: int, columns: int) -> None:
         taken += time.perf_counter() - start
         if found is not None:
             numbers.append(found.numbers["mtf50"])
-    tell(
+    report(
         f"edge of {rows} x {columns} pixels, {len(numbers)} of {count} ({1000 * taken / count:.0f} ms)", numbers, MTF50
     )
 
@@ -71,7 +71,7 @@ def charts(count: int) -> None:
         found = estimate_psf(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 4095), chart).value
         if found is not None:
             numbers += [found.quality.numbers[f"mtf50_{name}"] for name in ("horizontal", "vertical")]
-    tell(f"PSF from a chart of 130 pixels, {len(numbers) // 2} of {count}", numbers, MTF50)
+    report(f"PSF from a chart of 130 pixels, {len(numbers) // 2} of {count}", numbers, MTF50)
 
 
 def both(count: int) -> None:
@@ -102,7 +102,7 @@ def both(count: int) -> None:
         scaled = [
             replace(q := getattr(check, name), value=q.value / t, uncertainty=q.uncertainty / t) for check, t in found
         ]
-        tell(name.replace("_", " "), scaled, 1.0)
+        report(name.replace("_", " "), scaled, 1.0)
 
 
 def main() -> None:

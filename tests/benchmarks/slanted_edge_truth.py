@@ -70,7 +70,7 @@ def _hamming(x: Array, width: float) -> Array:
 
 
 def series(name: str, camera: Camera, count: int, *, known: bool = False, noise: float = 0.004) -> None:
-    """One line about `count` edges of one camera at random angles and places; `known`: its aperture is told."""
+    """One line about `count` edges of one camera at random angles and places; `known`: its aperture is known."""
     rng, found, truths, plain, passed = np.random.default_rng(17), [], [], [], 0
     diffraction = Diffraction(1.0, camera.cutoff, 1000.0) if known else None
     for _ in range(count):
@@ -84,10 +84,10 @@ def series(name: str, camera: Camera, count: int, *, known: bool = False, noise:
             found.append(outcome.value.numbers["mtf50"])
             truths.append(camera.mtf50(angle))
             plain.append(plain_mtf50(plane.samples.astype(np.float64)))
-    tell(name, found, np.array(truths), np.array(plain), passed)
+    report(name, found, np.array(truths), np.array(plain), passed)
 
 
-def tell(name: str, found: Sequence[Quantity], truths: Array, plain: Array, passed: int) -> None:
+def report(name: str, found: Sequence[Quantity], truths: Array, plain: Array, passed: int) -> None:
     """Mean error, errors in units of their uncertainty, and the plain chain's mean error."""
     values, doubts = np.array([q.value for q in found]), np.array([q.uncertainty for q in found])
     z = (values - truths) / doubts
@@ -106,7 +106,7 @@ def main() -> None:
     print(f"  {'camera':36s}  MTF50    mean stated   rms  <2 s    pass     plain chain")
     for name, camera in DIFFRACTION.items():
         series(name, camera, many)
-        series(f"{name}, told", camera, many, known=True)
+        series(f"{name}, aperture known", camera, many, known=True)
     for name, camera in SHARP.items():
         series(name, camera, few)
 

@@ -235,8 +235,8 @@ class Soak:
             shutter = exposure["shutter"] or {}
             if shutter.get("flash_s") is not None:
                 late, within = shutter["flash_s"] - opening.begin_s, shutter["within_s"] + CLOCK_S
-                told = f"{1000 * late:.3f} ms off, stated within {1000 * within:.3f} ms"
-                require(abs(late) <= within, f"{where}: shot {shot.number} opened {told}")
+                stated = f"{1000 * late:.3f} ms off, stated within {1000 * within:.3f} ms"
+                require(abs(late) <= within, f"{where}: shot {shot.number} opened {stated}")
             for name, value in shot.snapshot.get("axes", {}).items():
                 off = abs(mark["axes"].get(name, value) - value)
                 require(off < conform.TOLERANCE, f"{where}: shot {shot.number} has {name} {value}, off by {off:.3f}")

@@ -6,7 +6,7 @@ The simulated bench stands in this process behind pseudo-terminals. The program 
 plain guide and the application, with their own signal handling, run, drivers and session) is another process that knows
 them from a station.toml. A try: the program homes, moves, or waits for a photograph; at a random moment it gets a
 signal, a key or a fault; the time at which the stop of each controller was read from its pseudo-terminal's master
-counts. Then nothing may move, no order may come, and the journal must have the stop. Of a late try is told where its
+counts. Then nothing may move, no order may come, and the journal must have the stop. A late try reports where its
 time went (`stops_lateness.py`): "handled" is when the program knew, "wire" when its bytes were written, "read" when the
 bench had them.
 
@@ -302,7 +302,7 @@ class Tries:
                 count.wrong.append(f"{name} got {after[:60]!r} after its stop")
 
     def _look_at_journal(self, count: Count) -> dict[str, Any] | None:
-        """The newest session tells when each wire had its stop; one whose program was killed by us has no last line."""
+        """The newest session shows when each wire had its stop; one whose program was killed by us has no last line."""
         if self.program is None:
             return None
         newest = max((self.folder / "sessions").glob("*/journal.jsonl"), key=lambda path: path.stat().st_mtime_ns)
@@ -356,7 +356,7 @@ def main() -> int:
             times = sorted(count.ms)
             over = sum(one > BOUND_MS for one in times)
             missed += len(count.missing) if chosen.shared_machine else over + len(count.wrong)
-            wrong = "; ".join(f"{n} x {told}" for told, n in sorted(Counter(count.wrong).items()))
+            wrong = "; ".join(f"{n} x {stated}" for stated, n in sorted(Counter(count.wrong).items()))
             print(
                 f"{way:13} {place:9} {len(times):4} tries: median {times[len(times) // 2]:6.2f} ms, longest "
                 f"{times[-1]:7.2f} ms, {over} over {BOUND_MS:.0f} ms {wrong}",

@@ -3,7 +3,7 @@
     python stops_program.py WHERE FRONT CONFIG SESSIONS CONTROL STATUS
 
 `WHERE` is what the run does when it is stopped (`homing`, `move`, `exposure`), `FRONT` is `plain` or `app`. A byte on
-the descriptor CONTROL begins a run; STATUS tells `m` before the move, which waits for another byte, and `e` at the end.
+the descriptor CONTROL begins a run; STATUS shows `m` before the move, which waits for another byte, and `e` at the end.
 SIGUSR1 raises an exception in what the front end is doing.
 """
 
@@ -42,7 +42,7 @@ def boom(*_: object) -> None:
     raise Fault
 
 
-def tell(word: str) -> None:
+def report(word: str) -> None:
     os.write(int(STATUS), word.encode())
 
 
@@ -54,7 +54,7 @@ def go_ahead() -> bytes:
 def before_the_move(facts: object) -> str:
     """The parent may now spoil the head's port; where it says so, nothing more goes into it."""
     ABOUT_TO_MOVE.append(True)
-    tell("m")
+    report("m")
     if go_ahead() == b"c":
         head: Any = LABS[-1].open().bench.devices["head"]  # type: ignore[union-attr]
         port = head._transport._port.fd
@@ -142,7 +142,7 @@ def main() -> None:
     while go_ahead():
         ABOUT_TO_MOVE.clear()
         plain() if FRONT == "plain" else application()
-        tell("e")
+        report("e")
 
 
 if __name__ == "__main__":

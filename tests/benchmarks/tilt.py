@@ -97,16 +97,16 @@ def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1, behind_um: flo
             folder = Path(name) / f"round-{number}"
             table, distance_mm = bracket(folder, plane, rng)
             start = time.perf_counter()
-            told = measured(folder, table, distance_mm)
+            stated = measured(folder, table, distance_mm)
             took = time.perf_counter() - start
             print(f"round {number + 1}: corner truly {corner(plane):.2f} um, {took:.0f} s")
             for what, true in zip(("tilt_horizontal", "tilt_vertical"), 2 * HALF * plane[1:], strict=True):
-                one = told[what]
+                one = stated[what]
                 print(f"  {what} {one['value']:+.2f} +- {one['uncertainty']:.2f} um, truly {true:+.2f}")
-            centre = told["backfocus_centre"]
+            centre = stated["backfocus_centre"]
             print(f"  backfocus_centre {centre['value']:+.2f} +- {centre['uncertainty']:.2f} um, truly {plane[0]:+.2f}")
-            print(f"  misfit {told['diagnostics']['misfit']:.2f}, helps {told['helps']:.3f}, {told['reason']}")
-            turned = np.array([one["turn"]["value"] for one in told["screws"]])
+            print(f"  misfit {stated['diagnostics']['misfit']:.2f}, helps {stated['helps']:.3f}, {stated['reason']}")
+            turned = np.array([one["turn"]["value"] for one in stated["screws"]])
             slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
             plane = plane + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))
             print(f"  turned: corner truly {corner(plane):.2f} um, middle {plane[0]:+.2f} um", flush=True)

@@ -2,7 +2,7 @@
 
 Usage: tilt_sensors.py [SENSORS [SEED]]. Each sensor's highest corner stands up to 100 um out, its middle up to 30 um,
 before a lens at f/2.8 with coma, astigmatism and a curved field. PSFs come from the pupil, with the noise of one
-rendered photograph's estimate; every position is told with an error of 0.5 um. `tilt.py` renders the photographs too.
+rendered photograph's estimate; positions are reported with an error of 0.5 um. `tilt.py` renders the photographs too.
 """
 
 import sys
@@ -71,7 +71,7 @@ def through_focus() -> list[Through]:
 def bracket(
     plane: np.ndarray, through: list[Through], covariance: np.ndarray, root: np.ndarray, rng: np.random.Generator
 ) -> dict[float, list[Node]]:
-    """The nodes of a sensor (offset in um, slopes in um/mm) at positions as they are told."""
+    """The nodes of a sensor (offset in um, slopes in um/mm) at positions as they are reported."""
     found = {}
     for number, step in enumerate(STEPS_UM):
         nodes = []
@@ -91,9 +91,9 @@ def random_sensor(rng: np.random.Generator) -> np.ndarray:
     return np.array([rng.uniform(-MIDDLE_UM, MIDDLE_UM), *slopes])
 
 
-def turned(plane: np.ndarray, told: Tilt, rng: np.random.Generator) -> np.ndarray:
+def turned(plane: np.ndarray, reported: Tilt, rng: np.random.Generator) -> np.ndarray:
     """The plane after its screws were turned by hands."""
-    turns = np.array([one.value for one in told.turns.turns]) + SCREWS.turn_uncertainty * rng.standard_normal(3)
+    turns = np.array([one.value for one in reported.turns.turns]) + SCREWS.turn_uncertainty * rng.standard_normal(3)
     return plane + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * turns)
 
 
@@ -127,11 +127,11 @@ def main(sensors: int = 100, seed: int = 1) -> None:
             plane = turned(plane, found, rng)
         else:
             left.append((np.abs(CORNERS @ plane[1:]).max(), np.abs(truth(plane)[2])))
-    tell(np.array(errors), np.array(stated), np.array(left), verdicts, np.array(misfits))
+    report(np.array(errors), np.array(stated), np.array(left), verdicts, np.array(misfits))
     print(f"{time.process_time() - start:.0f} s of processor")
 
 
-def tell(errors: np.ndarray, stated: np.ndarray, left: np.ndarray, verdicts: list[str], misfits: np.ndarray) -> None:
+def report(errors: np.ndarray, stated: np.ndarray, left: np.ndarray, verdicts: list[str], misfits: np.ndarray) -> None:
     """Coverage, uncertainties and what two turns leave."""
     inside = np.abs(errors) < 1.96 * stated
     for i, name in enumerate(NAMES):

@@ -3,7 +3,7 @@
 Photographs are rendered through analytic OTFs that have no end (tests/procedures/two_photo/endless.py): diffraction at
 three cutoffs, square photosites, walls of 1/f detail and of leaves, zooms of 3.2 to 5.2, noise of 0.5 and 1 % of white.
 Then copies of good pairs are damaged (tests/procedures/two_photo/damage.py): a pass farther than three stated
-uncertainties from the truth is told. The published pair, where it is at hand, is held against itself undamaged.
+uncertainties from the truth is stated. The published pair, where it is at hand, is held against itself undamaged.
 
 python -m tests.benchmarks.two_photos_truth [pairs of each camera, default 4] [pairs to damage, default 2; 0: none]
 """
@@ -34,12 +34,12 @@ def estimated(near: np.ndarray, far: np.ndarray) -> Outcome[TwoPhotoPsf]:
 
 def errors(found: TwoPhotoPsf, otf: Otf) -> dict[str, tuple[float, float]]:
     """Of each number its relative error, and the error over the stated uncertainty."""
-    told = {}
+    stated = {}
     for number, truth in (("mtf50", mtf50(otf)), ("mtf_nyquist", mtf_nyquist(otf))):
         for axis in AXES:
             one = found.quality.numbers[f"{number}_{axis}"]
-            told[f"{number}_{axis}"] = (one.value / truth - 1, (one.value - truth) / one.uncertainty)
-    return told
+            stated[f"{number}_{axis}"] = (one.value / truth - 1, (one.value - truth) / one.uncertainty)
+    return stated
 
 
 def truths(count: int) -> None:
@@ -55,19 +55,19 @@ def truths(count: int) -> None:
             if outcome.value is None:
                 print(f"{name} {wall} zoom {zoom:.1f}: {outcome.reason}")
                 continue
-            told = errors(outcome.value, otf)
+            stated = errors(outcome.value, otf)
             budget = outcome.value.quality.budgets["mtf50_horizontal"]
             last = outcome.value.choice[-1]
             print(
                 f"{name} {wall} zoom {zoom:.1f} s = {last.s} k = {last.k} {outcome.verdict}: "
-                + ", ".join(f"{100 * a:+.2f} % ({z:+.1f})" for a, z in told.values())
+                + ", ".join(f"{100 * a:+.2f} % ({z:+.1f})" for a, z in stated.values())
                 + "; of MTF50: "
                 + ", ".join(f"{term} {part:.4f}" for term, part in budget.items() if part > 0),
                 flush=True,
             )
             if outcome.verdict is Verdict.PASS:
-                off += [z for _, z in told.values()]
-                bias += [told[f"mtf50_{axis}"][0] for axis in AXES]
+                off += [z for _, z in stated.values()]
+                bias += [stated[f"mtf50_{axis}"][0] for axis in AXES]
                 for axis in AXES:
                     one = outcome.value.quality
                     part = one.budgets[f"mtf50_{axis}"]["noise"]
@@ -93,14 +93,14 @@ def damages(count: int) -> None:
         numbers = clean.value.quality.numbers
         true = [mtf50(otf) if otf else numbers[f"mtf50_{axis}"].value for axis in AXES]
         print(f"{title}: {clean.verdict}, MTF50 {[round(numbers[f'mtf50_{a}'].value, 4) for a in AXES]}, true {true}")
-        tell(title, [(name, estimated(*damaged(pair, name))) for name in names()], true)
+        report(title, [(name, estimated(*damaged(pair, name))) for name in names()], true)
     otf = CAMERAS["f/5.6"]
     turned = [(seed, angle) for seed in (1, 2) for angle in (0, 2, 5, 10, 20)]
     pairs = [(f"turned by {angle}", relief(otf, angle, seed=seed)) for seed, angle in turned]
-    tell("light on relief", [(name, estimated(one.near, one.far)) for name, one in pairs], [mtf50(otf)] * 2)
+    report("light on relief", [(name, estimated(one.near, one.far)) for name, one in pairs], [mtf50(otf)] * 2)
 
 
-def tell(title: str, outcomes: list[tuple[str, Outcome[TwoPhotoPsf]]], true: list[float]) -> None:
+def report(title: str, outcomes: list[tuple[str, Outcome[TwoPhotoPsf]]], true: list[float]) -> None:
     """How many pass, and those that pass far from the truth."""
     print(f"{title}: {dict(Counter(str(outcome.verdict) for _, outcome in outcomes))}")
     for name, outcome in outcomes:

@@ -3,7 +3,7 @@
 python -m tests.benchmarks.whole_psf [cameras | given | published] [folder of shared data]
 
 Cameras are analytic transfer functions multiplied onto the scene's spectrum (tests/procedures/pattern_psf/
-analytic_camera.py); nothing of it is shared with the estimator or the simulators. Errors are told in the standard
+analytic_camera.py); nothing of it is shared with the estimator or the simulators. Errors are stated in the standard
 uncertainties that the program states.
 """
 

@@ -215,7 +215,7 @@ def beside(of: tuple[str, float, str], name: str, found: Quantity, true: float) 
     return Row(*of, name, found.value, found.uncertainty, true)
 
 
-def tell(rows: list[Row]) -> None:
+def report(rows: list[Row]) -> None:
     """One line of some rows: mean error, share within two uncertainties, and how the errors compare with them."""
     error, sigma, true = np.array([(row.value - row.true, row.uncertainty, row.true) for row in rows]).T
     first = rows[0]
@@ -244,7 +244,7 @@ def main() -> None:
             for row in rows_of(f_number):
                 groups.setdefault((row.method, row.where, row.number), []).append(row)
             for some in groups.values():
-                tell(some)
+                report(some)
 
 
 if __name__ == "__main__":

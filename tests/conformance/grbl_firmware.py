@@ -26,7 +26,7 @@ class FirmwareInSimavr:
             self._run_until(b"ok")
         self._ran_s, self._said = 0.0, bytearray()
 
-    def _told(self, order: str, word: str) -> str:
+    def _answer(self, order: str, word: str) -> str:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(order + "\n")
@@ -34,7 +34,7 @@ class FirmwareInSimavr:
         return next(line for line in self._process.stdout if line.startswith(word)).removeprefix(word)
 
     def _run(self, order: str, duration_s: float) -> None:
-        self._said += bytes.fromhex(self._told(f"{order}\nrun {1000 * duration_s}", "said "))
+        self._said += bytes.fromhex(self._answer(f"{order}\nrun {1000 * duration_s}", "said "))
         self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * order.startswith("send")
 
     def _run_until(self, word: bytes) -> None:
@@ -77,7 +77,7 @@ class FirmwareInSimavr:
     def places(self, now_s: float) -> tuple[float, ...]:
         """Where its axes stand, counted at its pins, in millimetres."""
         self._catch_up(now_s)
-        return tuple(int(steps) / self.STEPS_PER_MM for steps in self._told("where", "at ").split())
+        return tuple(int(steps) / self.STEPS_PER_MM for steps in self._answer("where", "at ").split())
 
     def end(self) -> None:
         """Switch it off."""

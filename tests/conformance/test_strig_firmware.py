@@ -101,7 +101,7 @@ class Twin:
         return self._box.advance(until_s)
 
 
-def told_the_same(library, script, has_shaker=True):
+def compared_with_the_library(library, script, has_shaker=True):
     """Both hear the script: what the firmware said, what the twin said, what each put out."""
     firmware, twin, heard = Firmware(library, has_shaker), Twin(has_shaker), b""
     for at_s, line in script:
@@ -133,7 +133,7 @@ def test_a_path_is_played_around_and_around_and_ends_with_its_round(library):
     points = [(2048 + 100 * i, 4095 - 7 * i) for i in range(5)]
     script = [(0.1, "PATH 5 2000"), *((0.2, f"POINT {i} {x} {y}") for i, (x, y) in enumerate(points))]
     script += [(0.3, "SHAKE 1"), (0.3237, "SHAKE 0")]
-    ours, theirs, outputs, twin = told_the_same(library, script)
+    ours, theirs, outputs, twin = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert ours[-1].startswith("EVT REST 7 ")
     began_us, rested_us = (split(line)[1] for line in (ours[-3], ours[-1]))
@@ -151,7 +151,7 @@ def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
         (0.2, "SHAKE 1"),
         (0.25, "SHOT 0 30"),
     ]
-    ours, theirs, _, _ = told_the_same(library, script)
+    ours, theirs, _, _ = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert [split(line)[0] for line in ours[4:]] == ["EVT SHAKE 4", "OK 5", "EVT SHUTTER 5", "EVT DONE 5", "EVT REST 4"]
 
@@ -171,7 +171,7 @@ def test_any_lines_bring_the_same_answers(library, has_shaker):
         likely += ["ENABLE 1", "ENABLE 0", "BEAT", "BEAT 1000"]
         script.append((at_s, rng.choice([line, rng.choice(likely), rng.choice(likely)])))
         at_s += rng.choice([0.0001, 0.0103, 0.0507])
-    ours, theirs, _, _ = told_the_same(library, script, has_shaker)
+    ours, theirs, _, _ = compared_with_the_library(library, script, has_shaker)
     compare(ours, theirs)
     assert ("EVT SHAKE" in "".join(ours)) == has_shaker
     assert has_shaker or "ERR 4 no shaker" in ours
@@ -179,7 +179,7 @@ def test_any_lines_bring_the_same_answers(library, has_shaker):
 
 def test_a_silent_host_lets_the_shaker_rest(library):
     script = [(0.1, "PATH 2 1000"), (0.1, "POINT 0 0 0"), (0.1, "POINT 1 9 9"), (0.2, "SHAKE 1")]
-    ours, theirs, outputs, _ = told_the_same(library, script)
+    ours, theirs, outputs, _ = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert split(ours[-1]) == ("EVT REST 4", pytest.approx(5_200_000, abs=100))
     assert outputs[-1] == "* shaker 2048 2048"
@@ -195,7 +195,7 @@ def motors(outputs):
 
 def test_heartbeats_keep_the_motors_enabled_also_in_a_shot(library):
     script = sorted([*BEATS, (0.33, "SHOT 0 300"), (2.06, "SYNC?"), (2.07, "ENABLE 0")])
-    ours, theirs, outputs, twin = told_the_same(library, script)
+    ours, theirs, outputs, twin = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert not [line for line in ours if "RELEASE" in line]
     assert motors(outputs) == [True, False]
@@ -204,7 +204,7 @@ def test_heartbeats_keep_the_motors_enabled_also_in_a_shot(library):
 
 def test_without_a_heartbeat_for_100_ms_the_motors_are_released_until_they_are_enabled_again(library):
     script = [*BEATS, (2.2, "BEAT"), (2.25, "BEAT"), (2.3, "ENABLE 1"), (2.35, "BEAT")]
-    ours, theirs, outputs, twin = told_the_same(library, script)
+    ours, theirs, outputs, twin = compared_with_the_library(library, script)
     compare(ours, theirs)
     release = ["EVT RELEASE 1 2150000"] * 3  # and each late heartbeat is reported again
     assert ours == ["OK 1", *release, "OK 2", "EVT RELEASE 2 2450000"]
@@ -215,20 +215,20 @@ def test_without_a_heartbeat_for_100_ms_the_motors_are_released_until_they_are_e
 
 def test_a_heartbeat_may_allow_the_next_more_time(library):
     script = [(0.1, "ENABLE 1"), (0.15, "BEAT 1000"), (1.1, "BEAT 20"), (1.15, "BEAT 1001"), (1.15, "BEAT 0")]
-    ours, theirs, _, _ = told_the_same(library, script)
+    ours, theirs, _, _ = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert ours == ["OK 1", "EVT RELEASE 1 1120000", "ERR 2 bad argument", "ERR 2 bad argument"]
 
 
 def test_other_lines_are_no_heartbeat(library):
     script = [(0.1, "ENABLE 1"), *((round(0.1 + 0.02 * i, 3), "SYNC?") for i in range(1, 20))]
-    ours, theirs, _, _ = told_the_same(library, script)
+    ours, theirs, _, _ = compared_with_the_library(library, script)
     compare(ours, theirs)
     assert "EVT RELEASE 1 200000" in ours
 
 
 def test_a_box_that_enabled_nothing_answers_a_heartbeat_with_that(library):
-    ours, theirs, _, _ = told_the_same(library, [(0.1, "BEAT")])
+    ours, theirs, _, _ = compared_with_the_library(library, [(0.1, "BEAT")])
     assert ours == theirs == ["EVT RELEASE 0 0"]
 
 
@@ -246,14 +246,14 @@ def test_the_greeting_reports_the_version(library):
 
 def test_inertial_samples_are_stamped_by_the_clock_of_the_shutter(library):
     script = [(0.1, "IMU 100"), (0.123, "SHOT 0 30"), (0.2504, "IMU 0"), (0.3, "IMU 201"), (0.31, "SYNC? 5")]
-    ours, theirs, _, _ = told_the_same(library, script)
+    ours, theirs, _, _ = compared_with_the_library(library, script)
     compare(ours, theirs)
     samples = [split(line) for line in ours if line.startswith("S ")]
     assert {line for line, _ in samples} == {"S 0001FFFE100080007FFF0000"}
     assert [t_us for _, t_us in samples] == pytest.approx([110_000 + 10_000 * i for i in range(15)], abs=TIME_US)
     assert "ERR 2 bad argument" in ours
     assert split(ours[-1])[0] == "SYNC 5"
-    assert "ERR 5 no inertial unit" in told_the_same(library, [(0.1, "IMU 100")], has_shaker=False)[0]
+    assert "ERR 5 no inertial unit" in compared_with_the_library(library, [(0.1, "IMU 100")], has_shaker=False)[0]
 
 
 @pytest.mark.slow  # the processor runs in real time

@@ -150,8 +150,8 @@ def page_text(path: Path, folder: Path) -> list[str]:
     parser = _Text()
     parser.feed(path.read_text(encoding="utf-8"))
     lines = (re.sub(r"\s+", " ", line).strip(" |") for line in parser.lines)
-    told = (re.sub(r"\b[0-9a-f]{12,64}\b", "SHA256", line.replace(str(folder), "DIR")) for line in lines)
-    return [line for line in told if line and not line.startswith(PASSING_LINES)]
+    stated = (re.sub(r"\b[0-9a-f]{12,64}\b", "SHA256", line.replace(str(folder), "DIR")) for line in lines)
+    return [line for line in stated if line and not line.startswith(PASSING_LINES)]
 
 
 def plain(value: Any) -> Any:

@@ -107,7 +107,7 @@ def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it(
     obstruction: float, least: float, most: float
 ) -> None:
     # diffraction alone at f/22: its mean tail is a / r^3, and rings of it go in and out as the support grows; they are
-    # wider where the pupil is obstructed, which the photograph does not tell
+    # wider where the pupil is obstructed, which the photograph does not show
     limit, no_noise = Diffraction(22, 4.6, 550), np.zeros((1, 1))
     x = np.arange(-20, 21) / S
     v = np.maximum(np.pi * limit.cutoff * np.hypot(x, x[:, None]), 1e-9)

@@ -126,3 +126,11 @@ def test_a_print_whose_dots_show_is_as_sharp_as_they_are_fine(rng):
 def test_the_blur_of_a_print_is_a_share_of_its_cells():
     with pytest.raises(BadParameter, match="the print's blur must be 0 to 1 cells"):
         PatternParameters(print_blur=1.5)
+
+
+def test_a_lens_too_sharp_for_the_grid_is_no_sharpened_photograph():
+    shot = photograph(902025, CORRUPTIONS["clean"], source="bayer", scene="chart")
+    outcome = estimate_psf(shot.plane, Chart.from_seed())
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert outcome.reason.startswith("s = 3 undersamples the PSF: the OTF is still 0.18")
+    assert outcome.remedy == "photograph from 1.7 times the distance, which allows s = 4"

@@ -139,7 +139,7 @@ def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("amount", "radius"), [(0.2, 0.7), (0.5, 1.0)])
-def test_noise_tells_a_mask_whose_psf_a_softer_lens_could_have(amount: float, radius: float) -> None:
+def test_noise_shows_a_mask_whose_psf_a_softer_lens_could_have(amount: float, radius: float) -> None:
     plane = exposed(softer(), np.random.default_rng(0))
     masked = plane.samples + amount * (plane.samples - cv2.GaussianBlur(plane.samples, (0, 0), radius))
     settings = PatternParameters(4, 17, chosen=True)
@@ -152,7 +152,7 @@ def test_noise_tells_a_mask_whose_psf_a_softer_lens_could_have(amount: float, ra
 
 
 @pytest.mark.slow
-def test_known_aperture_tells_a_wide_mask(rng: np.random.Generator) -> None:
+def test_known_aperture_shows_a_wide_mask(rng: np.random.Generator) -> None:
     from procedures.quality import Diffraction
 
     plane = exposed(photograph(), rng)

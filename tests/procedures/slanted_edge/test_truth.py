@@ -52,13 +52,13 @@ def test_uncertainties_cover_the_whole_psf(rng: np.random.Generator, known: bool
     z = []
     for name in ("f_c 3.25", "f_c 1.14", "f_c 0.57"):
         camera = CAMERAS[name]
-        told = Diffraction(1.0, camera.cutoff, 1000.0) if known else None
+        stated = Diffraction(1.0, camera.cutoff, 1000.0) if known else None
         for _ in range(8):
             angle = rng.uniform(3, 10)
             light = edge(camera, angle_deg=angle, shift_px=rng.uniform(-0.5, 0.5))
             # beside the frame's centre, where no ghost of it hides
             plane = photograph(np.pad(light, ((0, 0), (0, light.shape[1])), mode="edge"), rng)
-            outcome = estimate_edge(plane, Roi(0, 0, light.shape[1], light.shape[0]), told)
+            outcome = estimate_edge(plane, Roi(0, 0, light.shape[1], light.shape[0]), stated)
             assert outcome.verdict is Verdict.PASS
             assert outcome.value is not None
             q = outcome.value.numbers["mtf50"]
@@ -71,12 +71,12 @@ def test_uncertainties_cover_the_whole_psf(rng: np.random.Generator, known: bool
 def test_a_known_aperture_reduces_the_uncertainty(rng: np.random.Generator) -> None:
     camera = Camera(0.57)
     plane = photograph(edge(camera, columns=36, rows=60), rng, noise=0.01)
-    told = Diffraction(1.0, camera.cutoff, 1000.0)
-    alone, known = (whole(plane, limit).value for limit in (None, told))
+    stated = Diffraction(1.0, camera.cutoff, 1000.0)
+    alone, known = (whole(plane, limit).value for limit in (None, stated))
     assert alone is not None
     assert known is not None
     assert known.numbers["mtf50"].uncertainty < 0.9 * alone.numbers["mtf50"].uncertainty
-    assert Tail.of_pupil(told).px == pytest.approx(2 / np.pi**3 / 0.57)
+    assert Tail.of_pupil(stated).px == pytest.approx(2 / np.pi**3 / 0.57)
 
 
 def test_a_wrong_aperture_is_doubtful(rng: np.random.Generator) -> None:

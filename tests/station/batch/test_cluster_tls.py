@@ -21,8 +21,8 @@ def cluster(tmp_path):
     from .certificates import write_certificates
 
     files = write_certificates(tmp_path / "own")
-    told = dict(zip(NAMES, map(str, files * 3), strict=True))
-    security = distributed.Security(**told, require_encryption=True)
+    stated = dict(zip(NAMES, map(str, files * 3), strict=True))
+    security = distributed.Security(**stated, require_encryption=True)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, host="127.0.0.1", protocol="tls://", security=security,
         dashboard_address="127.0.0.1:0",

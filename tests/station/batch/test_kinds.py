@@ -180,7 +180,7 @@ def test_a_batch_that_was_killed_between_its_files_goes_on(tmp_path, monkeypatch
     # processes of its own would take seconds each; the files are written by this one in any case
     here = lambda items, job, *rest: ((number, work(item, job)) for number, item in enumerate(items))  # noqa: E731
     monkeypatch.setattr(batch_run, "_answers", here)
-    monkeypatch.setattr("station.calibration.edges.edge_picture", lambda *told: b"drawn by the other tests")
+    monkeypatch.setattr("station.calibration.edges.edge_picture", lambda *stated: b"drawn by the other tests")
     run_batch([], job)
 
     publish = WrittenFile.publish

@@ -101,7 +101,7 @@ def test_item_whose_process_was_killed_once_is_done_again(errands, tmp_path):
     assert run(errands, tmp_path, deadly_once=(2, 5)) == {n: n * n for n in range(8)}
 
 
-def test_process_that_ends_by_itself_tells_its_exit_code(errands, tmp_path):
+def test_process_that_ends_by_itself_shows_its_exit_code(errands, tmp_path):
     found = run(errands, tmp_path, count=2, quits=(0, 1))
     assert [f"exit code {code}" in found[item].reason for item, code in ((0, 0), (1, 7))] == [True, True]
 
@@ -114,7 +114,7 @@ def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not show which child is stopped")
 def test_process_that_is_stopped_is_ended_and_its_item_done_again(errands, tmp_path, monkeypatch):
     monkeypatch.setattr("station.batch.process_pool.STOPPED_S", 0.2)
     monkeypatch.setattr("station.batch.process_pool.POLL_S", 0.1)
@@ -264,7 +264,7 @@ def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="a process tells its signals in /proc")
+@pytest.mark.skipif(sys.platform != "linux", reason="a process shows its signals in /proc")
 def test_no_process_of_a_pool_hears_of_ctrl_c(errands, tmp_path):
     errand = errands.Errand(tmp_path)
     assert dict(run_in_processes(errands.deaf, errand, range(2), 2, Stop())) == {0: True, 1: True}

@@ -96,7 +96,7 @@ def test_every_result_is_as_the_psf_command_writes_it(done):
             assert row["specification"] == "meets"
 
 
-def test_record_tells_the_batch(done):
+def test_record_shows_the_batch(done):
     files = {".lock", "report.html", "result.json", "results", "results.jsonl", "summary.csv"}
     assert {path.name for path in done.out.iterdir()} == files
     record = json.loads((done.out / "result.json").read_text())
@@ -121,7 +121,7 @@ def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tm
     assert "the f-number was given as 11, but the camera recorded 2.8" in row.reason
     assert row.remedy.endswith("in a procedure file write trust_typed = true")
     (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
-    # it is insisted on, and estimated; the photograph's own far tail tells that it is wrong all the same
+    # it is insisted on, and estimated; the photograph's own far tail shows that it is wrong all the same
     assert row.verdict == "doubtful"
     assert "that of the f-number" in row.reason
 

@@ -49,7 +49,7 @@ def test_confidence_in_the_best_aperture_is_the_chance_that_it_is(apart, confide
     points = [Point("G1", "mtf50", SeriesSetting(f, None, None), value, sd, "cycles/pixel", 1)
               for f, value in ((4.0, 0.3), (5.6, 0.3 + apart * sd))]  # fmt: skip
     (best,) = best_apertures(points)
-    # Phi(apart / sqrt 2); 20000 draws tell a share to 0.0035: four of these
+    # Phi(apart / sqrt 2); 20000 draws give a share to 0.0035: four of these
     assert best.confidence == pytest.approx(confidence, abs=0.014)
     if apart:
         assert best.f_number == 5.6
@@ -61,7 +61,7 @@ def test_one_aperture_is_not_called_the_best():
     assert best_apertures(points_of([row(None, 0.3)])) == []
 
 
-def test_table_and_page_tell_every_point():
+def test_table_and_page_show_every_point():
     points = points_of([row(f, v) for f, v in ((2.8, 0.25), (4.0, 0.31), (5.6, 0.33), (None, 0.2))])
     table = list(csv.DictReader(io.StringIO(series_table(points).decode())))
     assert [one["f_number"] for one in table] == ["", "2.8", "4", "5.6"]
@@ -95,8 +95,8 @@ def test_the_summary_of_a_series_is_its_table_and_page_and_the_best_aperture():
     ],
 )
 def test_the_command_is_a_batch_of_that_procedure(tmp_path, monkeypatch, words, text):
-    told = []
-    monkeypatch.setattr("station.cli.batch.carry_out", lambda procedure, folders, out, **more: told.append(procedure))
+    stated = []
+    monkeypatch.setattr("station.cli.batch.carry_out", lambda procedure, folders, out, **more: stated.append(procedure))
     run("psf", "series", tmp_path, *words, "--out", tmp_path / "out")
     (tmp_path / "p.toml").write_text(f'procedure = "series"\n{text}\n')
-    assert told[0].fingerprint() == read_procedure(tmp_path / "p.toml").fingerprint()
+    assert stated[0].fingerprint() == read_procedure(tmp_path / "p.toml").fingerprint()

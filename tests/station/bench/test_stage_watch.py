@@ -77,7 +77,7 @@ def test_a_move_is_shown_with_its_place_and_the_time_left(watch, bench, stage):
     assert all(state.moving for state in stage.seen)
     assert [state.condition.word for state in stage.seen] == [
         "moving z 0.0 to 100.0 mm",
-        "moving z 1.0 to 100.0 mm",  # too little to tell a speed
+        "moving z 1.0 to 100.0 mm",  # too little for a speed
         "moving z 25.0 to 100.0 mm, 6 s left",  # at the mean speed since it began: 25 mm in 2 s
         "moving z 75.0 to 100.0 mm, 1 s left",
     ]

@@ -283,7 +283,7 @@ def test_region_that_holds_no_pixel_is_refused(tmp_path):
 
 @pytest.fixture
 def measured(monkeypatch, tmp_path):
-    """Photographs that need no measuring: their names tell which views they are."""
+    """Photographs that need no measuring: their names show which views they are."""
     taken = take(Photographed(TRUTH, count=6, every=1), np.random.default_rng(13))
     views = {f"v{i}.pgm": view for i, view in enumerate(taken.views)}
 

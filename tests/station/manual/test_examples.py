@@ -27,12 +27,12 @@ def examples():
     names, marks = {}, {}
     for page in PAGES:
         for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
-            told = block["lines"], int(block["code"] or 0)
-            names.setdefault(told, []).append(f"{page.stem}-{number}")
+            stated = block["lines"], int(block["code"] or 0)
+            names.setdefault(stated, []).append(f"{page.stem}-{number}")
             if block["mark"]:
-                marks[told] = [getattr(pytest.mark, block["mark"].strip())]
-    for told, pages in names.items():
-        yield pytest.param(*told, id=" ".join(pages), marks=marks.get(told, []))
+                marks[stated] = [getattr(pytest.mark, block["mark"].strip())]
+    for stated, pages in names.items():
+        yield pytest.param(*stated, id=" ".join(pages), marks=marks.get(stated, []))
 
 
 @pytest.mark.slow

@@ -105,7 +105,7 @@ def test_every_number_and_every_diagnostic_of_a_restoration_is_defined():
 
 def test_docstrings_define_every_diagnostic():
     assert {name for names, _ in attributes(Diagnostics) for name in names} == {f.name for f in fields(Diagnostics)}
-    assert all(told for _, told in attributes(Diagnostics))
+    assert all(stated for _, stated in attributes(Diagnostics))
 
 
 @pytest.mark.parametrize("driver", BUILTIN)

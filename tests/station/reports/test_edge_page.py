@@ -36,7 +36,7 @@ def frame():
 
 
 @pytest.fixture(scope="module")
-def told(frame):
+def stated(frame):
     terms = Terms(specification=Specification((Limit("mtf50", least=0.3),), "sharp"))
     records = list(measure_edges(frame, None, lambda plane: Diffraction(5.6, 4.0, 550), terms))
     curves = {"frequency": np.array([0.0, 0.5]), "mtf": np.array([1.0, 0.1])}
@@ -51,33 +51,33 @@ def strictly(page):
 
 
 @pytest.mark.slow
-def test_page_tells_verdicts_numbers_and_places(frame, told):
-    page = edge_page(told[0])
+def test_page_shows_verdicts_numbers_and_places(frame, stated):
+    page = edge_page(stated[0])
     tree = strictly(page)
     text = " ".join(" ".join(tree.itertext()).split())
-    (edge,) = told[1].records[0].edges
+    (edge,) = stated[1].records[0].edges
     assert abs(edge.numbers["mtf50"].value - TRUE) < 4 * edge.numbers["mtf50"].uncertainty
     assert f"{edge.roi.x}, {edge.roi.y}, {edge.roi.width}, {edge.roi.height}" in text
     assert "Does not meet the specification." in text
     assert "Dashed: before" in text
     assert "roi =" not in text  # a setting that was not made
     assert "diffraction limit at f/5.6" in text
-    assert told[1].records[1].best.reason[1:] in text  # of the plane that shows none
+    assert stated[1].records[1].best.reason[1:] in text  # of the plane that shows none
     assert "<b>" not in page
     assert len(page) < 3_000_000
 
 
 @pytest.mark.slow
-def test_figure_tells_the_mtf_where_the_pointer_rests(frame, told):
-    (edge,) = told[1].records[0].edges
-    titles = [one.text for one in strictly(edge_page(told[0])).iter("{http://www.w3.org/2000/svg}title")]
+def test_figure_shows_the_mtf_where_the_pointer_rests(frame, stated):
+    (edge,) = stated[1].records[0].edges
+    titles = [one.text for one in strictly(edge_page(stated[0])).iter("{http://www.w3.org/2000/svg}title")]
     assert f"edge 1 {edge.mtf[-1]:.3f} ± {edge.uncertainty[-1]:.3f}" in titles[-1]
 
 
-def test_certificate_is_of_the_best_edge(told):
-    text = " ".join(" ".join(strictly(certificate_page(told[0])).itertext()).split())
-    number = told[1].records[0].result.numbers["mtf50"]
-    row = next(one for one in number_table(told[0].planes).rows if one[0].startswith("MTF50 across the edge"))
+def test_certificate_is_of_the_best_edge(stated):
+    text = " ".join(" ".join(strictly(certificate_page(stated[0])).itertext()).split())
+    number = stated[1].records[0].result.numbers["mtf50"]
+    row = next(one for one in number_table(stated[0].planes).rows if one[0].startswith("MTF50 across the edge"))
     assert float(row[1].partition("±")[2]) == pytest.approx(2 * number.uncertainty, rel=0.05)
     assert row[2] == "—"
     assert "ISO 12233" in text

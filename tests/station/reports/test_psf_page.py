@@ -54,14 +54,14 @@ def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert (report.verdict, report.judged) == ("pass", "does not meet")
     header = strictly(page).find(".//main")[0]
     assert header.get("class") == "verdict pass"
-    told = " ".join("".join(header.itertext()).split())
-    assert "Trusted in 2 of 2 planes." in told
-    assert "Does not meet the specification." in told
-    assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in told
-    assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
+    stated = " ".join("".join(header.itertext()).split())
+    assert "Trusted in 2 of 2 planes." in stated
+    assert "Does not meet the specification." in stated
+    assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in stated
+    assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in stated
 
 
-def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
+def test_page_shows_every_frequency_in_the_unit_that_was_asked_for(report):
     pixels = Pixels(2, 4.0, 300)
     planes = [one.in_unit(Unit.LINE_PAIRS, pixels) for one in report.planes]
     page = psf_page(replace(report, planes=planes))
@@ -135,25 +135,25 @@ def test_whatever_is_told_cannot_break_the_page(report):
 def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path):
     frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
     frame = replace(frame, exposure=Exposure(camera=HOSTILE, lens=HOSTILE, captured_at=HOSTILE))
-    told = report_of("pattern", frame, [], {})
-    tree = strictly(psf_page(told))
+    stated = report_of("pattern", frame, [], {})
+    tree = strictly(psf_page(stated))
     assert not list(tree.iter("script"))
     assert "\x1b" not in "".join(tree.itertext())
 
 
 def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
-    told = Report("a.pgm", "pattern", [record], [], {})
-    tree = strictly(psf_page(told))
-    assert told.headline == "measurement refused, in Y"
+    stated = Report("a.pgm", "pattern", [record], [], {})
+    tree = strictly(psf_page(stated))
+    assert stated.headline == "measurement refused, in Y"
     assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
     assert not list(tree.iter(SVG))
 
 
-def test_session_tells_its_bench_and_its_shots(report):
+def test_session_shows_its_bench_and_its_shots(report):
     shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
-    told = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
-    text = psf_page(told)
+    stated = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
+    text = psf_page(stated)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
 
 
@@ -185,7 +185,7 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
         assert words in text
 
 
-def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
+def test_figures_show_their_numbers_where_a_pointer_rests(page, report):
     titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
     assert len(titles) == 40 * len(report.planes)
     quality = report.planes[0].quality

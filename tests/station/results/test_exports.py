@@ -66,7 +66,7 @@ def test_fits_holds_samples_and_uncertainties():
     np.testing.assert_allclose(sigma, 1e-4)
 
 
-def test_fits_tells_what_the_camera_noted_and_how_it_lies():
+def test_fits_shows_what_the_camera_noted_and_how_it_lies():
     noted = Exposure(
         camera="Nikon 'D750' \u00e9" + "x" * 60, lens="50 mm", exposure_s=0.02, f_number=5.6, iso=100.0,
         focal_length_mm=50.0, captured_at="2026-03-14T10:11:12",
@@ -81,11 +81,11 @@ def test_fits_tells_what_the_camera_noted_and_how_it_lies():
     assert not {"DATE-OBS", "INSTRUME", "APERTURE"} & bare.keys()
 
 
-def test_tiff_tells_what_it_is():
+def test_tiff_shows_what_it_is():
     tags = exifread.process_file(io.BytesIO(psf_tiff(gaussian(0.6), "G1", Exposure(camera="Nikon D750"))))
-    told = str(tags["Image ImageDescription"])
-    assert told.startswith("support of a PSF of plane G1, 4 samples per pixel, sum 1, first row uppermost")
-    assert "INSTRUME = Nikon D750" in told
+    stated = str(tags["Image ImageDescription"])
+    assert stated.startswith("support of a PSF of plane G1, 4 samples per pixel, sum 1, first row uppermost")
+    assert "INSTRUME = Nikon D750" in stated
 
 
 def with_tail(psf):

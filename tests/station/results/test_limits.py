@@ -183,12 +183,12 @@ def test_result_in_another_unit_is_the_same_in_all_its_parts():
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-10)
     plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.25,)))
-    told = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
+    stated = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
     for name, factor in (("mtf50_radial", 125), ("fwhm_horizontal", 1)):
-        assert told.numbers[name].value == pytest.approx(plane.numbers[name].value * factor)
-        assert told.numbers[name].uncertainty == pytest.approx(plane.numbers[name].uncertainty * factor)
-    assert told.numbers["mtf_at_31.25_radial"].value == plane.numbers["mtf_at_0.25_radial"].value
-    assert told.numbers["mtf_at_31.25_radial"].method == "|OTF| at 31.25 lp/mm"
-    assert told.curves["frequency"][-1] == pytest.approx(250)
-    budget = told.quality.budgets["mtf50_radial"]
-    assert sum(term**2 for term in budget.values()) ** 0.5 == pytest.approx(told.numbers["mtf50_radial"].uncertainty)
+        assert stated.numbers[name].value == pytest.approx(plane.numbers[name].value * factor)
+        assert stated.numbers[name].uncertainty == pytest.approx(plane.numbers[name].uncertainty * factor)
+    assert stated.numbers["mtf_at_31.25_radial"].value == plane.numbers["mtf_at_0.25_radial"].value
+    assert stated.numbers["mtf_at_31.25_radial"].method == "|OTF| at 31.25 lp/mm"
+    assert stated.curves["frequency"][-1] == pytest.approx(250)
+    budget = stated.quality.budgets["mtf50_radial"]
+    assert sum(term**2 for term in budget.values()) ** 0.5 == pytest.approx(stated.numbers["mtf50_radial"].uncertainty)

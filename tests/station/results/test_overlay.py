@@ -29,9 +29,9 @@ def write(folder, plane):
 
 
 def test_curves_of_a_result_and_of_a_sessions_newest_are_read(tmp_path, plane):
-    told = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
+    stated = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
     for number in (1, 2, 10):
-        write(tmp_path / "session" / "derived" / str(number), told if number == 10 else plane)
+        write(tmp_path / "session" / "derived" / str(number), stated if number == 10 else plane)
     found = read_overlay(tmp_path / "session")
     assert (found.name, found.unit, list(found.planes)) == ("session", Unit.LINE_PAIRS, ["G1"])
     curves = found.of("G1", Unit.LINE_PAIRS)

@@ -41,11 +41,15 @@ def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
     physics = Physics("square", "four spots", None, {"side": number}, 250.0, 240, 0.001, h, (("square", 0.0),))
     record = PlaneResult.of("G1", Verdict.PASS, psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
     with ResultFolder(tmp_path) as folder:
-        told = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]["physics"]
-    assert (told["verdict"], told["reason"], told["remedy"]) == ("doubtful", "why", "what")
-    assert (told["aperture"], told["low_pass_filter"], told["missing_corner_deg"]) == ("square", "four spots", None)
-    assert told["side"]["value"] == 0.95
-    assert told["candidates"] == [{"model": "square", "criterion": 0.0}]
+        stated = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]["physics"]
+    assert (stated["verdict"], stated["reason"], stated["remedy"]) == ("doubtful", "why", "what")
+    assert (stated["aperture"], stated["low_pass_filter"], stated["missing_corner_deg"]) == (
+        "square",
+        "four spots",
+        None,
+    )
+    assert stated["side"]["value"] == 0.95
+    assert stated["candidates"] == [{"model": "square", "criterion": 0.0}]
 
 
 def test_every_term_of_every_number_is_told_beside_it(tmp_path):
@@ -56,7 +60,7 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     quality = with_parts(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
     record = PlaneResult.of("G1", Verdict.PASS, psf, quality, diffraction=limit)
     with ResultFolder(tmp_path) as folder:
-        told = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]
+        stated = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]
     with (tmp_path / "budget.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["plane", "number", "term", "uncertainty", "unit"]
@@ -65,7 +69,7 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     for name, number in quality.numbers.items():
         terms = [float(row["uncertainty"]) for row in rows if row["number"] == name]
         assert np.linalg.norm(terms) == pytest.approx(number.uncertainty, rel=1e-6)
-    assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
+    assert stated["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
 
 
 def test_records_are_indented_by_one_and_hold_no_number_that_json_has_not():

@@ -41,7 +41,7 @@ def ideal(t):
 
 
 def record(zero=0.0):
-    """The same as a real one tells it, at 200 Hz, with zero errors."""
+    """The same as a real one shows it, at 200 Hz, with zero errors."""
     imu, _ = ideal(np.arange(-0.3, 0.5, 0.005))
     return ImuRecord(
         imu.time_s,
