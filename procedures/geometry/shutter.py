@@ -91,7 +91,7 @@ class MovingProblem(AdjustmentProblem):
 
     def placed(self, state: AdjustmentState, i: int) -> Array:
         """Positions (n, 3) of a view's nodes in its camera's frame, each at the time of its row."""
-        return self._placed_at(state, i, self._times(state, i))
+        return self.placed_at(state, i, self._times(state, i))
 
     def still(self, state: AdjustmentState, i: int) -> ChartView:
         """A view with all points at the middle row's time."""
@@ -101,8 +101,7 @@ class MovingProblem(AdjustmentProblem):
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
         """Derivatives as of the base, with six columns for each of the poses `near` the view."""
         J, by_nodes = super().jacobian(state, i)
-        near, every = self._near(i), [view.time_s for view in self.views]
-        weights = CubicSpline(every, np.eye(len(every))[:, near])(self._times(state, i))
+        weights = _weights(self)(self._times(state, i))[:, self._near(i)]
         of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
         return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
 
@@ -115,20 +114,12 @@ class MovingProblem(AdjustmentProblem):
     def velocity(self, state: AdjustmentState, i: int) -> Array:
         """Velocity (n, 2) of a view's points at the times of their rows, in pixels per second."""
         times = self._times(state, i)
-        ahead, behind = (state.camera.project(self._placed_at(state, i, times + one)) for one in (STEP_S, -STEP_S))
+        ahead, behind = (state.camera.project(self.placed_at(state, i, times + one)) for one in (STEP_S, -STEP_S))
         return np.asarray((ahead - behind) / (2 * STEP_S))
 
     def from_middle(self, state: AdjustmentState, i: int) -> Array:
-        """Rows (n,) of a view's points, from the middle one.
-
-        Of the projected points: noise of observed rows would be that of the residuals, and displace the row time by its
-        product with the mean velocity.
-        """
-        rows, middle = np.zeros(len(self.views[i])), (state.camera.rows - 1) / 2
-        for _ in range(ROUNDS):
-            placed = self._placed_at(state, i, self.views[i].time_s + self.row_s * rows)
-            rows = state.camera.project(placed)[:, 1] - middle
-        return np.asarray(rows)
+        """Rows (n,) of a view's points, from the middle one."""
+        return _rows(state, self)[i]
 
     def _times(self, state: AdjustmentState, i: int) -> Array:
         return self.views[i].time_s + self.row_s * self.from_middle(state, i)
@@ -137,10 +128,33 @@ class MovingProblem(AdjustmentProblem):
         """The poses that a view's points depend on: the weights of others in a spline are below 0.01."""
         return slice(max(0, i - NEAR), min(len(self.views), i + NEAR + 1))
 
-    def _placed_at(self, state: AdjustmentState, i: int, times: Array) -> Array:
+    def placed_at(self, state: AdjustmentState, i: int, times: Array) -> Array:
+        """Positions (n, 3) of a view's nodes in its camera's frame at times (n,)."""
         turns, shifts = _motion(state, self)
         nodes = self.shaped(state, self.views[i])
         return np.asarray(Rotation.from_quat(turns(times)).apply(nodes) + shifts(times))
+
+
+@lru_cache(maxsize=2)
+def _rows(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
+    """Rows (n,) of the points of every view, from the middle one.
+
+    Of the projected points: noise of observed rows would be that of the residuals, and displace the row time by its
+    product with the mean velocity.
+    """
+    rows = [np.zeros(len(view)) for view in problem.views]
+    for _ in range(ROUNDS):
+        for i, view in enumerate(problem.views):
+            placed = problem.placed_at(state, i, view.time_s + problem.row_s * rows[i])
+            rows[i] = state.camera.project(placed)[:, 1] - (state.camera.rows - 1) / 2
+    return rows
+
+
+@lru_cache(maxsize=2)
+def _weights(problem: MovingProblem) -> CubicSpline:
+    """Weights of the poses of all views over time."""
+    times = [view.time_s for view in problem.views]
+    return CubicSpline(times, np.eye(len(times)))
 
 
 @lru_cache(maxsize=2)
