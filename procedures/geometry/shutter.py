@@ -39,8 +39,8 @@ SIGNIFICANT = 3.0
 """Row time, in standard uncertainties, from which the shutter is a rolling one."""
 SHARP_S = 1e-3
 """Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
-STEP_S = 1e-4
-"""Half of the time over which velocities are taken."""
+STEP_S = 1e-7
+"""Change of the row time by which points are displaced for their derivative."""
 ROUNDS = 3
 """Projections that give the rows of moving points: each reduces their error by the path during a row, in rows."""
 NEAR = 4
@@ -91,7 +91,7 @@ class MovingProblem(AdjustmentProblem):
 
     def placed(self, state: AdjustmentState, i: int) -> Array:
         """Positions (n, 3) of a view's nodes in its camera's frame, each at the time of its row."""
-        return self.placed_at(state, i, self._times(state, i))
+        return self.placed_at(state, i, _times(state, self)[i])
 
     def still(self, state: AdjustmentState, i: int) -> ChartView:
         """A view with all points at the middle row's time."""
@@ -101,7 +101,7 @@ class MovingProblem(AdjustmentProblem):
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
         """Derivatives as of the base, with six columns for each of the poses `near` the view."""
         J, by_nodes = super().jacobian(state, i)
-        weights = _weights(self)(self._times(state, i))[:, self._near(i)]
+        weights = _weights(self)(_times(state, self)[i])[:, self._near(i)]
         of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
         return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
 
@@ -110,19 +110,6 @@ class MovingProblem(AdjustmentProblem):
         near, first = self._near(i), len(state.camera.params) + len(state.terms_mm)
         places: npt.NDArray[np.int64] = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
         return places
-
-    def velocity(self, state: AdjustmentState, i: int) -> Array:
-        """Velocity (n, 2) of a view's points at the times of their rows, in pixels per second."""
-        times = self._times(state, i)
-        ahead, behind = (state.camera.project(self.placed_at(state, i, times + one)) for one in (STEP_S, -STEP_S))
-        return np.asarray((ahead - behind) / (2 * STEP_S))
-
-    def from_middle(self, state: AdjustmentState, i: int) -> Array:
-        """Rows (n,) of a view's points, from the middle one."""
-        return _rows(state, self)[i]
-
-    def _times(self, state: AdjustmentState, i: int) -> Array:
-        return self.views[i].time_s + self.row_s * self.from_middle(state, i)
 
     def _near(self, i: int) -> slice:
         """The poses that a view's points depend on: the weights of others in a spline are below 0.01."""
@@ -136,18 +123,18 @@ class MovingProblem(AdjustmentProblem):
 
 
 @lru_cache(maxsize=2)
-def _rows(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
-    """Rows (n,) of the points of every view, from the middle one.
+def _times(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
+    """Times (n,) of the rows of every view's points.
 
-    Of the projected points: noise of observed rows would be that of the residuals, and displace the row time by its
-    product with the mean velocity.
+    Rows are those of the projected points: noise of observed rows would be that of the residuals, and displace the row
+    time by its product with the mean velocity.
     """
-    rows = [np.zeros(len(view)) for view in problem.views]
+    times = [np.full(len(view), view.time_s) for view in problem.views]
     for _ in range(ROUNDS):
         for i, view in enumerate(problem.views):
-            placed = problem.placed_at(state, i, view.time_s + problem.row_s * rows[i])
-            rows[i] = state.camera.project(placed)[:, 1] - (state.camera.rows - 1) / 2
-    return rows
+            rows = state.camera.project(problem.placed_at(state, i, times[i]))[:, 1]
+            times[i] = view.time_s + problem.row_s * (rows - (state.camera.rows - 1) / 2)
+    return times
 
 
 @lru_cache(maxsize=2)
@@ -202,8 +189,11 @@ def row_time(fit: Adjustment) -> tuple[float, float, Array]:
     """Change of the row time, its standard uncertainty, and the response of the unknowns per second."""
     problem, state = fit.problem, fit.state
     assert isinstance(problem, MovingProblem)
-    moved = (problem.from_middle(state, i)[:, None] * problem.velocity(state, i) for i in range(len(problem.views)))
-    terms = extra_terms(fit, [one[..., None] for one in moved])
+    ahead, behind = (
+        [state.camera.project(moved.placed(state, i)) for i in range(len(problem.views))]
+        for moved in (replace(problem, row_s=problem.row_s + step) for step in (STEP_S, -STEP_S))
+    )
+    terms = extra_terms(fit, [(a - b)[..., None] / (2 * STEP_S) for a, b in zip(ahead, behind, strict=True)])
     information = float(terms.matrix[0, 0])
     if not information > 0:
         return 0.0, float("inf"), np.zeros(len(terms.response))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from procedures.geometry import stereographic
 from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, split_model
 from procedures.geometry.rig import RigCamera
 from procedures.geometry.spline_camera import ROUGH_PX, SplineCamera
@@ -18,8 +19,6 @@ from station.calibration.geometry_files import NODES, POINTS
 from station.calibration.stored_results import StoredRecord, plane_entry, stored_record, table_prefix
 from station.results.record_head import InputFile
 
-FIRST_TERMS = 14
-"""Parameters of a stereographic camera up to those of decentring of the second order."""
 GIVE = "name the folder that `station geometry` wrote"
 
 
@@ -64,7 +63,7 @@ def _camera(
     values = checked_array(params, what, (None,), remedy=GIVE)
     camera = CameraModel(model, values, columns, rows)
     if model.startswith(STEREOGRAPHIC) and len(values) == len(camera.names) - 2:  # of versions without p3 and p4
-        values = np.insert(values, FIRST_TERMS, [0.0, 0.0])
+        values = np.insert(values, stereographic.NAMES.index("p3"), [0.0, 0.0])
         camera = camera.with_params(values)
     if spline:
         rough = checked_number(roughness_px, "the roughness of a spline", SMALLEST)
