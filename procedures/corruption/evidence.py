@@ -26,8 +26,9 @@ MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
 """Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 PRESENT = 0.5
 """Prior probability that there is a wide mask, or a ghost, at all."""
-WIDE_MODEL = 0.01
-"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core."""
+WIDE_MODEL, TEXTURED_MODEL = 0.01, 0.03
+"""Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core, in its test, and
+in the budget where no frame shows the mask."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class TextureEvidence:
         modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
-        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, WIDE_MODEL)
+        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, TEXTURED_MODEL)
         amounts = [self.strengths[name] for name in WIDE_NAMES]
         amounts = [replace(amount, uncertainty=math.hypot(amount.uncertainty, model)) for amount in amounts]
         wide = [

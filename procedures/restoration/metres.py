@@ -14,15 +14,19 @@ from scipy.ndimage import uniform_filter
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.restoration.first_depth.initial_depth import LEVEL_PX, cost_volume, levels_of
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.thin_lens import CameraSetting
 
 FRONT, BEHIND = "front", "behind"
 UNDETERMINED_PX = 0.5
 """Standard deviation of w above which no distance is given: half a pixel, as in the restoration's verdict."""
-MASKS_PX = 0.045
+MASKS_PX = 0.035
 """Standard uncertainty of w in addition to noise: masks are interpolated, and the picture's prior makes w too small, by
 0 to 0.05 pixel in scenes of two independent renderers."""
+MOVED = 0.6
+"""Standard uncertainty of w relative to its change since the first depth, root mean square over the window: large
+where a surface was assigned to the wrong side of an edge, or is smoothed. Chosen with `MASKS_PX` on ten scenes."""
 SURFACE = 15
 """Side of the window over which a surface is displaced, pixels: with 9 the uncertainty of places with little texture
 was 2 to 5 times the error, with 27 it ignored errors of whole surfaces."""
@@ -108,6 +112,16 @@ def unexplained(residual: Array, noise: float) -> NDArray[np.bool_]:
     """Where picture and depth do not explain the photographs (H, W), from the residual (P, C, H, W)."""
     power = uniform_filter(np.mean(residual.astype(np.float64) ** 2, axis=(0, 1)), WINDOW)
     return np.asarray(np.sqrt(power) > MAX_RESIDUAL * noise)
+
+
+def depth_spread(restored: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
+    """Standard deviation of w (H, W) of a restoration of photographs (C, H, W) each, infinite where its picture and
+    depth do not explain them."""
+    noise = restored.diagnostics.noise
+    w, first, local = (np.asarray(one, np.float64) for one in (restored.w, restored.start.w, restored.w_std))
+    moved = MOVED**2 * uniform_filter((first - w) ** 2, WINDOW)
+    spread = np.sqrt(local**2 + ambiguity(photographs, masks, w, noise) ** 2 + moved)
+    return np.where(unexplained(restored.residual.astype(np.float64), noise), np.inf, spread)
 
 
 def distances_of(

@@ -34,7 +34,7 @@ MISSING_MODEL = 0.005
 """Part of that uncertainty that may also be negative: light that a lens lacks beside the edge."""
 PERIODIC_PLACES = 10
 """Independent frequencies among those searched for a rise of the MTF."""
-TONE_PRIOR = 0.3
+TONE_PRIOR = 0.36
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 CONTRAST_PRIOR, CONTRAST_MODEL = 0.3, 0.1
 """Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, and the

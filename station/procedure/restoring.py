@@ -27,7 +27,7 @@ from procedures.restoration.masks.checks import check_photographs, trust_of
 from procedures.restoration.masks.mask_fields import MaskField, Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import CameraUncertainty, Distances, ambiguity, distances_of, unexplained
+from procedures.restoration.metres import CameraUncertainty, Distances, depth_spread, distances_of
 from procedures.restoration.photograph_blur import (
     AdditionalDefocus,
     BlurSpec,
@@ -253,11 +253,9 @@ def _distances(
     """Depth in metres."""
     z = np.stack(photographs)
     aligned = register(z, trust_of(z), masks).z
-    w, noise = restoration.w.astype(np.float64), restoration.diagnostics.noise
-    spread = np.hypot(restoration.w_std, ambiguity(list(aligned), masks, w, noise))
-    spread[unexplained(restoration.residual.astype(np.float64), noise)] = np.inf
+    spread = depth_spread(restoration, list(aligned), masks)
     known = CameraUncertainty(settings.camera_uncertainty, settings.camera_uncertainty)
-    return distances_of(w, spread, lens, str(settings.metres), known)
+    return distances_of(restoration.w.astype(np.float64), spread, lens, str(settings.metres), known)
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:

@@ -12,7 +12,7 @@ from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
 from station.drawing.pictures import encoded, levels, picture
 from station.drawing.plots import Figure
-from station.reports.page import Figures, KeyNumbers, Note, Section, html, image, percent
+from station.reports.page import Block, Figures, KeyNumbers, Note, Scripted, Section, html, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
 from station.reports.report import Report
 from station.reports.report_page import report_page
@@ -28,6 +28,10 @@ PLACES, PLACE_PX = 3, 64
 """Number of places that are shown enlarged, and their side in pixels."""
 MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
+RELIEF_PX = 360
+"""Largest side of the picture over its depth."""
+RELIEF = """<div class="relief" hidden><canvas tabindex="0" aria-label="{}"></canvas><p>{}</p>
+<div hidden>{}{}</div></div>"""
 MIN_SPAN_PX, MIN_BLUR_PX = 0.5, 0.2
 """Span of w and blur of the ground truth below which they are not shown."""
 FOCUS_AT = (("Sharp where w is large.", 90), ("Sharp where w is in its middle.", 50), ("Sharp where w is small.", 10))
@@ -55,7 +59,7 @@ def restoration_page(report: Report) -> str:
     note = Note("Computed from picture and depth: a blur circle that grows with the distance from the chosen depth.")
     sections = [
         *([Section("Estimated motion", [Figures(kernels)])] if kernels else []),
-        Section("Depth and its uncertainty", [Figures(_depth(restoration))]),
+        Section("Depth and its uncertainty", [Figures(_depth(restoration)), *_relief(restoration, white)]),
         *_metres(restored.distances),
         *_truth(restoration, after),
         Section("Residual", [Figures(_residual(restoration))]),
@@ -144,6 +148,17 @@ def _depth(restoration: Restoration) -> list[Figure]:
     ]
 
 
+def _relief(restoration: Restoration, white: float) -> list[Block]:
+    """The restored picture over its depth, which the reader turns; nothing for a flat scene."""
+    low, high = (float(np.percentile(restoration.w, p)) for p in (0.5, 99.5))
+    if high - low < MIN_SPAN_PX:
+        return []
+    shown = (picture(restoration.sharp), (0.0, white), "restored picture"), (restoration.w, (low, high), "depth")
+    images = [image(encoded(".png", levels(_small(one, RELIEF_PX), *ends)), words) for one, ends, words in shown]
+    words = "The restored picture over w, turned by dragging or the arrow keys: what is wide in photograph 1 is raised."
+    return [Scripted(html(RELIEF, words, words, *images), "relief.js")]
+
+
 def _residual(restoration: Restoration) -> list[Figure]:
     noise = max(restoration.diagnostics.noise, 1e-9)
     std, history = restoration.sharp_std, restoration.history
@@ -225,10 +240,10 @@ def _kernel(kernel: Array, n: int) -> Markup:
     return image(encoded(".png", levels(enlarged, 0, float(kernel.max()))), f"kernel of photograph {n}")
 
 
-def _small(image_: Array) -> Array:
+def _small(image_: Array, side: int = MAX_SIDE_PX) -> Array:
     import cv2
 
-    factor = MAX_SIDE_PX / max(image_.shape[:2])
+    factor = side / max(image_.shape[:2])
     if factor >= 1:
         return image_
     return np.asarray(cv2.resize(image_, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))

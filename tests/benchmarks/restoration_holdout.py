@@ -1,11 +1,10 @@
 """Restoration on other scenes than the shared pairs, against the same restoration that knows the true depth.
 
-`python -m tests.benchmarks.restoration_holdout [--noise 40] [--blur KIND] [--depth KIND] [--seed N] [--descent]`
+`python -m tests.benchmarks.restoration_holdout [--noise 40] [--blur KIND] [--depth KIND] [--seed N]`
 
-`--noise clean`, 40 or 20 dB; KIND of blur: vibration, uniform, coma, pillbox; of depth: square, leaf. `--descent` also
-runs Algorithm I as published, from the same start. The penalties of matching were chosen on pairs of seed 1 at 40 and
-20 dB, how the depth's prior yields to noise on seeds 1 to 3 at 20 dB: from `--seed 4` on, nothing was chosen on the
-picture and its noise.
+`--noise clean`, 40 or 20 dB; KIND of blur: vibration, uniform, coma, pillbox; of depth: square, leaf. The penalties
+of matching were chosen on pairs of seed 1 at 40 and 20 dB, how the depth's prior yields to noise on seeds 1 to 3 at
+20 dB: from `--seed 4` on, nothing was chosen on the picture and its noise.
 """
 
 import argparse
@@ -19,7 +18,6 @@ from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.joint.schedule import Schedule, Scheme
-from tests.benchmarks.restoration_baseline import descent
 from tests.benchmarks.restoration_scenes import Scene, scene
 
 Array = NDArray[np.floating]
@@ -37,8 +35,8 @@ def at_true_depth(case: Scene) -> Array:
     return np.asarray(min(found, key=case.error))
 
 
-def compare(case: Scene, thesis: bool) -> None:
-    """Print one line, two with the published descent."""
+def compare(case: Scene) -> None:
+    """Print one line."""
     known = case.error(at_true_depth(case))
     start = time.process_time()
     ours = restore(list(case.z), case.stacks, RestorationParameters()).value
@@ -50,10 +48,6 @@ def compare(case: Scene, thesis: bool) -> None:
         f"   w {w:.3f} px (start {first:.3f})   {seconds:.0f} s of processor",
         flush=True,
     )
-    if thesis:
-        u, w_descent = descent(case.z, case.stacks, ours.start.w, Scheme(20, 8, 10), 1e-4)
-        picture, w = case.error(u[0]), case.w_error(w_descent)
-        print(f"  published descent {picture:38.2f} = {picture / known:4.2f} x   w {w:.3f} px", flush=True)
 
 
 def main() -> None:
@@ -63,14 +57,13 @@ def main() -> None:
     parser.add_argument("--blur", nargs="*", default=BLURS, choices=BLURS)
     parser.add_argument("--depth", nargs="*", default=DEPTHS, choices=DEPTHS)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--descent", action="store_true")
     asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for noise in asked.noise:
         for blur in asked.blur:
             for depth in asked.depth:
                 noise_db = None if noise == "clean" else float(noise)
-                compare(scene(blur, depth, noise_db, asked.seed), asked.descent)
+                compare(scene(blur, depth, noise_db, asked.seed))
 
 
 if __name__ == "__main__":

@@ -23,9 +23,8 @@ from procedures.restoration.metres import (
     FRONT,
     CameraUncertainty,
     Distances,
-    ambiguity,
+    depth_spread,
     distances_of,
-    unexplained,
 )
 from tests.benchmarks.restoration_scenes import picture
 
@@ -101,9 +100,7 @@ def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
     start = time.process_time()
     masks = stacks_of([pillbox()] * 2, (1.0, ratio), widest, SHAPE, (0.0, offset))
     found = restoration_of(z, masks, RestorationParameters())
-    noise = found.diagnostics.noise
-    spread = np.hypot(found.w_std, ambiguity(z, masks, found.w, noise))
-    spread[unexplained(found.residual, noise)] = np.inf
+    spread = depth_spread(found, z, masks)
     exact_distances = distances_of(found.w, spread, camera[0], side, CameraUncertainty(0.0, 0.0))
     exact = within(exact_distances, truth)
     cameras = [random_camera(camera[0], known, rng) for _ in range(CAMERAS)]

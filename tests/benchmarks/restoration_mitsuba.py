@@ -19,7 +19,7 @@ from procedures.restoration.joint.estimate import restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import BEHIND, FRONT, CameraUncertainty, ambiguity, distances_of, unexplained
+from procedures.restoration.metres import BEHIND, FRONT, CameraUncertainty, depth_spread, distances_of
 from tests.benchmarks.restoration_scenes import picture
 
 Array = np.ndarray
@@ -144,9 +144,7 @@ def compare(case: Rendered, name: str, side: str, noise_db: float, seed: int) ->
     found = outcome.value
     assert found is not None, outcome.reason
     w = np.abs(cameras[0].blur_radius_px(UNIT * case.distance))
-    noise = found.diagnostics.noise
-    spread = np.hypot(found.w_std, ambiguity([one[None] for one in z], masks, found.w, noise))
-    spread[unexplained(found.residual, noise)] = np.inf
+    spread = depth_spread(found, [one[None] for one in z], masks)
     distances = distances_of(found.w, spread, cameras[0], side, CameraUncertainty(0.0, 0.0))
     error = (distances.metres - case.distance)[inside]
     known = np.isfinite(error)

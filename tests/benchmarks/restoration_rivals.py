@@ -1,9 +1,8 @@
 """Restoration against its rivals on the same photographs: RMSE in grey levels of 255, rim of 16 left out.
 
-`python -m tests.benchmarks.restoration_rivals FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
+`python -m tests.benchmarks.restoration_rivals FOLDER [CASE ...]`, FOLDER as shared data's
 synthetic/restoration. Rivals get the parameters, and where they take one depth the depth, that bring them nearest to
-the truth; the station finds its own. `--descent` also runs Algorithm I as published. Wiener and Richardson-Lucy need
-scikit-image.
+the truth; the station finds its own. Wiener and Richardson-Lucy need scikit-image.
 """
 
 import json
@@ -19,11 +18,9 @@ from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
-from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import gaussian, mask_stack, pillbox, read_shape
 from procedures.restoration.masks.blur_operator import MaskStack
 from tests.benchmarks import options
-from tests.benchmarks.restoration_baseline import descent
 
 Array = NDArray[np.float64]
 # grids on which rivals are tuned: depths as percentiles of the true w, Wiener's balance, iterations
@@ -122,24 +119,13 @@ def rivals(case: Case, start: Array) -> dict[str, tuple[Array, Array | None]]:
     }
 
 
-def published(case: Case) -> tuple[Array, Array]:
-    """Picture and depth by Algorithm I as published, from Algorithm III."""
-    sigmas = np.full(2, max(noise_of(case.z, case.stacks), 1.4e-3))
-    u, w = descent(
-        case.z, case.stacks, initial_depth.algorithm_3(case.z, case.stacks, sigmas).w, Scheme(20, 8, 10), 1e-4
-    )
-    return np.asarray(u[0]), np.asarray(w)
-
-
-def compare(case: Case, known: float | None, thesis: bool) -> None:
+def compare(case: Case, known: float | None) -> None:
     """Print one table."""
     start = time.process_time()
     ours = restore(list(case.z), case.stacks, RestorationParameters()).value
     seconds = time.process_time() - start
     assert ours is not None
     rows = rivals(case, ours.start.w)
-    if thesis:
-        rows["Algorithm I as published, from III"] = published(case)
     rows["this station"] = (np.asarray(ours.sharp[0]), ours.w)
     oracle = "" if known is None else f", oracle {known:.2f}"
     print(f"\n{case.name}: restored in {seconds:.0f} s of processor{oracle}\n  {'RMSE':>47s}   of ours   w, px")
@@ -151,11 +137,11 @@ def compare(case: Case, known: float | None, thesis: bool) -> None:
 
 def main() -> None:
     """Print environment and one table for each case."""
-    asked = options(__doc__, "folder", "cases", folder=Path, cases=[], descent=False)
+    asked = options(__doc__, "folder", "cases", folder=Path, cases=[])
     cases = json.loads((asked.folder / "cases.json").read_text())
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for name in asked.cases or cases:
-        compare(Case(asked.folder, name), cases.get(name, {}).get("known_depth_tikhonov_rmse"), asked.descent)
+        compare(Case(asked.folder, name), cases.get(name, {}).get("known_depth_tikhonov_rmse"))
 
 
 if __name__ == "__main__":

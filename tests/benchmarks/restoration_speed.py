@@ -1,6 +1,6 @@
-"""Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop; a whole scheme.
+"""Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop.
 
-`python -m tests.benchmarks.restoration_speed [--scheme] [--memory MEGAPIXELS]`
+`python -m tests.benchmarks.restoration_speed [--memory MEGAPIXELS]`
 """
 
 import os
@@ -107,30 +107,8 @@ def main() -> None:
         print(f"  {name} {1000 * took:.1f} ms, {reached / 1e9:.1f} G madd/s: {reached / rate:.2f} of it   bound 0.33")
     slow, seconds = best_of(lambda: numpy_loop(u, w, masks, stacks[0].step, 8), lambda: blur.blur(u), runs=5)
     print(f"  NumPy loop over mask entries {slow:.2f} s: {slow / seconds:.0f} x   bound 50 x")
-    if "--scheme" in sys.argv:
-        scheme(stacks)
     if "--memory" in sys.argv:
         memory(stacks, float(sys.argv[sys.argv.index("--memory") + 1]))
-
-
-def scheme(stacks: list) -> None:  # type: ignore[type-arg]
-    """Time the published scheme and the default one on a simulated pair."""
-    rng = np.random.default_rng(1)
-    R = stacks[0].R
-    extended = (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
-    u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal(extended), 4)) + 0.02 * rng.standard_normal(extended)
-    w = 5.5 - 3 * np.mgrid[0 : extended[0], 0 : extended[1]][1] / extended[1]
-    w[extended[0] // 2 :, extended[1] // 2 :] += 1.2
-    photographs = []
-    for stack in stacks:
-        blur = BlurOperator(stack, SHAPE)
-        blur.focus(w)
-        photographs.append((blur.blur(u) + 0.0015 * rng.standard_normal(SHAPE))[None])
-    for text in ("20x(8+10)+5x20", "20x(20+20)+5x20"):
-        start = time.perf_counter()
-        found = restore(photographs, stacks, RestorationParameters(scheme=Scheme.parse(text)))
-        seconds = time.perf_counter() - start
-        print(f"restore {SHAPE[1]}x{SHAPE[0]}, {text}: {seconds:.1f} s, {found.verdict}   bound (first): 90 s")
 
 
 def memory(stacks: list, megapixels: float) -> None:  # type: ignore[type-arg]

@@ -3,9 +3,9 @@
 `collect` estimates photographs of `adversarial.py`, clean and with each of its corruptions, and appends the checks'
 statistics to a file, a line each. `fit` fits a logistic model for each kind of scene to whether the true MTF50 lies
 within two stated uncertainties: the even seeds are fitted, the odd ones show the reliability, in each class of stated
-probability the share that lies within. With --write the models of all seeds are written with their provenance, which
-`procedures.corruption.probability` reads. A photograph of a chart counts twice: with the print's blur unknown, and
-stated as none.
+probability the share that lies within; before that the coverage of the accepted photographs. With --write the models
+of all seeds are written with their provenance, which `procedures.corruption.probability` reads. A photograph of a
+chart counts twice: with the print's blur unknown, and stated as none.
 
 `python -m tests.benchmarks.verdict_probability collect FILE --scene edge [--count 8] [--seed 11]`
 `python -m tests.benchmarks.verdict_probability fit FILE [--write]`
@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from procedures.corruption import probability
 from procedures.outcome import Check, Verdict
-from tests.benchmarks.adversarial import CORRUPTIONS, CURVE, ESTIMATORS, by_wall, pair, photograph
+from tests.benchmarks.adversarial import CORRUPTIONS, CURVE, ESTIMATORS, FAR, by_wall, pair, photograph
 
 Array = np.ndarray
 Row = dict[str, Any]
@@ -129,6 +129,19 @@ def stated(model: tuple[float, dict[str, float]], some: list[Row]) -> Array:
     return 1 / (1 + np.exp(-np.array(scores)))
 
 
+def show_coverage(scene: str, found: list[Row]) -> None:
+    """Print how many accepted photographs lie beyond three uncertainties, and within two, of MTF50 and of the curve."""
+    accepted = {(row["name"], row["source"], row["seed"]): row for row in reversed(found) if row["verdict"] == "pass"}
+    for kind, corrupted in (("all", (False, True)), ("corrupted", (True,))):
+        rows = [row for (name, _, _), row in accepted.items() if (name != "clean") in corrupted]
+        z = np.abs([(row["value"] - row["truth"]) / row["u"] for row in rows])
+        curves = np.abs([list(row["curve"].values()) for row in rows])
+        print(
+            f"{scene}, {kind}: {len(rows)} accepted, {np.sum(z > FAR)} beyond {FAR:g} u, at most {z.max():.1f}, "
+            f"within two {np.mean(z < 2):.1%}, curves {np.mean(curves < 2):.1%}"
+        )
+
+
 def show(scene: str, found: list[Row]) -> None:
     """Print the reliability of a scene."""
     even, odd = ([row for row in found if row["seed"] % 2 == part] for part in (0, 1))
@@ -179,6 +192,7 @@ def main() -> None:
     rows = rows_of(given.file)
     found = {scene: some for scene in SCENES if (some := [row for row in rows if row["scene"] == scene])}
     for scene, some in found.items():
+        show_coverage(scene, some)
         show(scene, some)
     if given.write:
         write(found)

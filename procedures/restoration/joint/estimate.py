@@ -202,7 +202,7 @@ def _restoration(
     occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks)
     undetermined = float((np.where(moved, limit, spread) > 0.5).mean())
     spread = np.where(moved, np.maximum(spread, limit), occlusion.spread(spread))
-    uncertain = error_map(error.std, residual, 2 * R + 1) * np.where(occlusion.mask, PICTURE, 1.0)
+    uncertain = error_map(error, residual, 2 * R + 1) * np.where(occlusion.mask, PICTURE, 1.0)
     uncertain = np.where(moved, max(error.std, float(sharp.std())), uncertain)
     diagnostics = RestorationDiagnostics(
         noise=state.statistics.sigma,

@@ -5,9 +5,11 @@ frequencies where the weight decides between them.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.gauss_newton import PriorWeights
@@ -117,6 +119,56 @@ def _spectra(images: Array) -> NDArray[np.complex128]:
     return np.asarray(np.fft.fft2((images - level) * window))
 
 
+SECTORS = 4
+"""Directions of frequencies in which a picture's contrast is distinguished: across, down, and both diagonals."""
+
+
+@dataclass(frozen=True, eq=False)
+class TilePowers:
+    """Mean power of images in tiles (rows, columns) of a frame at `centres`, for every band and sector, (Y, X, B, A).
+
+    share : (B, A) number of frequencies; frame : (H, W).
+    """
+
+    mean: Array
+    share: NDArray[np.intp]
+    centres: tuple[NDArray[np.intp], NDArray[np.intp]]
+    frame: tuple[int, int]
+
+    def of(self, band: int, sector: int | None = None) -> Array:
+        """Mean power (Y, X) in a band, or in one of its sectors."""
+        if sector is not None:
+            return np.asarray(self.mean[:, :, band, sector])
+        return np.asarray(self.mean[:, :, band] @ self.share[band] / self.share[band].sum())
+
+    def over_frame(self, values: Array) -> Array:
+        """Values of the tiles (Y, X), interpolated over the frame, (H, W)."""
+        at = [np.interp(np.arange(n), c, np.arange(len(c))) for n, c in zip(self.frame, self.centres, strict=True)]
+        return np.asarray(map_coordinates(values, np.meshgrid(*at, indexing="ij"), order=1))
+
+
+def tile_powers(*images: Array) -> TilePowers:
+    """Sum of the powers of images (..., H, W), over overlapping tiles: a window over the whole frame would weigh its
+    middle more."""
+    frame = (images[0].shape[-2], images[0].shape[-1])
+    tile = (min(SIZE, frame[0]), min(SIZE, frame[1]))
+    starts = [np.linspace(0, n, 1 + -(-2 * n // side)).astype(np.intp) for n, side in zip(frame, tile, strict=True)]
+    index = rings_of(tile) * SECTORS + sectors_of(tile)
+    where, cells = index >= 0, BANDS * SECTORS
+    share = np.bincount(index[where], minlength=cells)
+    mean = np.zeros((len(starts[0]), len(starts[1]), cells))
+    for image in images:
+        # mirrored beyond the frame, so that all of it weighs the same
+        rim = [((n + 1) // 2, (n + 1) // 2) for n in tile]
+        wide = np.pad(image.astype(np.float64), [(0, 0)] * (image.ndim - 2) + rim, mode="symmetric")
+        for (i, y), (j, x) in product(*(enumerate(along) for along in starts)):
+            spectra = np.abs(_spectra(wide[..., y : y + tile[0], x : x + tile[1]])) ** 2
+            power = spectra.reshape(-1, *tile).mean(axis=0)
+            mean[i, j] += np.bincount(index[where], power[where], cells) / np.maximum(share, 1)
+    shape = (BANDS, SECTORS)
+    return TilePowers(mean.reshape(*mean.shape[:2], *shape), share.reshape(shape), (starts[0], starts[1]), frame)
+
+
 def effective_weights(u: Array, downhill: Array) -> Array:
     """Effective prior weight of a picture in every band (BANDS,): the data term's gradient `downhill` over the prior's;
     larger for incomplete iterations, first at high frequencies."""
@@ -135,6 +187,13 @@ def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
     radius = np.hypot(down[:, None], across)
     rings = np.minimum((radius * 2 * BANDS).astype(np.intp), BANDS - 1)
     return np.where(radius < 1.5 / min(*shape, SIZE), -1, rings)
+
+
+def sectors_of(shape: tuple[int, int]) -> NDArray[np.intp]:
+    """The direction of every frequency, one of `SECTORS`."""
+    down, across = (np.fft.fftfreq(n) for n in shape)
+    direction = np.arctan2(down[:, None], across[None]) / np.pi * SECTORS
+    return np.asarray(np.round(direction).astype(np.intp) % SECTORS)
 
 
 def depth_freedom(data: DataTerm, u: Array, weights: PriorWeights) -> float:

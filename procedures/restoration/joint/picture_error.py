@@ -5,6 +5,7 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,11 @@ from scipy.optimize import nnls
 from procedures.restoration.joint.noise_and_contrast import (
     BANDS,
     SIZE,
-    band_powers,
-    gradient_powers,
     responses,
     rings_of,
+    sectors_of,
     separated,
+    tile_powers,
 )
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
@@ -29,18 +30,26 @@ SMOOTH = 0.25
 separated."""
 
 
-@dataclass(frozen=True)
+UNSURE, VARIED = 0.1, 0.5
+"""Relative errors of the amplified noise in a sector of frequencies, and of the band's contrast as the sector's."""
+
+
+@dataclass(frozen=True, eq=False)
 class PictureError:
     """Root mean squares, white = 1.
 
-    std : expected error of the restored picture; noise, lost : its parts due to amplified noise with mask errors, and
-    to the prior; blurred : error of the least blurred photograph.
+    noise : expected error of the restored picture due to amplified noise with mask errors; lost : (H, W) that due to
+    the prior, larger where there is texture; blurred : error of the least blurred photograph.
     """
 
-    std: float
     noise: float
-    lost: float
+    lost: Array
     blurred: float
+
+    @property
+    def std(self) -> float:
+        """Expected error of the picture over the frame."""
+        return float(np.sqrt(self.noise**2 + np.mean(self.lost**2)))
 
 
 def picture_error(
@@ -56,30 +65,46 @@ def picture_error(
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
+    N is estimated for the frame, X for each tile of it and each direction of frequencies.
     """
-    power, slopes, rings = (
-        band_powers(residual.astype(np.float64)),
-        gradient_powers(sharp.astype(np.float64)),
-        rings_of((SIZE, SIZE)),
-    )
-    parts, count = np.zeros(3), len(stacks)
+    wide = np.pad(sharp, ((0, 0), (0, 1), (0, 1)), mode="edge")
+    power, slopes = tile_powers(residual), tile_powers(np.diff(wide, axis=1)[..., :-1], np.diff(wide, axis=2)[:, :-1])
+    rings, sectors, count = rings_of((SIZE, SIZE)), sectors_of((SIZE, SIZE)), len(stacks)
     each = [(*responses(stacks, float(w)), responses_of_best(stacks, float(w))) for w in depths]
+    noisy, blurred, lost = 0.0, 0.0, np.zeros(slopes.mean.shape[:2])
     for band in range(BANDS):
-        at = rings == band
-        here = [(S[at], L[at], best[at]) for S, L, best in each]
-        noise, contrast = separated(
-            [(S, L) for S, L, _ in here], weights[band], count, fitted, count * power[band], slopes[band],
-            fixed=as_restored,
-        )  # fmt: skip
-        for S, L, best in here:
-            soft = weights[band] * L / (S + weights[band] * L + 1e-12)
-            parts += [
-                noise * np.sum(S / (S + weights[band] * L + 1e-12) ** 2),
-                contrast * np.sum(soft**2 / L),
-                contrast * np.sum((1 - np.sqrt(best)) ** 2 / L),
-            ]
-    parts /= len(depths) * np.sum(rings >= 0)
-    return PictureError(float(np.sqrt(parts[:2].sum())), *(float(one) for one in np.sqrt(parts)))
+        weight, frame = weights[band], [part.of(band).mean() for part in (power, slopes)]
+        S, L, best = _within(each, rings == band)
+        noise, _ = separated([(S, L)], weight, count, fitted, count * frame[0], frame[1], fixed=as_restored)
+        noisy += noise * np.sum(S / (S + weight * L + 1e-12) ** 2)
+        whole, _ = _contrast(S, L, weight, slopes.of(band), 0.0 if as_restored else noise)
+        blurred += float(whole.mean()) * np.sum((1 - np.sqrt(best)) ** 2 / L)
+        for sector in np.unique(sectors):
+            S, L, _ = _within(each, (rings == band) & (sectors == sector))
+            contrast, unsure = _contrast(S, L, weight, slopes.of(band, sector), 0.0 if as_restored else noise)
+            # where amplified noise hides a sector's contrast, that of the band is taken
+            known = (VARIED * whole) ** 2 / ((VARIED * whole) ** 2 + (unsure + UNSURE * contrast) ** 2 + 1e-30)
+            lost += (known * contrast + (1 - known) * whole) * np.sum((weight * L / (S + weight * L + 1e-12)) ** 2 / L)
+    total = len(depths) * np.sum(rings >= 0)
+    return PictureError(
+        float(np.sqrt(noisy / total)), np.sqrt(slopes.over_frame(lost / total)), float(np.sqrt(blurred / total))
+    )
+
+
+def _within(spectra: Sequence[tuple[Array, ...]], where: Array) -> tuple[Array, ...]:
+    """The spectra of all depths at some frequencies."""
+    return tuple(np.concatenate([spectrum[where] for spectrum in kind]) for kind in zip(*spectra, strict=True))
+
+
+def _contrast(S: Array, L: Array, weight: float, slopes: Array, noise: float) -> tuple[Array, float]:
+    """Squared gradient of the sharp picture in each tile, from that of the restored one, and its uncertainty by noise
+    of the given power, which the restoration has amplified; for power 0 that of the restored picture."""
+    if noise == 0:
+        return slopes, 0.0
+    kept = S / (S + weight * L + 1e-12)
+    passed = float(np.mean(kept**2)) + 1e-12
+    amplified = noise * float(np.mean(L * kept / (S + weight * L + 1e-12))) / passed
+    return np.maximum(slopes / passed - amplified, 0.0), UNSURE * amplified
 
 
 def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
@@ -88,10 +113,10 @@ def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
     return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
 
 
-def error_map(std: float, residual: Array, window: int) -> Array:
-    """The picture's expected error at every pixel, (H, W), distributed as the local residual."""
+def error_map(error: PictureError, residual: Array, window: int) -> Array:
+    """The picture's expected error at every pixel, (H, W): its part by noise is distributed as the local residual."""
     power = uniform_filter((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), window, mode="reflect")
-    return np.asarray(std * np.sqrt(power / max(float(power.mean()), 1e-30)))
+    return np.asarray(np.sqrt(error.noise**2 * power / max(float(power.mean()), 1e-30) + error.lost**2))
 
 
 def noise_upper_bound(z: Array) -> float:

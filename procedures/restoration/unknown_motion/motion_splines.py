@@ -26,6 +26,9 @@ COARSE = ((0.7, 1e-11), (0.4, 2e-12))
 FINE = ((0.2, 1e-12), (0.0, 1e-12))
 """Widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself."""
 
+SETTLED = 1e-3
+"""Relative decrease of the cost at which the fit of a curve ends: curves are fitted again to the frame's evidence."""
+
 
 @cache
 def basis(instants: int = INSTANTS) -> Array:
@@ -102,7 +105,7 @@ def fit_spline(points: Array, target: Array, sigma: float, steady: float, instan
                 points, cost, damping = tried, value, max(damping / 5, 1e-7)
                 break
             damping *= 5
-        if before - cost < 1e-4 * before:
+        if before - cost < SETTLED * before:
             break
     return cost, points
 

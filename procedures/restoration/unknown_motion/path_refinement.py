@@ -81,11 +81,11 @@ class PathEffort:
     maximum number of restorations from the best, by scheme. Nearly all of the time is spent on these.
     """
 
-    beginnings: int = 96
-    descending: int = 16
+    beginnings: int = 64
+    descending: int = 10
     descents: int = 2
     bends: int = 40
-    restored: int = 3
+    restored: int = 2
     more: int = 12
     scheme: Scheme = SCHEME
 
