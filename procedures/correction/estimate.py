@@ -20,7 +20,7 @@ from procedures.correction.optics import PlaneFields, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import TileGrid
-from procedures.correction.tone_curve import CurveError, decoded_again, plausible
+from procedures.correction.tone_curve import CurveError, curve_unknown, decoded_again, plausible
 from procedures.correction.undershoot import bounded
 from procedures.display import summary
 from procedures.outcome import BadInput, Check, Outcome, Verdict, checked_type, verdict_of
@@ -164,8 +164,7 @@ def correct(
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
     inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
-    unsure = development if development and not development.curve_known else None
-    curve_error = work.curve_error(difference, unsure) if unsure else None
+    curve_error = work.curve_error(difference, development) if development and curve_unknown(development) else None
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
 

@@ -29,6 +29,11 @@ class CurveError(NamedTuple):
     levels: float
 
 
+def curve_unknown(development: Development) -> bool:
+    """Whether nobody states the curve, or the file is coded in blocks: for the eye, with a style on top of it."""
+    return development.curve.name != LINEAR and (development.assumed or development.coding > 0)
+
+
 def plausible(development: Development) -> list[ToneCurve]:
     """Curves by which samples may have been encoded instead; samples of 16 bits without a profile may be linear."""
     curve = development.curve

@@ -35,12 +35,6 @@ class Development:
     exif: bytes = b""
 
     @property
-    def curve_known(self) -> bool:
-        """Whether samples are linear, or the operator or the profile states the curve of a file without loss: what
-        codes in blocks was developed for the eye, with a style on top of the curve."""
-        return self.curve.name == LINEAR or not (self.assumed or self.coding)
-
-    @property
     def level_error(self) -> float:
         """Standard deviation of the error of a level by rounding and coding, as part of white's."""
         return float(np.hypot((12**-0.5) / ((1 << self.bits) - 1), self.coding))

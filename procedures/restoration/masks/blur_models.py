@@ -86,17 +86,13 @@ def path_shape(path: Array, extent: float | None = None) -> Array:
     if extent == 0:
         raise BadInput("the motion path does not move", "record the rig while it vibrates, or use a defocus model")
     places = (path / extent * (1 - 3 * LINE) + 1) / 2 * (SHAPE_SIZE - 1)
-    fine = _resample(places, 16 * SHAPE_SIZE)
+    times = np.linspace(0, len(places) - 1, 16 * SHAPE_SIZE)
+    fine = np.stack([np.interp(times, np.arange(len(places)), places[:, k]) for k in (0, 1)], axis=1)
     grid = np.arange(SHAPE_SIZE)
     sigma = LINE / 2 * (SHAPE_SIZE - 1)
     columns = np.exp(-((grid[None, :] - fine[:, :1]) ** 2) / (2 * sigma**2))
     rows = np.exp(-((grid[None, :] - fine[:, 1:]) ** 2) / (2 * sigma**2))
     return np.asarray(rows.T @ columns, dtype=np.float64)
-
-
-def _resample(points: Array, n: int) -> Array:
-    times = np.linspace(0, len(points) - 1, n)
-    return np.stack([np.interp(times, np.arange(len(points)), points[:, k]) for k in (0, 1)], axis=1)
 
 
 def uniform_motion(angle_rad: float = 0.0) -> Array:

@@ -85,7 +85,8 @@ def outlier_frames(photographs: Array) -> list[int]:
     if count < 3:
         return []
     detail = [gaussian_filter(one, FINE_PX) - gaussian_filter(one, COARSE_PX) for one in photographs]
-    typical = [_median([_correlation(detail[i], detail[j]) for j in _compared_with(i, count)]) for i in range(count)]
+    apart = range(1, count, max((count - 1) // MOST_COMPARED, 1))
+    typical = [_median([_correlation(detail[i], detail[(i + n) % count]) for n in apart]) for i in range(count)]
     outliers = [i for i, likeness in enumerate(typical) if likeness < UNLIKE]
     rest = [correlation for correlation in typical if correlation >= UNLIKE]
     return outliers if 2 * len(outliers) < count and min(rest) > ALIKE else []
@@ -94,11 +95,6 @@ def outlier_frames(photographs: Array) -> list[int]:
 def _median(correlations: list[float]) -> float:
     """The median; of two the higher, which among three photographs only the outlier lacks."""
     return float(np.quantile(correlations, 0.5, method="higher"))
-
-
-def _compared_with(i: int, count: int) -> list[int]:
-    step = max((count - 1) // MOST_COMPARED, 1)
-    return [(i + n) % count for n in range(1, count, step)]
 
 
 def _correlation(a: Array, b: Array) -> float:
