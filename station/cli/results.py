@@ -122,7 +122,7 @@ def verify(certificate: Path, originals: Path | None, signer: Path | None, stric
 
     checks = []
     for one in awaited("computing the numbers again", check_certificate(certificate, originals, signer)):
-        log("verify", f"{one.name} {AGREES[one.agrees]}: {one.words}", level="info" if one.agrees else "warning")
+        log("verify", f"{one.name}: {AGREES[one.agrees]}, {one.words}", level="info" if one.agrees else "warning")
         checks.append(one)
     if as_json:
         click.echo(json.dumps({"certificate": str(certificate), "checks": [asdict(one) for one in checks]}, indent=1))
