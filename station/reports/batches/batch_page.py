@@ -174,22 +174,11 @@ def _distributions(report: BatchReport) -> Section:
     rows, several = [], len({group.camera for group in report.groups}) > 1
     for one in sorted(report.groups, key=lambda group: group.key):
         values, unit = np.asarray(one.values), "" if one.unit == "1" else one.unit
-        shown = [
-            f"{value:.4g}"
-            for value in (np.median(values), np.std(values, ddof=len(values) > 1), values.min(), values.max())
-        ]
+        spread = np.std(values, ddof=len(values) > 1)
+        shown = [f"{value:.4g}" for value in (np.median(values), spread, values.min(), values.max())]
         count = str(np.count_nonzero(outliers(values, values, one.uncertainties)))
-        rows.append(
-            [
-                *([one.camera or "—"] if several else []),
-                plane_name(one.plane),
-                label(one.number),
-                str(len(values)),
-                *shown,
-                count,
-                unit,
-            ]
-        )
+        row = [plane_name(one.plane), label(one.number), str(len(values)), *shown, count, unit]
+        rows.append([one.camera or "—", *row] if several else row)
     head = ["plane", "number", "items", "median", "standard deviation", "least", "greatest", "outliers", "unit"]
     table = Table(rows, ["camera", *head] if several else head, f"{'r' * several}wwnnnnnnw", SORTABLE)
     title = "Distribution of the numbers"
@@ -200,7 +189,7 @@ def _distributions(report: BatchReport) -> Section:
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
     """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
     figure, ((axes, beside),) = axes_grid(
-        6.0, 2.4, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
+        6.0, 2.0, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
     )  # fmt: skip
     cameras = list(dict.fromkeys(one.camera for one in groups))
     edges = np.histogram_bin_edges(np.concatenate([one.values for one in groups]), "auto")
