@@ -101,8 +101,8 @@ def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> No
     """Camera calibration station: subpixel point spread functions with error bars.
 
     Without a command it opens the operator's application. An option before a command applies to it where the
-    option's help names the command ("also for"), and is an error otherwise; --quiet and --json apply to every command that has
-    them.
+    option's help names the command ("also for"), and is an error otherwise; --quiet and --json apply to every
+    command that has them.
     """
     # Planes and frames are processed in parallel; BLAS threads in addition would compete for the cores: four planes
     # took over four times the processor time. Read when numpy is loaded, which no command does before this.
