@@ -448,9 +448,7 @@ FIELD_CURVATURE = _tilt(
 )
 RMS_BEFORE = _tilt("rms_before", "um", "Rms before the turns", "rms height of the plane over the frame", _H, _L)
 RMS_AFTER = _tilt("rms_after", "um", "Rms after the turns", "the same as expected after the turns", _H, _L)
-HELPS = _tilt(
-    "helps", "1", "Probability that the turns help", "probability that the turns bring the plane nearer to best focus"
-)
+HELPS = _tilt("helps", "1", "Probability of help", "probability that the turns bring the plane nearer to best focus")
 
 # --- of a camera's geometry ------------------------------------------------------------------------------------------
 

@@ -23,19 +23,7 @@ from procedures.outcome import Quantity
 from station.calibration.field import field_places
 from station.common.sanitise import stated
 from station.reports.certificate_figure import curves_figure, qr_code
-from station.reports.page import (
-    Block,
-    Items,
-    Note,
-    PrintedPicture,
-    Section,
-    Table,
-    html,
-    render,
-    sentence,
-    small,
-    unit_of,
-)
+from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
 from station.reports.report import METHODS, Report, comparison, parameters_words
 from station.results.comparison import MEASUREMENT, SPECIFICATION
 from station.results.plane_result import PlaneResult
@@ -148,8 +136,8 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
         quantities = [plane.quantity(name) for plane in planes]
         known = next((quantity for quantity in quantities if quantity is not None), None)
         if known is not None:
-            words = ", ".join(filter(None, (label(name, planes[0].unit), unit_of(known))))
-            rows.append([words, *map(_expanded, quantities)])
+            unit = {"1": "", "um": ", µm"}.get(known.unit, f", {known.unit}")
+            rows.append([label(name, planes[0].unit) + unit, *map(_expanded, quantities)])
     heads = []
     for plane in planes:
         judged = comparison(plane).judged

@@ -176,10 +176,7 @@ def _tables(plane: PlaneResult, field: PlaneField) -> list[Figure]:
         terms_in_words = "; ".join(f"{words} {size:.2g}" for size, words in sizes if size > least)
         budget.append([label(name), terms_in_words])
     if budget:
-        caption = (
-            "Uncertainty at one chart by source: standard uncertainties, root mean squares over the charts; terms "
-            "below 1 % of the largest are omitted."
-        )
+        caption = "Standard uncertainty at one chart by source, rms over the charts; below 1 % of the largest omitted."
         figures.append(Figure(Table(budget, columns="wr", style="plain"), caption))
     return figures
 
