@@ -43,8 +43,6 @@ with h5py.File("field.h5") as file:
 """
 """Five lines that read the PSF at (X, Y) of a plane."""
 MAX_CANDIDATES = 7
-LEAST_SHARE = 0.01
-"""Terms of a budget that are stated, over the largest one."""
 FULL_SHARE = 0.995
 """Share of the frame from which a map is said to cover it."""
 SUMMARY = (
@@ -172,8 +170,7 @@ def _tables(plane: PlaneResult, field: PlaneField) -> list[Figure]:
     for name, terms in field.budgets.items():
         factor = plane.factor if name.startswith(FREQUENCIES) else 1.0
         sizes = sorted(((factor * size, TERMS[term]) for term, size in terms.items()), reverse=True)
-        least = sizes[0][0] * LEAST_SHARE if sizes else 0.0
-        terms_in_words = "; ".join(f"{words} {size:.2g}" for size, words in sizes if size > least)
+        terms_in_words = "; ".join(f"{words} {size:.2g}" for size, words in sizes if size > 0.01 * sizes[0][0])
         budget.append([label(name), terms_in_words])
     if budget:
         caption = "Standard uncertainty at one chart by source, rms over the charts; below 1 % of the largest omitted."
