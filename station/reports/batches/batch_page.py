@@ -189,7 +189,7 @@ def _distributions(report: BatchReport) -> Section:
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
     """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
     figure, ((axes, beside),) = axes_grid(
-        6.0, 2.0, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
+        6.0, 1.8, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
     )  # fmt: skip
     cameras = list(dict.fromkeys(one.camera for one in groups))
     edges = np.histogram_bin_edges(np.concatenate([one.values for one in groups]), "auto")
