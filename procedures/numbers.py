@@ -189,12 +189,6 @@ RESIDUAL_STD = _estimate(
     "residual of the fit over the noise measured next to it: 1 is right; of two photographs over the greatest residual "
     "that noise explains: up to 1 is right", _U, short="residual",
 )  # fmt: skip
-PROBABILITY = _estimate(
-    "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
-    "probability, by the statistics of all checks, that MTF50 (along rows) lies within two stated uncertainties, as "
-    "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
-    _H, _L, _C, _U, short="P(within 2 u)",
-)  # fmt: skip
 WITNESS_RATIO = _estimate(
     "witness_ratio", "1", "Signals over exposures",
     "ratio of two exposures' signals over that of their times: 1 of a linear camera", _L, _C,
@@ -265,6 +259,12 @@ EDGE_MTF_NYQUIST = _edge(
 EDGE_ANGLE = _edge(
     "angle", "degree", "Angle of the edge", "between the edge and the nearest axis of the pixels", _H, short="angle"
 )
+PROBABILITY = _estimate(
+    "probability_within_2", "1", "Probability that MTF50 lies within two stated uncertainties",
+    "probability, by the statistics of all checks, that MTF50 (along rows) lies within two stated uncertainties, as "
+    "calibrated on clean and damaged photographs ([how](../explanation/verdicts.md#how-probable-a-number-is))",
+    _H, _L, _C, _U, short="P(within 2 u)",
+)  # fmt: skip
 
 # --- over the frame --------------------------------------------------------------------------------------------------
 
@@ -429,24 +429,26 @@ COLOUR_SHADING = _flats(
 
 _tilt = NumberSection("Of the sensor's plane")
 _EDGES = "height of the sensor behind best focus at the photograph's {} edge over that at its {}"
-TILT_HORIZONTAL = _tilt("tilt_horizontal", "um", "tilt horizontal", _EDGES.format("right", "left"), _H, _L, _C, _T, _U)
-TILT_VERTICAL = _tilt("tilt_vertical", "um", "tilt vertical", _EDGES.format("lower", "upper"), _H, _L, _C, _T, _U)
-BACKFOCUS = _tilt("backfocus", "um", "backfocus", "mean height over the frame at the nominal position", _H, _L, _C, _U)
+TILT_HORIZONTAL = _tilt("tilt_horizontal", "um", "Tilt, horizontal", _EDGES.format("right", "left"), _H, _L, _C, _T, _U)
+TILT_VERTICAL = _tilt("tilt_vertical", "um", "Tilt, vertical", _EDGES.format("lower", "upper"), _H, _L, _C, _T, _U)
+BACKFOCUS = _tilt("backfocus", "um", "Backfocus", "mean height over the frame at the nominal position", _H, _L, _C, _U)
 SHIM = _tilt(
-    "shim", "um", "shim", "change of thickness of a shim under the lens's mount that makes the mean height 0: "
+    "shim", "um", "Shim", "change of thickness of a shim under the lens's mount that makes the mean height 0: "
     "less `backfocus`", _H, _L,
 )  # fmt: skip
 BACKFOCUS_CENTRE = _tilt(
-    "backfocus_centre", "um", "backfocus centre", "height of the smooth surface at the frame's centre, at the nominal "
-    "position", _H, _L,
+    "backfocus_centre", "um", "Backfocus at the centre",
+    "height of the smooth surface at the frame's centre, at the nominal position", _H, _L,
 )  # fmt: skip
-TILT_CORNER = _tilt("tilt_corner", "um", "tilt corner", "height of the highest corner over the centre", _H, _L, _C, _U)
-FIELD_CURVATURE = _tilt(
-    "field_curvature", "um", "field curvature", "mean quadratic of the heights, at half the diagonal", _H, _L, _C
+TILT_CORNER = _tilt(
+    "tilt_corner", "um", "Tilt at the highest corner", "height of the highest corner over the centre", _H, _L, _C, _U
 )
-RMS_BEFORE = _tilt("rms_before", "um", "rms before", "rms height of the plane over the frame", _H, _L)
-RMS_AFTER = _tilt("rms_after", "um", "rms after", "the same as expected after the turns", _H, _L)
-HELPS = _tilt("helps", "1", "helps", "probability that the turns bring the plane nearer to best focus")
+FIELD_CURVATURE = _tilt(
+    "field_curvature", "um", "Field curvature", "mean quadratic of the heights, at half the diagonal", _H, _L, _C
+)
+RMS_BEFORE = _tilt("rms_before", "um", "Rms before the turns", "rms height of the plane over the frame", _H, _L)
+RMS_AFTER = _tilt("rms_after", "um", "Rms after the turns", "the same as expected after the turns", _H, _L)
+HELPS = _tilt("helps", "1", "Probability of help", "probability that the turns bring the plane nearer to best focus")
 
 # --- of a camera's geometry ------------------------------------------------------------------------------------------
 

@@ -108,9 +108,11 @@ class Goal:
         left = f"{self.left} photograph{'s' * (self.left != 1)} to the goal"
         if self.now != self.now:
             return f"The uncertainty is known after the estimate; {left}."
-        now, after = (f"± {one:.2g}" if one < inf else "unknown" for one in (self.now, self.after))
-        unit = f" {self.unit}" if self.unit and self.after < inf else ""
-        return f"{self.name} {now} now, {after}{unit} after the next photograph; {left}."
+        if self.after == inf:
+            return f"{self.name}: more photographs are needed to state it; {left}."
+        now = f"± {self.now:.2g} now" if self.now < inf else "unknown now"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name}: {now}, ± {self.after:.2g}{unit} after the next photograph; {left}."
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from station.common.namesakes import check_namesakes
 check_namesakes()  # before the imports that would fail in a foreign package
 
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.lazy import LazyGroup
+from station.cli.terminal.lazy import LazyGroup, json_before
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -101,7 +101,8 @@ def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> No
     """Camera calibration station: subpixel point spread functions with error bars.
 
     Without a command it opens the operator's application. An option before a command applies to it where the
-    option's help names the command ("also for"), and is an error otherwise; --quiet applies to every command.
+    option's help names the command ("also for"), and is an error otherwise; --quiet and --json apply to every
+    command that has them.
     """
     # Planes and frames are processed in parallel; BLAS threads in addition would compete for the cores: four planes
     # took over four times the processor time. Read when numpy is loaded, which no command does before this.
@@ -111,6 +112,8 @@ def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> No
     atexit.register(gc.freeze)
     if ctx.invoked_subcommand is not None:  # it inherits the options that apply to it: see `inherited`
         return
+    if json_before.given(ctx):
+        raise click.UsageError("--json is for a command, and none is given.")
     if plain:
         from station.cli.guide import run_plain as run
     else:

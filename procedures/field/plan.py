@@ -192,7 +192,7 @@ def corner_goal(places: Sequence[Location], number: int, facts: Facts) -> Goal:
     """Progress of MTF50 in the frame's corners before the photograph at a place, by the noise of that at the start."""
     one = facts_as(FieldFacts, facts).chart_mtf50_uncertainty or float("nan")
     now, after = (one * corner_spread(places[:n]) for n in (number - 1, number))
-    return Goal(len(places) - number + 1, "MTF50 in the corners, by noise", "cycles/pixel", now, after)
+    return Goal(len(places) - number + 1, "MTF50 in the corners by noise", "cycles/pixel", now, after)
 
 
 def corner_spread(places: Sequence[Location], *, plane: bool = False) -> float:

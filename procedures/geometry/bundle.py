@@ -13,12 +13,12 @@ from itertools import product
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pycolmap
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry import stereographic
 from procedures.geometry.adjustment import AdjustmentProblem, adjust
 from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camera
+from procedures.geometry.colmap import pycolmap
 from procedures.geometry.shape import rigid_shape
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused

@@ -12,10 +12,10 @@ from functools import cache, cached_property
 
 import numpy as np
 import numpy.typing as npt
-import pycolmap
 from scipy.linalg import block_diag
 
 from procedures.geometry import stereographic
+from procedures.geometry.colmap import pycolmap
 from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]

@@ -219,7 +219,7 @@ def view_goal(number: int, facts: Facts) -> Goal:
     known = facts_as(GeometryFacts, facts)
     wanted = wanted_pose(number, known)
     left = int(USUAL if known.views is None else known.views) - number + 1
-    return Goal(left, "projection", "px of the plane", wanted.before, wanted.after)
+    return Goal(left, "Projection", "px of the plane", wanted.before, wanted.after)
 
 
 def pose_advice(

@@ -34,7 +34,7 @@ def progress(taken: int, known: RestorationFacts, path: Callable[[str], Shake | 
     share = USUAL * (known.max_w or 0.0)
     points = [share * blur_points(which, known, path(which)) for which in known.blurred]
     now, after = (100 * picture_error(points[:n], known.first_noise, known.first_contrast) for n in (taken, taken + 1))
-    return Goal(left, "error of the picture, as predicted,", "% of white", now, after)
+    return Goal(left, "Predicted error of the picture", "% of white", now, after)
 
 
 def blur_points(which: str, known: RestorationFacts, shake: Shake | None) -> Array:

@@ -242,7 +242,7 @@ def gain_goal(facts: Facts, whole: int) -> Goal:
     lights = [light / full for light in known.lit.values() if light / full * (known.brightest or 0.0) < REGRESSION]
     last = lights[-1:] if lights and lights.count(lights[-1]) % PAIR else []
     now, after = (100 * gain_uncertainty(one, known.samples or 1.0) for one in (lights, lights + last))
-    return Goal(max(whole - len(known.lit), 0), "gain", "%", now, after)
+    return Goal(max(whole - len(known.lit), 0), "Gain", "%", now, after)
 
 
 def gain_uncertainty(lights: Sequence[float], samples: float) -> float:

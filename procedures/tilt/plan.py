@@ -295,7 +295,7 @@ def corner_goal(places: Sequence[Location], taken: int, depths: int, focus: floa
     """Progress of the corners' heights over the centre, by the uncertainty `focus` of best focus at one place, in
     um."""
     now, after = (focus * field_plan.corner_spread(places[: n // depths], plane=True) for n in (taken, taken + 1))
-    return Goal(len(places) * depths - taken, "height of the corners, by noise,", "um", now, after)
+    return Goal(len(places) * depths - taken, "Height of the corners by noise", "µm", now, after)
 
 
 def focus_um(noise: float | None, depth_um: float) -> float:

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,9 +69,9 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
 
 def _printed(program: click.Command, words: Sequence[str]) -> str:
-    """The text that a command writes to stdout."""
+    """The text that a command writes to stdout; what it logs is not shown."""
     out = io.StringIO()
-    with redirect_stdout(out), suppress(SystemExit):
+    with redirect_stdout(out), redirect_stderr(io.StringIO()), suppress(SystemExit):
         program.main(list(words), prog_name="station")
     return out.getvalue()
 

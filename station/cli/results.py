@@ -19,7 +19,7 @@ from station.common.errors import log
 if TYPE_CHECKING:
     from station.results.explanation import BatchExplanation, PlaneExplanation
 
-MOST_TERMS = 3
+MOST_TERMS, LEAST_SHARE = 3, 0.005
 NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
 
 
@@ -64,7 +64,7 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
             effects = predictions(known, first.number, budget)
         entry["twin"] = [asdict(effect) for effect in effects]
         lines += ["", f"Predicted for {first.plane}:"]
-        lines += [f"  {one.words}: {one.number}, from ± {one.before:.2g} to ± {one.after:.2g}" for one in effects]
+        lines += [f"  {one.words}: {one.number}, {_fall(one.before, one.after)}" for one in effects]
     elif first.terms and TWIN & {*known, *known.get("diagnostics", {})}:
         lines.append("`--twin` predicts the effect of remedies by a simulated camera.")
     return entry, lines, [plane.verdict for plane in planes]
@@ -72,6 +72,11 @@ def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], 
 
 def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
     click.echo(json.dumps(entry, indent=1) if as_json else "\n".join(lines))
+
+
+def _fall(before: float, after: float) -> str:
+    now, then = f"± {before:.2g}", f"± {after:.2g}"
+    return f"from {now} to {then}" if now != then else f"stays {now}"
 
 
 def _plane_lines(one: PlaneExplanation) -> list[str]:
@@ -82,7 +87,7 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
     lines += [f"  what helps: {one.remedy}"] if one.remedy else []
     name = label(one.number)[:1].upper() + label(one.number)[1:] if one.number else ""
     if one.terms:
-        first, *others = one.terms[:MOST_TERMS]
+        first, *others = [part for part in one.terms[:MOST_TERMS] if part.share >= LEAST_SHARE]
         lines += [
             f"  {name} {one.value}, {first.share:.0%} of its variance: {WORDS[first.term]}.",
             f"  Best: {first.remedy}; ± falls from {one.uncertainty:.2g} to {first.uncertainty_then:.2g} at best.",
@@ -122,7 +127,7 @@ def verify(certificate: Path, originals: Path | None, signer: Path | None, stric
 
     checks = []
     for one in awaited("computing the numbers again", check_certificate(certificate, originals, signer)):
-        log("verify", f"{one.name} {AGREES[one.agrees]}: {one.words}", level="info" if one.agrees else "warning")
+        log("verify", f"{one.name}: {AGREES[one.agrees]}, {one.words}", level="info" if one.agrees else "warning")
         checks.append(one)
     if as_json:
         click.echo(json.dumps({"certificate": str(certificate), "checks": [asdict(one) for one in checks]}, indent=1))

@@ -81,10 +81,10 @@ class ContextFlag:
     """A flag of commands that is kept in their context, for the code below them; that of a group is for all its
     commands."""
 
-    def __init__(self, *names: str, help: str, is_eager: bool = False) -> None:
+    def __init__(self, *names: str, help: str, is_eager: bool = False, hidden: bool = False) -> None:
         self._key = f"station{names[-1]}"
         self._option = click.option(
-            *names, is_flag=True, expose_value=False, is_eager=is_eager, callback=self._keep, help=help
+            *names, is_flag=True, expose_value=False, is_eager=is_eager, callback=self._keep, help=help, hidden=hidden
         )
 
     def __call__(self, command: Callable[..., Any]) -> Callable[..., Any]:

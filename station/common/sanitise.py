@@ -48,3 +48,15 @@ def stated(value: float, uncertainty: float) -> str:
         return f"{value:.4g}".replace("-", "−")
     decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
     return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")
+
+
+UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_nm": "nm", "_s": "s"}
+"""Units by the ending of a name."""
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """Split a name and its unit: z_mm is z in mm."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit
+    return name.replace("_", " "), ""

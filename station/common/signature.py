@@ -20,7 +20,7 @@ class ProofCheck:
     words: str
 
 
-AGREES = {True: "agrees", False: "DIFFERS", None: "not compared"}
+AGREES = {True: "ok", False: "DIFFERS", None: "not compared"}
 
 
 def _cryptography() -> Any:

@@ -106,7 +106,7 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     head = measurement.head
     places = {one.path: _original(Path(one.path), one.sha256, originals) for one in head.input}
     missing = [printable(name) for name, place in places.items() if place is None]
-    words = f"changed or missing: {', '.join(missing)}" if missing else f"all {len(places)} are unchanged"
+    words = f"changed or missing: {', '.join(missing)}" if missing else f"{len(places)} of {len(places)} unchanged"
     yield ProofCheck("originals", not missing, words)
     if missing:
         return
@@ -150,7 +150,7 @@ def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts
     """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
     moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
-        return ProofCheck("numbers", True, f"all {count} were computed again and agree")
+        return ProofCheck("numbers", True, f"{count} of {count} computed again and equal")
     words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]
     words += [f"the verdict of {name}" for name in verdicts]
     return ProofCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")

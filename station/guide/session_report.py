@@ -21,7 +21,7 @@ from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope
 from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
-from station.common.sanitise import printable, stated
+from station.common.sanitise import printable, stated, unit_of
 from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
 from station.procedure.schema import procedure_named, procedure_names
@@ -50,7 +50,6 @@ STATED = (
 )  # fmt: skip
 """The facts of a session that its certificate states."""
 WORDS = {str(S_OVER_T): "s/t", "iso": "ISO", "f_number": "f-number"}
-UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
 def session_page(folder: Path, result: SessionResult | None = None) -> str:
@@ -120,7 +119,7 @@ def _customer_facts(facts: Mapping[str, Any]) -> dict[str, str]:
     known = {}
     for key in STATED:
         if (value := facts.get(key)) is not None:
-            words, unit = _unit_of(key)
+            words, unit = unit_of(key)
             known[WORDS.get(key) or NAMES.get(key, words)] = (
                 f"{value:.4g} {unit}".rstrip() if isinstance(value, float) else str(value)
             )
@@ -227,20 +226,12 @@ def _conditions(state: SessionState) -> Iterator[ReportLine]:
                 values_of.setdefault(name, []).append(float(value))
     for name, values in sorted(values_of.items()):
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
-        words, unit = _unit_of(printable(name))
+        words, unit = unit_of(printable(name))
         yield ReportLine(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
 
 
 def _environment(state: SessionState) -> dict[str, Any] | None:
     return environment_of(shot.snapshot for shot in state.counting())
-
-
-def _unit_of(name: str) -> tuple[str, str]:
-    """Split a name and its unit: z_mm is z in mm."""
-    for ending, unit in UNITS.items():
-        if name.endswith(ending):
-            return name.removesuffix(ending).replace("_", " "), unit
-    return name.replace("_", " "), ""
 
 
 def _devices(record: SessionRecord) -> Iterator[ReportLine]:

@@ -136,7 +136,7 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
         quantities = [plane.quantity(name) for plane in planes]
         known = next((quantity for quantity in quantities if quantity is not None), None)
         if known is not None:
-            unit = "" if known.unit == "1" else f", {known.unit}"
+            unit = {"1": "", "um": ", µm"}.get(known.unit, f", {known.unit}")
             rows.append([label(name, planes[0].unit) + unit, *map(_expanded, quantities)])
     heads = []
     for plane in planes:

@@ -224,7 +224,7 @@ def quantity(number: Quantity) -> str:
 
 def unit_of(number: Quantity) -> str:
     """The unit of a number; nothing if it has none."""
-    return "" if number.unit == "1" else number.unit
+    return {"1": "", "um": "µm"}.get(number.unit, number.unit)
 
 
 def shown_unit(number: Quantity) -> Text:

@@ -167,7 +167,7 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
     known = [name for name in in_group(Group.LINE) if name in {**plane.numbers, **plane.values}]
     name = next((name for name in known if _budget(plane, name)), next(iter(known), ""))
     number, budget = plane.numbers.get(name), _budget(plane, name)
-    if plane.verdict is Verdict.REFUSED or not (number or budget):
+    if plane.verdict is Verdict.REFUSED or not name:
         return plain
     total = sum(part**2 for part in budget.values())
     shares = [

@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 from station.cli.terminal.command import StationCommand
 from station.cli.terminal.examples import EXAMPLES
 from station.cli.terminal.inherited import check_inherited
-from station.common.errors import reporting_errors
+from station.common.errors import ContextFlag, reporting_errors
 
 Table = Mapping[str, tuple[str, str, str]]
 """name -> (module under station.cli, function, help line)"""
@@ -21,12 +21,18 @@ ADDED = "station.procedures"
 """The entry-point group of other packages' procedures, each of which is a command."""
 
 
+json_before = ContextFlag(
+    "--json", help="Passed on to the command: write its result as JSON to stdout, and nothing else there.", hidden=True
+)
+
+
 class LazyGroup(StationCommand, click.Group):
     """A group that imports a command's module when the command is called, and explains its errors."""
 
     def __init__(self, *args: Any, table: Table, extensible: bool = False, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.table, self.extensible = table, extensible
+        json_before(self)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order they are declared; the procedures of other packages last."""
@@ -56,6 +62,7 @@ class LazyGroup(StationCommand, click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         if name and command and not isinstance(command, click.Group) and not ctx.resilient_parsing:
             check_inherited(ctx, name, command)
+            rest = ["--json", *rest] if json_before.given(ctx) else rest
         return name, command, rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -26,6 +26,7 @@ from procedures.plan import (
 )
 from procedures.raw import RawFrame
 from station.common.models import ModelField, TableSource, fields_of, read_model, read_value
+from station.common.sanitise import unit_of
 from station.guide.dialogue import FILE_SEPARATOR
 from station.procedure.base import Inputs, Procedure
 from station.procedure.schema import procedure_named
@@ -107,7 +108,8 @@ def _asked(procedure: Procedure[Any]) -> list[ModelField]:
 
 def _question(field: ModelField) -> Ask:
     """A setting as a question with its default; an empty answer leaves an optional setting out."""
-    question = f"{field.name.replace('_', ' ')}: {field.description}"
+    words, unit = unit_of(field.name)
+    question = f"{words[:1].upper()}{words[1:]}{unit and f', {unit}'}: {field.description}"
     ask = Ask(SETTING + field.name, question, "text", check=partial(_check, field))
     if field.kind is bool:
         return replace(ask, kind="choice", choices=(NO, YES), default=YES if field.default else NO)

@@ -16,6 +16,7 @@ from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.plots import DASHED, Figure, drawn, legend, points
 from station.drawing.style import axes_grid, title_along
 from station.reports.page import SORTABLE, Block, Figures, Note, Section, Table, html, page, plane_name, tag, unit_of
+from station.reports.report_page import MAX_WHOLE_ROWS
 from station.results.comparison import measurement_words
 from station.results.explanation import OUTLIER, outliers
 
@@ -114,7 +115,7 @@ def batch_page(report: BatchReport) -> str:
     rows = [row for one in shown for row in _rows(one, names, report)]
     sections = [
         Section(report.title, summary, verdict="pass", kicker="batch"),
-        *([Section("Distribution of the numbers", _distributions(report))] if report.groups else []),
+        *([_distributions(report)] if report.groups else []),
         Section(
             "All items",
             [
@@ -122,6 +123,7 @@ def batch_page(report: BatchReport) -> str:
                 Note(f"± is one standard uncertainty. {MEANING}"),
                 Note(html(f"And {rest} more. {FILES}" if rest else FILES)),
             ],
+            closing=len(rows) <= MAX_WHOLE_ROWS,
         ),
     ]
     return page(f"Batch: {report.count} items", sections)
@@ -164,31 +166,30 @@ def _unit(report: BatchReport, name: str) -> str:
 # --- distributions ---
 
 
-def _distributions(report: BatchReport) -> list[Block]:
+def _distributions(report: BatchReport) -> Section:
     by_number: dict[str, list[NumberGroup]] = {}
     for group in report.groups:
         by_number.setdefault(group.number, []).append(group)
     figures = [_distribution(groups, name, report) for name, groups in by_number.items()]
-    rows = []
+    rows, several = [], len({group.camera for group in report.groups}) > 1
     for one in sorted(report.groups, key=lambda group: group.key):
         values, unit = np.asarray(one.values), "" if one.unit == "1" else one.unit
-        shown = [
-            f"{value:.4g}"
-            for value in (np.median(values), np.std(values, ddof=len(values) > 1), values.min(), values.max())
-        ]
+        spread = np.std(values, ddof=len(values) > 1)
+        shown = [f"{value:.4g}" for value in (np.median(values), spread, values.min(), values.max())]
         count = str(np.count_nonzero(outliers(values, values, one.uncertainties)))
-        rows.append(
-            [one.camera or "—", plane_name(one.plane), label(one.number), str(len(values)), *shown, count, unit]
-        )
-    head = ["camera", "plane", "number", "items", "median", "standard deviation", "least", "greatest", "outliers",
-            "unit"]  # fmt: skip
-    return [Figures(figures, wide=True), Table(rows, head, "rwwnnnnnnw", SORTABLE)]
+        row = [plane_name(one.plane), label(one.number), str(len(values)), *shown, count, unit]
+        rows.append([one.camera or "—", *row] if several else row)
+    head = ["plane", "number", "items", "median", "standard deviation", "least", "greatest", "outliers", "unit"]
+    table = Table(rows, ["camera", *head] if several else head, f"{'r' * several}wwnnnnnnw", SORTABLE)
+    title = "Distribution of the numbers"
+    heading = title if several else ", ".join(filter(None, (title, report.groups[0].camera)))
+    return Section(heading, [Figures(figures, wide=True), table])
 
 
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
     """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
     figure, ((axes, beside),) = axes_grid(
-        6.0, 2.4, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
+        6.0, 1.8, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
     )  # fmt: skip
     cameras = list(dict.fromkeys(one.camera for one in groups))
     edges = np.histogram_bin_edges(np.concatenate([one.values for one in groups]), "auto")

@@ -13,7 +13,7 @@ from station.drawing.colours import INK
 from station.drawing.plots import BAR_RIGHT, Figure, finished, picture, plot_axes
 from station.reports.field.field_figures import field_map_figure
 from station.reports.geometry_figures import distortion_figure, uncertainty_figure
-from station.reports.page import Figures, Section, Table, causes, html, number_rows, tag
+from station.reports.page import Block, Figures, Section, Table, causes, html, number_rows, tag
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +39,9 @@ def camera_section(camera: WholeCamera) -> Section:
     )
     rows = [[f"{one.first}, {one.second}".replace("_", " "), f"{one.how}: {one.why}"] for one in numbers.blocks]
     shared = Table(rows, ["parts", "common contributions"], "wr")
-    blocks = [words, *causes(camera.geometry, "Geometry: "), Figures(figures, wide=True), shared]
+    blocks: list[Block] = [words, *causes(camera.geometry, "Geometry: ")]
+    blocks += [Figures(figures, wide=True)] if figures else []
+    blocks += [shared] if rows else []
     return Section(html("The whole camera {}", tag(camera.geometry.verdict)), blocks)
 
 

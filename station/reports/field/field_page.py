@@ -4,13 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from markupsafe import Markup
-
 from procedures.choice import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.maps import FieldMap, LateralColour
 from procedures.field.photosite import Photosite
-from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL, label
 from station.drawing.plots import Figure
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
@@ -29,7 +27,6 @@ from station.reports.page import (
     percent,
     reason_words,
     sentence,
-    small,
     tag,
 )
 from station.reports.report import Report
@@ -173,9 +170,10 @@ def _tables(plane: PlaneResult, field: PlaneField) -> list[Figure]:
     for name, terms in field.budgets.items():
         factor = plane.factor if name.startswith(FREQUENCIES) else 1.0
         sizes = sorted(((factor * size, TERMS[term]) for term, size in terms.items()), reverse=True)
-        budget.append([name.replace("_", " "), Markup(" ").join(small(f"{size:.2g}", words) for size, words in sizes)])
+        terms_in_words = "; ".join(f"{words} {size:.2g}" for size, words in sizes if size > 0.01 * sizes[0][0])
+        budget.append([label(name), terms_in_words])
     if budget:
-        caption = "Uncertainty at one chart by source: standard uncertainties, root mean squares over the charts."
+        caption = "Standard uncertainty at one chart by source, rms over the charts; below 1 % of the largest omitted."
         figures.append(Figure(Table(budget, columns="wr", style="plain"), caption))
     return figures
 

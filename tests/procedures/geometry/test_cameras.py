@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +13,11 @@ from procedures.outcome import BadParameter
 
 FULL = CameraModel(
     "FULL_OPENCV", np.array([900, 910, 320.25, 239.5, -0.2, 0.1, 1e-3, -2e-3, 0.02, 0.01, 0.03, -0.01]), 640, 480
+)
+TERMINATED = (
+    "import os, signal, threading; heard = []; signal.signal(signal.SIGTERM, lambda *one: heard.append(one));"
+    "thread = threading.Thread(target=__import__, args=('procedures.geometry.bundle',)); thread.start(); thread.join();"
+    "os.kill(os.getpid(), signal.SIGTERM); print(len(heard))"
 )
 POINTS = np.random.default_rng(5).uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.3], (40, 3))
 
@@ -58,3 +67,9 @@ def test_the_derivative_by_pose_predicts_a_small_change():
 def test_unknown_models_are_refused_with_a_list_of_the_known_ones():
     with pytest.raises(BadParameter, match="no camera model 'BROWN'; name one of SIMPLE_RADIAL"):
         parameter_names("BROWN")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_sigterm_still_stops_the_devices_after_the_import():
+    done = subprocess.run([sys.executable, "-c", TERMINATED], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "1\n")

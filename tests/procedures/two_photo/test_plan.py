@@ -229,7 +229,9 @@ def test_further_distances_are_within_the_rail():
     # the far photographs, 4.4 times as far, count as those of 5 times: 0.005; the first stop adds 0.004
     assert (goal.left, goal.now) == (2, 0.005)
     assert goal.after == pytest.approx((0.005**-2 + 0.004**-2) ** -0.5)
-    assert goal.say.startswith("MTF at Nyquist by noise ± 0.005 now, ± 0.0031 after the next photograph; 2 photographs")
+    assert goal.say.startswith(
+        "MTF at Nyquist by noise: ± 0.005 now, ± 0.0031 after the next photograph; 2 photographs"
+    )
     assert farther_stops({**facts, "farther": 0.0}) == []
 
 

@@ -1,5 +1,6 @@
 """Options before a command: each command takes them, or says in a usage error that they do not apply to it."""
 
+import json
 import os
 import select
 import subprocess
@@ -121,6 +122,11 @@ def test_quiet_before_a_command_holds_for_it(tmp_path):
     assert "no session" in run("session", "list", "--sessions", tmp_path).stderr
     done = run("--quiet", "session", "list", "--sessions", tmp_path)
     assert (done.exit_code, done.stderr) == (0, "")
+
+
+def test_json_before_a_command_or_its_group_holds_for_it(tmp_path):
+    for words in (("--json", "session", "list"), ("session", "--json", "list")):
+        assert json.loads(run(*words, "--sessions", tmp_path).stdout)["sessions"] == []
 
 
 @pytest.mark.parametrize(

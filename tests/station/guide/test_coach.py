@@ -63,7 +63,8 @@ def test_a_panel_an_edge_and_a_scene_are_matched_by_their_outlines():
 
 
 def test_the_progress_before_an_estimate():
-    assert Goal(4, "MTF", "", inf, inf).say.startswith("MTF unknown now, unknown after the next photograph; 4 ")
+    assert Goal(4, "MTF", "", inf, inf).say.startswith("MTF: more photographs are needed to state it; 4 ")
+    assert Goal(4, "MTF", "", inf, 0.1).say.startswith("MTF: unknown now, ± 0.1 after the next photograph; 4 ")
     # K is a line through 0: two levels of variances known to sqrt(2/N) each
     assert gain_uncertainty([1.0, 1.0, 0.0, 0.0], 200.0) == pytest.approx(0.1)
     assert gain_uncertainty([1.0, 1.0, 1.0, 1.0], 200.0) == pytest.approx(0.1 / 3**0.5)
@@ -137,7 +138,7 @@ def test_the_progress_of_a_mean_follows_its_weights():
     goal = goal_of([1 / 0.004**2] * 2, 0.002)  # 1/u^2 adds up: four photographs of 0.004 give 0.002
     assert (goal.left, goal.now, goal.after) == (2, pytest.approx(0.004 / 2**0.5), pytest.approx(0.004 / 3**0.5))
     assert goal_of([1.0], 10.0).left == FEWEST - 1, "fewer cannot be tested for agreement"
-    words = "MTF50 between photographs ± 0.0028 now, ± 0.0023 cycles/pixel after the next photograph"
+    words = "MTF50 between photographs: ± 0.0028 now, ± 0.0023 cycles/pixel after the next photograph"
     assert goal.say == f"{words}; 2 photographs to the goal."
     assert Goal(1).say == "The uncertainty is known after the estimate; 1 photograph to the goal."
 
