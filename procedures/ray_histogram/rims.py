@@ -155,9 +155,10 @@ def _expected(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], row
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
     own, light = n[:, CENTRE], means[:, CENTRE]
-    alone = quiet & (noise[rows, columns] / own > LONE * (light**2).sum(-1))
+    hits = part[:, CENTRE] * own
+    alone = quiet & ((noise[rows, columns] / own > LONE * (light**2).sum(-1)) | (np.abs(hits - 1) < 0.5))
     rest = np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
-    return _Expected(lamp, dark, rest, rim, own, part[:, CENTRE] * own, shape, variance)
+    return _Expected(lamp, dark, rest, rim, own, hits, shape, variance)
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
