@@ -34,7 +34,7 @@ AROUND_SIDE = 7
 ALIKE, UNLIKE = 1.5, 3.0
 """Variance of the means around a pixel over that of their noise: up to the first all pixels there are alike, from the
 second on the pixel's own variance counts alone. Of 49 values the ratio has a standard deviation of 0.2."""
-CHANGE_PX, EXPLAINED = 1.5, 1.5
+CHANGE_PX, EXPLAINED = 1.5, 2.0
 """Standard deviation of the neighbourhood in which changes beside a lamp are compared with noise, pixels, and the mean
 square up to which noise explains them, in variances of the samples' means: without bias it is 1 at most."""
 

@@ -45,7 +45,7 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
-TRUST_PX, TRUST = 3.0, 1.5
+TRUST_PX, TRUST = 3.0, 2.0
 """Standard deviation of the neighbourhood in which the prior's error is determined, pixels, and a factor on the noise
 in that comparison: pixels that all miss a lamp have none."""
 FLOOR = 0.01
