@@ -12,7 +12,6 @@ A pixel that sees the lamp by a single sample is not raised: pixels that see it 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -78,14 +77,11 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, D
     values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
         noise = mean_variance(film).sum(-1) * film.count
-        pixels = [(near, _expected(film, noise, picture, *near)) for near in _near_lamps(film.mean.sum(-1))]
-        errors = np.zeros((2, *film.count.shape))
-        for near, expected in pixels:
-            errors[:, *near] = expected.errors()
-        own, both = ndimage.gaussian_filter(errors, (0, TRUST_PX, TRUST_PX))
-        trust = np.minimum(TRUST * own / np.maximum(both, 1e-12), 1)
-        for near, expected in pixels:
-            values[near], uncertainty[near] = expected.estimates(trust[near])
+        expected = np.full((10, *film.count.shape), np.nan)
+        for near in _near_lamps(film.mean.sum(-1)):
+            expected[:, *near], values[near] = _expected(film, noise, picture, *near)
+        rim = np.isfinite(expected[0])
+        values[rim], uncertainty[rim] = _estimates(expected[:, rim], rim)
     return values, uncertainty
 
 
@@ -96,40 +92,22 @@ def beside_lamps(film: Film) -> npt.NDArray[np.bool_]:
     return np.asarray(ndimage.maximum_filter(lamps, 2 * BESIDE + 1) > CONTRAST * np.maximum(brightness, 0))
 
 
-@dataclass(frozen=True)
-class _Expected:
-    """Pixels near lamps: values of lamp, dark and own mean, `rest` for pixels that are not at a `rim`, (n, 3); own
-    samples and hits of the lamp among them, and the part covered that the shape predicts with its variance, (n,)."""
-
-    lamp: Doubles
-    dark: Doubles
-    rest: Doubles
-    rim: npt.NDArray[np.bool_]
-    samples: Doubles
-    hits: Doubles
-    part: Doubles
-    variance: Doubles
-
-    def errors(self) -> Doubles:
-        """Relative variance of own means, and squared difference from the shape's, (2, n); 0 where not at a rim."""
-        step = self.lamp - self.dark
-        scale = (step**2 / ((self.dark + self.part[:, None] * step) ** 2 + FLOOR)).sum(-1) * self.rim
-        own = self.hits / self.samples
-        return np.stack([own * (1 - own) / np.maximum(self.samples - 1, 1), (own - self.part) ** 2]) * scale
-
-    def estimates(self, trust: Doubles) -> Doubles:
-        """Values and uncertainties (2, n, 3), NaN where not at a rim; trust (n,): largest weight of the prior."""
-        part = self.part
-        most = self.samples * trust / np.maximum(1 - trust, 1e-9)
-        a, b = _beta(part, self.variance + 4 * SHAPE_ERROR**2 * part * (1 - part), most)
-        missed = self.samples - self.hits
-        covered = special.betaincinv((a + self.hits)[:, None], (b + missed)[:, None], QUANTILES)[..., None]
-        possible = self.dark[:, None] + covered * (self.lamp - self.dark)[:, None]
-        shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
-        values = SHOWN * shown / (1 - shown)
-        spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
-        rim = self.rim[:, None]
-        return np.stack([np.where(rim, values, self.rest), np.where(rim, spread, np.nan)])
+def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, Doubles]:
+    """Values and uncertainties (n, 3) of the pixels at a rim (rows, columns), with what `_expected` knows of them."""
+    part, variance, n, hits = expected[:4]
+    lamp, dark = expected[4:7].T, expected[7:].T
+    own, scale = hits / n, ((lamp - dark) ** 2 / ((dark + part[:, None] * (lamp - dark)) ** 2 + FLOOR)).sum(-1)
+    errors = np.zeros((2, *rim.shape))
+    errors[:, rim] = np.stack([own * (1 - own) / np.maximum(n - 1, 1), (own - part) ** 2]) * scale
+    noise, both = ndimage.gaussian_filter(errors, (0, TRUST_PX, TRUST_PX))[:, rim]
+    trust = np.minimum(TRUST * noise / np.maximum(both, 1e-12), 1)
+    most = n * trust / np.maximum(1 - trust, 1e-9)
+    a, b = _beta(part, variance + 4 * SHAPE_ERROR**2 * part * (1 - part), most)
+    covered = special.betaincinv((a + hits)[:, None], (b + n - hits)[:, None], QUANTILES)[..., None]
+    possible = dark[:, None] + covered * (lamp - dark)[:, None]
+    shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
+    values = SHOWN * shown / (1 - shown)
+    return values, np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
 
 
 def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
@@ -141,8 +119,15 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
         yield rows[i : i + PIXELS] + REACH, columns[i : i + PIXELS] + REACH
 
 
-def _expected(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> _Expected:
-    """What is known of pixels before own samples and shape are combined; noise (rows, columns): variance of samples."""
+def _expected(
+    film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints
+) -> tuple[Doubles, Doubles]:
+    """What the pixels around say, (10, n): part covered, its variance, own samples and hits, values of lamp and dark.
+
+    NaN where not at a rim; and the values of pixels that see a lamp once, (n, 3).
+
+    noise : (rows, columns) variance of samples.
+    """
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
     around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
     means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
@@ -157,8 +142,8 @@ def _expected(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], row
     own, light = n[:, CENTRE], means[:, CENTRE]
     hits = part[:, CENTRE] * own
     alone = quiet & ((noise[rows, columns] / own > LONE * (light**2).sum(-1)) | (np.abs(hits - 1) < 0.5))
-    rest = np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
-    return _Expected(lamp, dark, rest, rim, own, hits, shape, variance)
+    known = np.vstack([shape, variance, own, hits, lamp.T, dark.T])
+    return np.where(rim, known, np.nan), np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
