@@ -122,7 +122,7 @@ class AdjustmentProblem:
     def view_residual(self, state: AdjustmentState, i: int) -> Array:
         """Observed minus projected points of a view, in standard deviations, (n, 2)."""
         view = self.views[i]
-        projected = state.camera.part(view.camera)[0].project(state.poses[i].apply(self.shaped(state, view)))
+        projected = state.camera.part(view.camera)[0].project(self.placed(state, i))
         return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
 
     def view_residuals(self, state: AdjustmentState) -> list[Array]:
@@ -159,7 +159,7 @@ class AdjustmentProblem:
     def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
         """Derivatives of a view's points: (n, 2, p + q + 6) by its camera, shape terms, pose; (n, 2, 3) by nodes."""
         pose, view = state.poses[i], self.views[i]
-        camera, points = state.camera.part(view.camera)[0], pose.apply(self.shaped(state, view))
+        camera, points = state.camera.part(view.camera)[0], self.placed(state, i)
         by_points = camera.by_points(points)
         by_nodes = by_points @ pose.R
         by_terms = by_nodes @ self.shape.terms[view.index]
@@ -171,6 +171,14 @@ class AdjustmentProblem:
         first, own = shared + POSE * i, state.camera.part(self.views[i].camera)[1]
         places: npt.NDArray[np.int64] = np.r_[own, p:shared, first : first + POSE]
         return places
+
+    def placed(self, state: AdjustmentState, i: int) -> Array:
+        """Positions (n, 3) of a view's nodes in its camera's frame."""
+        return state.poses[i].apply(self.shaped(state, self.views[i]))
+
+    def still(self, state: AdjustmentState, i: int) -> ChartView:
+        """A view with all points at one time."""
+        return self.views[i]
 
     def shaped(self, state: AdjustmentState, view: ChartView) -> Array:
         """Actual positions (n, 3) of a view's nodes on the chart."""

@@ -83,7 +83,7 @@ def _wide_bundles(nodes: Array, views: Sequence[ChartView], size: tuple[int, int
     problem, bundles = AdjustmentProblem(nodes, views, rigid_shape(nodes)), []
     for ratio, series in product(WIDE_RATIOS, (stereographic.EQUIDISTANT, (0.0,) * 4)):
         focal, centre = (ratio * max(size),) * 2, ((size[0] - 1) / 2, (size[1] - 1) / 2)
-        camera = CameraModel(STEREOGRAPHIC, np.array([*focal, *centre, *series, *(0.0,) * 6]), *size)
+        camera = CameraModel(STEREOGRAPHIC, np.array([*focal, *centre, *series, *(0.0,) * 8]), *size)
         try:
             poses = tuple(_first_pose(camera, nodes, view) for view in views)
             state = adjust(problem.flat_state(camera, poses), problem).state

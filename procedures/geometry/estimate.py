@@ -371,7 +371,7 @@ def _geometry(
 
 
 def _posed(fit: Adjustment, i: int, share: float) -> PosedView:
-    pose, view, first = fit.state.poses[i], fit.problem.views[i], fit.shared + POSE * i
+    pose, view, first = fit.state.poses[i], fit.problem.still(fit.state, i), fit.shared + POSE * i
     covariance = fit.full_covariance[first : first + POSE, first : first + POSE]
     distance = float(np.linalg.norm(pose.t))
     sight = pose.t / distance  # a rotation about the camera does not change the distance

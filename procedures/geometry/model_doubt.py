@@ -69,7 +69,7 @@ def _two_after(known: int) -> tuple[int, int]:
 def _known_orders(names: set[str], kind: str) -> int:
     """Number of powers of the squared radius that a formula has of a kind of asymmetric terms."""
     if kind == "decentring":
-        return int("p1" in names)
+        return int("p1" in names) + int("p3" in names)
     return 2 if "s0" in names else int("sx1" in names)
 
 

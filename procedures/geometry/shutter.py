@@ -1,33 +1,32 @@
 """Row time of a rolling shutter, from frames of a video in which the chart or the camera moves.
 
 A row y is exposed y times the row time r after the first, so that a point at row y appears where the moving chart is
-at that time. A cubic spline through the poses over time gives the velocity V of every view, a rotation and a shift per
-second; to first order a point is displaced by
-
-    r (y - y0) J V,
-
-J being the derivative of the projection by the pose, and y0 the middle row, to whose time the poses refer. The
-points are corrected for this displacement, and r is an unknown of the adjustment in addition to all others.
+at that time. The poses refer to the time of the middle row y0; a cubic spline through them gives the chart's pose at
+the time r (y - y0) of every point. The adjustment is that of all views with their neighbours, since a pose that is
+wrong displaces the points of the views around it. With r as a further unknown, by which a point moves by y - y0 times
+its velocity in the frame, it is repeated until r does not change.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import (
+    POSE,
     Adjustment,
     AdjustmentProblem,
     AdjustmentState,
     ModelDoubt,
     adjust,
-    by_pose,
     extra_terms,
 )
-from procedures.geometry.views import ChartView, Pose
+from procedures.geometry.views import ChartView
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
@@ -40,8 +39,12 @@ SIGNIFICANT = 3.0
 """Row time, in standard uncertainties, from which the shutter is a rolling one."""
 SHARP_S = 1e-3
 """Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
-ENDS = 1
-"""Views at either end of a video, whose velocity a spline does not give well: they do not contribute."""
+STEP_S = 1e-7
+"""Change of the row time by which points are displaced for their derivative."""
+ROUNDS = 3
+"""Projections that give the rows of moving points: each reduces their error by the path during a row, in rows."""
+NEAR = 4
+"""Views before and after one, whose poses displace its points."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,83 @@ class ShutterTiming:
         }[self.kind]
 
 
-def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, AdjustmentProblem]:
-    """The row time by a simple camera, and the problem with points corrected to the middle row's time.
+@dataclass(frozen=True, eq=False)
+class MovingProblem(AdjustmentProblem):
+    """Views of a moving chart by a camera whose rows are exposed one after the other.
+
+    row_s : float
+        Time between neighbouring rows.
+    """
+
+    row_s: float = 0.0
+
+    def placed(self, state: AdjustmentState, i: int) -> Array:
+        """Positions (n, 3) of a view's nodes in its camera's frame, each at the time of its row."""
+        return self.placed_at(state, i, _times(state, self)[i])
+
+    def still(self, state: AdjustmentState, i: int) -> ChartView:
+        """A view with all points at the middle row's time."""
+        moved = state.camera.project(self.placed(state, i)) - state.camera.project(super().placed(state, i))
+        return replace(self.views[i], points=self.views[i].points - moved)
+
+    def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
+        """Derivatives as of the base, with six columns for each of the poses `near` the view."""
+        J, by_nodes = super().jacobian(state, i)
+        weights = _weights(self)(_times(state, self)[i])[:, self._near(i)]
+        of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
+        return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
+
+    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+        """Indices of camera, shape terms and the poses near a view among the unknowns."""
+        near, first = self._near(i), len(state.camera.params) + len(state.terms_mm)
+        places: npt.NDArray[np.int64] = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
+        return places
+
+    def _near(self, i: int) -> slice:
+        """The poses that a view's points depend on: the weights of others in a spline are below 0.01."""
+        return slice(max(0, i - NEAR), min(len(self.views), i + NEAR + 1))
+
+    def placed_at(self, state: AdjustmentState, i: int, times: Array) -> Array:
+        """Positions (n, 3) of a view's nodes in its camera's frame at times (n,)."""
+        turns, shifts = _motion(state, self)
+        nodes = self.shaped(state, self.views[i])
+        return np.asarray(Rotation.from_quat(turns(times)).apply(nodes) + shifts(times))
+
+
+@lru_cache(maxsize=2)
+def _times(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
+    """Times (n,) of the rows of every view's points.
+
+    Rows are those of the projected points: noise of observed rows would be that of the residuals, and displace the row
+    time by its product with the mean velocity.
+    """
+    times = [np.full(len(view), view.time_s) for view in problem.views]
+    for _ in range(ROUNDS):
+        for i, view in enumerate(problem.views):
+            rows = state.camera.project(problem.placed_at(state, i, times[i]))[:, 1]
+            times[i] = view.time_s + problem.row_s * (rows - (state.camera.rows - 1) / 2)
+    return times
+
+
+@lru_cache(maxsize=2)
+def _weights(problem: MovingProblem) -> CubicSpline:
+    """Weights of the poses of all views over time."""
+    times = [view.time_s for view in problem.views]
+    return CubicSpline(times, np.eye(len(times)))
+
+
+@lru_cache(maxsize=2)
+def _motion(state: AdjustmentState, problem: MovingProblem) -> tuple[CubicSpline, CubicSpline]:
+    """Splines through the poses over time: unit quaternions, each next to the one before, and shifts."""
+    times = np.array([view.time_s for view in problem.views])
+    turns = Rotation.from_matrix(np.array([pose.R for pose in state.poses])).as_quat()
+    signs = np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0, -1.0, 1.0)
+    turns[1:] *= np.cumprod(signs)[:, None]
+    return CubicSpline(times, turns), CubicSpline(times, np.array([pose.t for pose in state.poses]))
+
+
+def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[ShutterTiming, MovingProblem]:
+    """The row time by a simple camera, and the problem with it.
 
     Raises Refused if the views are too few to show how the chart moves.
     """
@@ -87,15 +165,14 @@ def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Sh
             f"{len(problem.views)}",
             "record a longer video, or omit --frame-rate-hz",
         )
-    original, total = problem.views, 0.0
+    moving = MovingProblem(problem.nodes, problem.views, problem.shape)
     for _ in range(ITERATIONS):
-        fit = adjust(state, problem)
+        fit = adjust(state, moving)
         change, sigma, _ = row_time(fit)
-        total, state = total + change, fit.state
-        problem = replace(problem, views=_corrected(fit, original, total))
+        moving, state = replace(moving, row_s=moving.row_s + change), fit.state
         if abs(change) < NEGLIGIBLE * sigma:
             break
-    return ShutterTiming(total, sigma, state.camera.rows), problem
+    return ShutterTiming(moving.row_s, sigma, state.camera.rows), moving
 
 
 def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming, Adjustment]:
@@ -109,41 +186,15 @@ def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming,
 
 
 def row_time(fit: Adjustment) -> tuple[float, float, Array]:
-    """Row time that remains in the points, its standard uncertainty, and the response of the unknowns per second."""
-    views = fit.problem.views
-    extra = [_derivative(fit.state, fit.problem, i, rate) for i, rate in enumerate(_velocities(fit.state.poses, views))]
-    for i in (*range(ENDS), *range(len(views) - ENDS, len(views))):
-        extra[i] = np.zeros_like(extra[i])
-    terms = extra_terms(fit, [one[..., None] for one in extra])
+    """Change of the row time, its standard uncertainty, and the response of the unknowns per second."""
+    problem, state = fit.problem, fit.state
+    assert isinstance(problem, MovingProblem)
+    ahead, behind = (
+        [state.camera.project(moved.placed(state, i)) for i in range(len(problem.views))]
+        for moved in (replace(problem, row_s=problem.row_s + step) for step in (STEP_S, -STEP_S))
+    )
+    terms = extra_terms(fit, [(a - b)[..., None] / (2 * STEP_S) for a, b in zip(ahead, behind, strict=True)])
     information = float(terms.matrix[0, 0])
     if not information > 0:
         return 0.0, float("inf"), np.zeros(len(terms.response))
     return float(terms.right[0]) / information, fit.scale / np.sqrt(information), terms.response[:, 0]
-
-
-def _corrected(fit: Adjustment, views: Sequence[ChartView], row_s: float) -> list[ChartView]:
-    """The views as all rows at the middle row's time would show them."""
-    rates = _velocities(fit.state.poses, views)
-    moved = [row_s * _derivative(fit.state, fit.problem, i, rate) for i, rate in enumerate(rates)]
-    return [replace(view, points=view.points - one) for view, one in zip(views, moved, strict=True)]
-
-
-def _derivative(state: AdjustmentState, problem: AdjustmentProblem, i: int, rate: Array) -> Array:
-    """Displacement (n, 2) of a view's points per second of the row time."""
-    view = problem.views[i]
-    points = state.poses[i].apply(problem.shaped(state, view))
-    velocity = by_pose(state.camera.by_points(points), points) @ rate
-    return np.asarray((view.points[:, 1:] - (state.camera.rows - 1) / 2) * velocity)
-
-
-def _velocities(poses: Sequence[Pose], views: Sequence[ChartView]) -> list[Array]:
-    """Velocity (6,) of every view, as a change of its pose per second."""
-    times = np.array([view.time_s for view in views])
-    turns = RotationSpline(times, Rotation.from_matrix(np.array([pose.R for pose in poses])))
-    shifts = CubicSpline(times, np.array([pose.t for pose in poses]))(times, 1)
-    # the spline's rates are in the chart's axes
-    spins = [pose.R @ rate for pose, rate in zip(poses, turns(times, 1), strict=True)]
-    return [
-        np.concatenate([spin, shift - np.cross(spin, pose.t)])
-        for spin, shift, pose in zip(spins, shifts, poses, strict=True)
-    ]

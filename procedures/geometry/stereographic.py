@@ -3,9 +3,13 @@
     s = 2 tan(angle / 2) (x, y) / |(x, y)|,    q = |s|^2,    p = c + (fx, fy) (s (1 + k1 q + ... + k4 q^4) + a(s))
 
 The radial polynomial is smooth up to the direction opposite to the axis, and few terms give rectilinear, equidistant
-and equisolid lenses. The asymmetric terms a(s) are those of decentring and thin prism, as OpenCV defines them:
+and equisolid lenses. The asymmetric terms a(s) are those of decentring and thin prism, each of two orders, as COLMAP
+defines the latter; with u = p1 + p3 q and v = p2 + p4 q,
 
-    a = (2 p1 sx sy + p2 (q + 2 sx^2) + s1 q + s2 q^2, p1 (q + 2 sy^2) + 2 p2 sx sy + s3 q + s4 q^2)
+    a = (2 u sx sy + v (q + 2 sx^2) + s1 q + s2 q^2, u (q + 2 sy^2) + 2 v sx sy + s3 q + s4 q^2)
+
+A turned camera with a displaced principal point differs from the first only in terms of the second orders: without p3
+and p4, what formulas of a pinhole have of these would appear as a displacement.
 
 Source: Kogan, mrcal documentation, "Splined stereographic lens model".
 """
@@ -15,10 +19,10 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4")
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4", "p3", "p4")
 RADIAL = slice(4, 8)
 PRIOR = 1.5e-3
-"""Prior standard deviation of p1 to s4: what real lenses have."""
+"""Prior standard deviation of p1 to p4: what real lenses have."""
 EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)
 """First terms of the series of the angle, r = f a."""
 MAX_ITERATIONS, TOLERANCE = 50, 1e-13
@@ -62,7 +66,7 @@ def _unbent(params: Array, u: Array, flat: Array) -> Array:
 
 
 def by_params(params: Array, points: Array) -> Array:
-    """Derivative (n, 2, 14) of the projection of points (n, 3) by the parameters."""
+    """Derivative (n, 2, 16) of the projection of points (n, 3) by the parameters."""
     s, q = _flat(points)
     focal = _bent(params, s, q)[..., None] * np.eye(2)
     centre = np.broadcast_to(np.eye(2), (len(points), 2, 2))
@@ -89,30 +93,33 @@ def _flat(points: Array) -> tuple[Array, Array]:
 
 def _bent(params: Array, s: Array, q: Array) -> Array:
     """Image (n, 2) of stereographic coordinates, in focal lengths from the centre."""
-    p1, p2, s1, s2, s3, s4 = params[RADIAL.stop :]
-    along, down = q * (p2 + s1 + s2 * q), q * (p1 + s3 + s4 * q)
-    return np.asarray((_factor(params, q) + 2 * (s @ [p2, p1]))[:, None] * s + np.column_stack([along, down]))
+    p1, p2, s1, s2, s3, s4, p3, p4 = params[RADIAL.stop :]
+    u, v = p1 + p3 * q, p2 + p4 * q
+    moved = np.column_stack([q * (v + s1 + s2 * q), q * (u + s3 + s4 * q)])
+    return np.asarray((_factor(params, q) + 2 * (s[:, 0] * v + s[:, 1] * u))[:, None] * s + moved)
 
 
 def _by_flat(params: Array, s: Array, q: Array) -> Array:
     """Derivative (n, 2, 2) of `_bent` by the coordinates."""
-    (x, y), (p1, p2, s1, s2, s3, s4) = s.T, params[RADIAL.stop :]
+    (x, y), (p1, p2, s1, s2, s3, s4, p3, p4) = s.T, params[RADIAL.stop :]
+    u, v = p1 + p3 * q, p2 + p4 * q
+    more = 2 * np.stack([2 * p3 * x * y + p4 * (q + 2 * x * x), p3 * (q + 2 * y * y) + 2 * p4 * x * y])
     radial = _factor(params, q)[:, None, None] * np.eye(2) + 2 * _slope(params, q)[:, None, None] * (
         s[:, :, None] * s[:, None, :]
     )
     along, down = s1 + 2 * s2 * q, s3 + 2 * s4 * q
     rows = [
-        [2 * (p1 * y + 3 * p2 * x + along * x), 2 * (p1 * x + p2 * y + along * y)],
-        [2 * (p1 * x + p2 * y + down * x), 2 * (3 * p1 * y + p2 * x + down * y)],
+        [2 * (u * y + 3 * v * x + along * x), 2 * (u * x + v * y + along * y)],
+        [2 * (u * x + v * y + down * x), 2 * (3 * u * y + v * x + down * y)],
     ]
-    return np.asarray(radial + np.array(rows).transpose(2, 0, 1))
+    return np.asarray(radial + (np.array(rows) + more[:, None] * s.T).transpose(2, 0, 1))
 
 
 def _asymmetric(s: Array, q: Array) -> list[Array]:
-    """Displacements (n, 2) by p1, p2, and s1 to s4."""
+    """Displacements (n, 2) by p1 to p4 in the order of NAMES."""
     (x, y), none = s.T, 0 * q
-    terms = [(2 * x * y, q + 2 * y * y), (q + 2 * x * x, 2 * x * y)]
-    terms += [(q, none), (q * q, none), (none, q), (none, q * q)]
+    decentring = [np.array([2 * x * y, q + 2 * y * y]), np.array([q + 2 * x * x, 2 * x * y])]
+    terms = [*decentring, (q, none), (q * q, none), (none, q), (none, q * q), *(q * term for term in decentring)]
     return [np.column_stack(term) for term in terms]
 
 

@@ -70,9 +70,7 @@ def camera_response(fit: Adjustment) -> list[Array]:
     responses = []
     for i, view in enumerate(problem.views):
         J, E = problem.jacobian(state, i)
-        first = fit.shared + POSE * i
-        places = np.r_[0 : fit.shared, first : first + POSE]
-        moved = J @ inverse[:, places].T - E @ of_nodes[view.index]  # (n, 2, p)
+        moved = J @ inverse[:, problem.places(state, i)].T - E @ of_nodes[view.index]  # (n, 2, p)
         precision = np.swapaxes(view.whitening, 1, 2) @ view.whitening
         responses.append(np.asarray((precision @ moved).transpose(2, 0, 1)))
     return responses

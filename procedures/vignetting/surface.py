@@ -1,9 +1,12 @@
 """Smooth surface through the cells of all flats, with a slope of each flat's light; and a radial formula.
 
-The model is linear in logarithms: log level = log light of the flat + slope of its light . u + P(u), u in half
-diagonals from the frame's centre, where P is 0. The mean slope is assigned to the lens; its uncertainty follows from
+The model is log level = log light of the flat + log(1 + slope of its light . u) + P(u), u in half diagonals from the
+frame's centre, where P is 0. P is a polynomial of the degree after that which predicts best: at the best degree, what
+the polynomial lacks is as large as its noise. The mean slope is assigned to the lens; its uncertainty follows from
 the scatter of the slopes, where camera or light was rotated between the flats. Where one slope turned by the same angle
 from flat to flat, once around in all, explains them, the mean is free of it, and the scatter about it counts.
+
+Source: Hall, Effect of bias estimation on coverage accuracy of bootstrap confidence intervals, Ann. Stat. 20, 1992.
 """
 
 from __future__ import annotations
@@ -21,10 +24,12 @@ from procedures.outcome import Refused
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import Plane
 
-DEGREES = (2, 4, 6, 8)
+DEGREES = (2, 4, 6, 8, 10)
 OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded
 FEWEST_TURNED = 3  # flats whose slopes show whether one slope turned with them
 CHANCE = 0.01  # probability that independent slopes look like one that turned
+ROUNDS = 5  # solutions, each with the outliers and the slopes of the one before
+LEAST_SLOPE = -0.9  # relative light of a slope, less 1, at least: light is positive
 TERMS = 3  # terms of the radial formula: r^2, r^4, r^6
 
 
@@ -85,34 +90,38 @@ class RadialFalloff:
 
 
 def fit_falloff(flats: Sequence[LightCells], shape: tuple[int, int]) -> Falloff:
-    """The surface of the degree with the least Schwarz criterion. flats : of one plane, the same cells in all."""
-    return min((_fitted(flats, shape, degree) for degree in DEGREES), key=lambda fit: fit[0])[1]
+    """The surface of the degree after that with the least Akaike criterion. flats : of one plane, the same cells."""
+    fits = [_fitted(flats, shape, degree) for degree in DEGREES]
+    best = min(range(len(fits)), key=lambda i: fits[i][0])
+    return fits[min(best + 1, len(fits) - 1)][1]
 
 
 def _fitted(flats: Sequence[LightCells], shape: tuple[int, int], degree: int) -> tuple[float, Falloff]:
-    """Schwarz criterion and the surface."""
+    """Akaike's criterion and the surface."""
     design, values, sigma = _system(flats, shape, degree)
     kept, whitened = np.ones(len(values), dtype=bool), design / sigma[:, None]
-    for _ in range(5):
+    c, count, bend = terms_of(degree), len(flats), np.zeros(len(values))
+    for _ in range(ROUNDS):
         part = whitened[kept]
-        solution: Array = np.asarray(np.linalg.solve(part.T @ part, part.T @ (values / sigma)[kept]), np.float64)
-        away = (values - design @ solution) / sigma
-        last, kept = kept, np.abs(away) <= OUTLIER_SIGMAS * max(1.4826 * float(np.median(np.abs(away))), 1.0)
-        if np.array_equal(last, kept):
-            break
+        right = part.T @ ((values - bend) / sigma)[kept]
+        solution: Array = np.asarray(np.linalg.solve(part.T @ part, right), np.float64)
+        slope = design[:, c + count :] @ solution[c + count :]
+        bend = np.log1p(np.maximum(slope, LEAST_SLOPE)) - slope
+        away = (values - bend - design @ solution) / sigma
+        kept = np.abs(away) <= OUTLIER_SIGMAS * max(1.4826 * float(np.median(np.abs(away))), 1.0)
     freedom = int(kept.sum()) - design.shape[1]
     chi2 = float(np.sum(away[kept] ** 2)) / freedom
     part = whitened[kept]
     covariance = np.linalg.inv(part.T @ part) * max(chi2, 1.0)
-    c, count = terms_of(degree), len(flats)
     free = solution[c + count :].reshape(-1, 2)
     slopes = np.vstack([free, -free.sum(axis=0)])
     errors, slope_freedom = _errors_of(slopes)
     of_slope = errors.T @ errors / (slope_freedom * count) if count > 1 else np.full((2, 2), np.nan)
     structure = max(float(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2)), 0.0) ** 0.5
-    schwarz = freedom * float(np.log(chi2)) + design.shape[1] * float(np.log(kept.sum()))
+    total = int(kept.sum())
+    akaike = total * float(np.log(chi2 * freedom / total)) + 2 * design.shape[1]
     light, excluded = LightSurface(shape, degree, solution[:c]), 1 - float(kept.mean())
-    return schwarz, Falloff(
+    return akaike, Falloff(
         light, covariance[:c, :c], of_slope, slopes, errors, slope_freedom, float(np.sqrt(chi2)), structure, excluded
     )
 

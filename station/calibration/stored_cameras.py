@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from procedures.geometry.cameras import CameraModel, split_model
+from procedures.geometry import stereographic
+from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, split_model
 from procedures.geometry.rig import RigCamera
 from procedures.geometry.spline_camera import ROUGH_PX, SplineCamera
 from procedures.geometry.views import ChartView, Pose
@@ -61,6 +62,9 @@ def _camera(
     what = f"the parameters of a camera {model}"
     values = checked_array(params, what, (None,), remedy=GIVE)
     camera = CameraModel(model, values, columns, rows)
+    if model.startswith(STEREOGRAPHIC) and len(values) == len(camera.names) - 2:  # of versions without p3 and p4
+        values = np.insert(values, stereographic.NAMES.index("p3"), [0.0, 0.0])
+        camera = camera.with_params(values)
     if spline:
         rough = checked_number(roughness_px, "the roughness of a spline", SMALLEST)
         camera = SplineCamera(model, values, columns, rows, rough)

@@ -40,7 +40,7 @@ from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Opt
 from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
-from station.demo.digital_twin import align
+from station.demo.truth_comparison import align
 from tests.benchmarks import ROOT
 
 S, K = 4, 17

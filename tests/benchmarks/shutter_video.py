@@ -1,6 +1,6 @@
 """Row time of a shutter from a rendered video of a chart moved by hand, every row by rays at its own time.
 
-tests/benchmarks/shutter_video.py [--readout-ms=20] [--frames=24] [--draws=1] [--noise-px=0.3]
+tests/benchmarks/shutter_video.py [--readout-ms=20] [--frames=48] [--draws=1] [--noise-px=0.3] [--model=NAME]
 
 The pictures are those of `fisheye_views`, which shares nothing with procedures or simulators but the chart's bitmap.
 They give points to some hundredths of a pixel; noise of `--noise-px` is added to these. Printed for every draw: the
@@ -49,7 +49,7 @@ def noisy(view: ChartView, sigma: float, rng: np.random.Generator) -> ChartView:
     return ChartView(view.source, view.index, points, view.covariance + sigma**2 * np.eye(2), time_s=view.time_s)
 
 
-def main(readout_ms: float, frames: int, draws: int, noise_px: float) -> None:
+def main(readout_ms: float, frames: int, draws: int, noise_px: float, model: str | None) -> None:
     """The readout time of every draw."""
     row_s = readout_ms / 1000 / SIZE[1]
     views = [one for one in (frame(i, row_s, 0.0) for i in range(frames)) if one is not None]
@@ -57,7 +57,7 @@ def main(readout_ms: float, frames: int, draws: int, noise_px: float) -> None:
     for draw in range(draws):
         rng = np.random.default_rng(draw)
         seen = [noisy(view, noise_px, rng) for view in views]
-        outcome = calibrate_geometry(seen, SIZE, GeometryParameters(CELL_MM, is_video=True))
+        outcome = calibrate_geometry(seen, SIZE, GeometryParameters(CELL_MM, model=model, is_video=True))
         shutter = outcome.result().shutter
         value, sigma = (1e3 * SIZE[1] * one for one in (shutter.row_s, shutter.uncertainty_s))
         share = "" if not readout_ms else f"error {100 * (value / readout_ms - 1):+.2f} %, "
@@ -69,8 +69,9 @@ def main(readout_ms: float, frames: int, draws: int, noise_px: float) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--readout-ms", type=float, default=20.0)
-    parser.add_argument("--frames", type=int, default=24)
+    parser.add_argument("--frames", type=int, default=48)
     parser.add_argument("--draws", type=int, default=1)
     parser.add_argument("--noise-px", type=float, default=0.3)
+    parser.add_argument("--model")
     given = parser.parse_args()
-    main(given.readout_ms, given.frames, given.draws, given.noise_px)
+    main(given.readout_ms, given.frames, given.draws, given.noise_px, given.model)

@@ -41,9 +41,9 @@ class TrueCamera:
         return seen[:, 0] + self.wave_px * waves
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Directions (n, 3) of pixels (n, 2), by Newton's steps on `project`."""
+        """Directions (n, 3) of pixels (n, 2), by steps on `project` that leave 0.7 of the error 56 degrees off axis."""
         flat = (pixels - self.centre) / self.focal_px
-        for _ in range(20):
+        for _ in range(120):
             seen = self.project(np.column_stack([flat, np.ones(len(flat))]))
             flat = flat + (pixels - seen) / self.focal_px
         return np.column_stack([flat, np.ones(len(flat))])
