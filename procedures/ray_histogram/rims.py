@@ -122,7 +122,7 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
 def _expected(
     film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints
 ) -> tuple[Doubles, Doubles]:
-    """What the pixels around say, (10, n): part covered, its variance, own samples and hits, values of lamp and dark.
+    """Knowledge from the pixels around, (10, n): part covered, its variance, own samples, hits, lamp and dark values.
 
     NaN where not at a rim; and the values of pixels that see a lamp once, (n, 3).
 
