@@ -14,7 +14,7 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
-from procedures.ray_histogram.rims import lamp_rims
+from procedures.ray_histogram.rims import beside_lamps, lamp_rims
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -34,6 +34,9 @@ AROUND_SIDE = 7
 ALIKE, UNLIKE = 1.5, 3.0
 """Variance of the means around a pixel over that of their noise: up to the first all pixels there are alike, from the
 second on the pixel's own variance counts alone. Of 49 values the ratio has a standard deviation of 0.2."""
+CHANGE_PX, EXPLAINED = 1.5, 2.0
+"""Standard deviation of the neighbourhood in which changes beside a lamp are compared with noise, pixels, and the mean
+square up to which noise explains them, in variances of the samples' means: without bias it is 1 at most."""
 
 
 @dataclass(frozen=True)
@@ -199,10 +202,16 @@ def allowed_variance(film: Film) -> Doubles:
 def within_noise(picture: Floats, film: Film, deviations: float) -> Floats:
     """Limit the picture to what the samples of each pixel allow: `deviations` standard deviations of their mean.
 
-    Similar patches with one bright pixel among dark ones would otherwise change the pixels beside a lamp.
+    Similar patches with one bright pixel among dark ones would otherwise change the pixels beside a lamp. Where changes
+    there are larger than noise explains they are bias, and are reduced in proportion.
     """
-    most = deviations * np.sqrt(allowed_variance(film))
-    return np.clip(picture, film.mean - most, film.mean + most).astype(np.float32)
+    variance = allowed_variance(film)
+    most = deviations * np.sqrt(variance)
+    change = np.clip(picture - film.mean, -most, most)
+    squares = np.mean(change**2 / np.maximum(variance, LEAST_VARIANCE), axis=-1, keepdims=True)
+    nearby = ndimage.gaussian_filter(squares, (CHANGE_PX, CHANGE_PX, 0))
+    bias = beside_lamps(film)[..., None] & (nearby > EXPLAINED)
+    return np.asarray(film.mean + change * np.where(bias, EXPLAINED / np.maximum(nearby, EXPLAINED), 1), np.float32)
 
 
 def _around(values: npt.ArrayLike) -> Doubles:

@@ -5,6 +5,9 @@ own samples leave a standard deviation of sqrt(a (1 - a) / n): where all miss a 
 samples of the pixels around determine the rim, a line or a circle. What they say of the pixel is the prior, a beta
 distribution; its own samples make that the posterior, again a beta distribution. Far from the rim the prior is 0.
 
+Not all lamps have such rims. A pixel's own mean is independent of its prior: their mean squared difference, less the
+noise of the own means, is the prior's squared error. The prior counts as many samples as that error allows nearby.
+
 A pixel that sees the lamp by a single sample is not raised: pixels that see it once look alike, however much it covers.
 """
 
@@ -41,6 +44,13 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
+TRUST_PX, TRUST = 3.0, 2.0
+"""Standard deviation of the neighbourhood in which the prior's error is determined, pixels, and a factor on the noise
+in that comparison: pixels that all miss a lamp have none."""
+FLOOR = 0.01
+"""Added to squared values in relative squared errors."""
+BESIDE = 6
+"""Distance to a lamp up to which a pixel is beside it: half the side of the filter's search."""
 LONE = 0.7
 """Squared relative noise above which a pixel's light is that of a single sample: 1 - 1/n for one, half for two."""
 RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0
@@ -67,9 +77,37 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, D
     values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
         noise = mean_variance(film).sum(-1) * film.count
+        expected = np.full((10, *film.count.shape), np.nan)
         for near in _near_lamps(film.mean.sum(-1)):
-            values[near], uncertainty[near] = _rims(film, noise, picture, *near)
+            expected[:, *near], values[near] = _expected(film, noise, picture, *near)
+        rim = np.isfinite(expected[0])
+        values[rim], uncertainty[rim] = _estimates(expected[:, rim], rim)
     return values, uncertainty
+
+
+def beside_lamps(film: Film) -> npt.NDArray[np.bool_]:
+    """Pixels (rows, columns) beside a lamp: `CONTRAST` times as bright, and of samples that are nearly alike."""
+    brightness, noise = film.mean.sum(-1), mean_variance(film).sum(-1) * film.count
+    lamps = np.where(noise < QUIET * brightness**2, brightness, 0)
+    return np.asarray(ndimage.maximum_filter(lamps, 2 * BESIDE + 1) > CONTRAST * np.maximum(brightness, 0))
+
+
+def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, Doubles]:
+    """Values and uncertainties (n, 3) of the pixels at a rim (rows, columns), with what `_expected` knows of them."""
+    part, variance, n, hits = expected[:4]
+    lamp, dark = expected[4:7].T, expected[7:].T
+    own, scale = hits / n, ((lamp - dark) ** 2 / ((dark + part[:, None] * (lamp - dark)) ** 2 + FLOOR)).sum(-1)
+    errors = np.zeros((2, *rim.shape))
+    errors[:, rim] = np.stack([own * (1 - own) / np.maximum(n - 1, 1), (own - part) ** 2]) * scale
+    noise, both = ndimage.gaussian_filter(errors, (0, TRUST_PX, TRUST_PX))[:, rim]
+    trust = np.minimum(TRUST * noise / np.maximum(both, 1e-12), 1)
+    most = n * trust / np.maximum(1 - trust, 1e-9)
+    a, b = _beta(part, variance + 4 * SHAPE_ERROR**2 * part * (1 - part), most)
+    covered = special.betaincinv((a + hits)[:, None], (b + n - hits)[:, None], QUANTILES)[..., None]
+    possible = dark[:, None] + covered * (lamp - dark)[:, None]
+    shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
+    values = SHOWN * shown / (1 - shown)
+    return values, np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
 
 
 def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
@@ -81,8 +119,15 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
         yield rows[i : i + PIXELS] + REACH, columns[i : i + PIXELS] + REACH
 
 
-def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints) -> Doubles:
-    """Values and uncertainties (2, n, 3), NaN where not at a rim; noise (rows, columns): variance of samples."""
+def _expected(
+    film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints
+) -> tuple[Doubles, Doubles]:
+    """Knowledge from the pixels around, (10, n): part covered, its variance, own samples, hits, lamp and dark values.
+
+    NaN where not at a rim; and the values of pixels that see a lamp once, (n, 3).
+
+    noise : (rows, columns) variance of samples.
+    """
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1)
     around = rows[:, None] + offsets[0], columns[:, None] + offsets[1]
     means, filtered, n = film.mean[around], picture[around].astype(np.float64), film.count[around].astype(np.float64)
@@ -92,20 +137,13 @@ def _rims(film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: I
     part = ((means - dark[:, None]) * (lamp - dark)[:, None]).sum(-1) / size[:, None]
     part = np.where(part * n < LEAST_HITS, 0, np.where((1 - part) * n < LEAST_HITS, 1, part))
     shape, variance, misfit = _shapes(part, n)
-    own = n[:, CENTRE]
-    a, b = _beta(shape, variance + 4 * SHAPE_ERROR**2 * shape * (1 - shape))
-    hits = part[:, CENTRE] * own
-    covered = special.betaincinv((a + hits)[:, None], (b + own - hits)[:, None], QUANTILES)[..., None]
-    possible = dark[:, None] + covered * (lamp - dark)[:, None]
-    shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
-    values = SHOWN * shown / (1 - shown)
-    spread = np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
     quiet = noise[around][each, brightest] < QUIET * size
     rim = quiet & (misfit < MISFIT) & (shape > LEAST_PART)
-    light = means[:, CENTRE]
-    alone = quiet & (noise[rows, columns] / own > LONE * (light**2).sum(-1))
-    rest = np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
-    return np.stack([np.where(rim[:, None], values, rest), np.where(rim[:, None], spread, np.nan)])
+    own, light = n[:, CENTRE], means[:, CENTRE]
+    hits = part[:, CENTRE] * own
+    alone = quiet & ((noise[rows, columns] / own > LONE * (light**2).sum(-1)) | (np.abs(hits - 1) < 0.5))
+    known = np.vstack([shape, variance, own, hits, lamp.T, dark.T])
+    return np.where(rim, known, np.nan), np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
 
 
 def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
@@ -151,9 +189,9 @@ def _parts_of_shapes() -> Doubles:
     return np.unique(parts.reshape(len(parts), -1).round(4), axis=0)
 
 
-def _beta(mean: Doubles, variance: Doubles) -> tuple[Doubles, Doubles]:
-    """Parameters of the beta distributions with these means and variances."""
+def _beta(mean: Doubles, variance: Doubles, most_samples: Doubles) -> tuple[Doubles, Doubles]:
+    """Parameters of the beta distributions with these means and variances that count so many samples at most."""
     mean = np.clip(mean, 1e-6, 1 - 1e-6)
     most = mean * (1 - mean)
-    total = most / np.clip(variance, 1e-9, 0.9 * most) - 1
+    total = np.minimum(most / np.clip(variance, 1e-9, 0.9 * most) - 1, np.maximum(most_samples, 1e-6))
     return mean * total, (1 - mean) * total

@@ -137,30 +137,40 @@ def test_a_lamp_causes_no_dark_rim(light):
     np.testing.assert_array_equal(within_range(filtered, film.mean.astype(np.float32)), filtered)
 
 
-@pytest.fixture
-def lamp_samples(rng):
-    """Samples (rows, columns, 256, 3) of a wall and a round lamp 600 times as bright, and the lamp's part of pixels."""
+def beside_a_lamp(rng, side, y0, x0, radius, n):
+    """A film of a wall and a round lamp 600 times as bright, filtered; its truth, and the lamp's part of pixels."""
 
     def lit(n):
-        y, x = np.mgrid[:48, :48][..., None] + rng.random((2, 48, 48, n)) - 0.5
-        return np.hypot(y - 24.3, x - 20.6) < 4.2
+        y, x = np.mgrid[:side, :side][..., None] + rng.random((2, side, side, n)) - 0.5
+        return np.hypot(y - y0, x - x0) < radius
 
-    wall = 0.05 * rng.gamma(2.0, 0.5, (48, 48, 256))
-    return np.where(lit(256), 30.0, wall)[..., None].repeat(3, -1), lit(1024).mean(-1)
+    samples = np.where(lit(n), 30.0, 0.05 * rng.gamma(2.0, 0.5, (side, side, n)))[..., None].repeat(3, -1)
+    film, covered = film_of_samples(samples), lit(4096).mean(-1)
+    return film, filter_film(film).picture, (30.0 * covered + 0.05 * (1 - covered))[..., None], covered
+
+
+def relative_error(picture, truth):
+    return np.mean((picture - truth) ** 2 / (truth**2 + 0.01))
 
 
 @pytest.mark.parametrize("n", [16, 64, 256])
-def test_a_pixel_beside_a_lamp_keeps_what_its_own_samples_allow(lamp_samples, n):
-    samples, covered = lamp_samples
-    film = film_of_samples(samples[:, :, :n])
-    filtered = filter_film(film).picture
-    # wall pixels whose neighbours a few pixels away see the lamp; a lamp that covers 0.7 % of one adds 0.2, and the
-    # shape of the rim leaves as much in doubt; a single sample of the lamp would add 30 / n
+def test_a_pixel_beside_a_lamp_keeps_what_its_own_samples_allow(rng, n):
+    film, filtered, truth, covered = beside_a_lamp(rng, 48, 24.3, 20.6, 4.2, n)
+    # wall pixels whose neighbours a few pixels away see the lamp; a single sample of the lamp would add 30 / n
     beside = (covered == 0) & (gaussian_filter(covered, 2) > 0.02)
-    assert np.abs(filtered - film.mean)[beside].max() < 0.2
-    truth = (30.0 * covered + 0.05 * (1 - covered))[..., None]
-    relative = [np.mean((picture - truth) ** 2 / (truth**2 + 0.01)) for picture in (film.mean, filtered)]
-    assert relative[1] < (1.2 if n == 256 else 1.0) * relative[0]  # own samples are as good as the shape by then
+    assert np.abs(filtered - film.mean)[beside].max() < min(0.3, 30 / n)
+    assert relative_error(filtered, truth) < relative_error(film.mean, truth)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("n", [16, 64, 256])
+@pytest.mark.parametrize("seed", range(8))
+def test_no_lamp_alone_has_a_larger_relative_error_than_unfiltered(seed, n):
+    radius = (4.2, 2.6, 6.8, 5.3)[seed % 4]
+    film, filtered, truth, _ = beside_a_lamp(
+        np.random.default_rng(seed), 32, 16.3 + 0.1 * seed, 14.6 - 0.13 * seed, radius, n
+    )
+    assert relative_error(filtered, truth) < relative_error(film.mean, truth)
 
 
 def test_rare_light_is_shared_by_pixels_that_are_alike(rng):
