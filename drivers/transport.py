@@ -23,6 +23,7 @@ T = TypeVar("T")
 PortBase = serial.SerialBase
 PortError = serial.SerialException
 
+BUSY_S = 2.0  # least time for which another's answer is awaited: a loaded computer may take a second
 POLL_S = 0.25  # close() does not reliably end a blocking read, so reads are no longer than this
 PORT_ERRORS = (serial.SerialException, OSError, ValueError, TypeError, AttributeError)  # observed on unplugged adapters
 
@@ -141,11 +142,12 @@ class SerialTransport(Generic[E]):
             if value is not None:
                 answers.append(value)
 
-        deadline_s = self.clock.now_s() + timeout_s
+        patience_s = max(timeout_s, BUSY_S)
         with self._news:
-            if not self._wait(lambda: not self._busy, deadline_s):
-                raise NoAnswer(f"{self.address} is still busy after {timeout_s:g} s", "wait, or stop the device")
+            if not self._wait(lambda: not self._busy, self.clock.now_s() + patience_s):
+                raise NoAnswer(f"{self.address} is still busy after {patience_s:g} s", "wait, or stop the device")
             self._busy, self._claim, before, interrupts = True, claim, self.bytes_received, self._interrupts
+        deadline_s = self.clock.now_s() + timeout_s
         try:
             self.write(data, allowed)
             with self._news:

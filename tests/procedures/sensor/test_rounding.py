@@ -57,7 +57,7 @@ def numbers_of(sigma_dn: float, seed: int) -> tuple[dict[str, float], dict[str, 
     return truth, {name: (result.numbers[name].low, result.numbers[name].high) for name in truth}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_intervals_of_numbers_below_a_digital_number_hold_the_truth():
     cases = [numbers_of(sigma, seed) for sigma in (0.1, 0.2, 0.3, 0.5) for seed in range(4)]
     for name in cases[0][0]:

@@ -60,7 +60,7 @@ def spread(picture):
 @pytest.mark.parametrize(
     "shape",
     [
-        Sphere((0, 0, 1000), 300, WHITE),
+        pytest.param(Sphere((0, 0, 1000), 300, WHITE), marks=pytest.mark.nightly),
         Box((0, 0, 1000), (250, 200, 300), WHITE, turn_rad=0.6),
         InfinitePlane((0, 100, 0), (0, -3, 0), WHITE),
     ],

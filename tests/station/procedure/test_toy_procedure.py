@@ -120,7 +120,7 @@ def guided(station):
 def test_a_guided_run_needs_only_enter(guided):
     session, done = guided
     assert done.returncode == 1, done.stderr  # the chart is darker than the limit
-    assert ">> border px: Pixels of the rim that are excluded. [4]" in done.stdout
+    assert ">> Border px: Pixels of the rim that are excluded. [4]" in done.stdout
     record = json.loads((session / "derived" / "1" / "result.json").read_text())
     level = record["planes"]["G1"]["mean_level"]
     assert f"G1 trusted: Mean level {level['value']:.4f}" in done.stdout

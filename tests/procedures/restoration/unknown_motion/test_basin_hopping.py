@@ -42,6 +42,7 @@ def relative_error(points):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
+@pytest.mark.nightly
 def test_a_curve_of_the_pool_is_accepted(evidence, wrong):
     pools = [[wrong[0], TRUE[0]], [wrong[1]]]
     best = BasinHopping(pools, np.random.default_rng(0), NO_BENDS).minimise(evidence, wrong, HALF)

@@ -30,7 +30,7 @@ def prototypes(curves):
     return Prototypes(masks, np.stack([as_shape(h, 2.5) for h in masks]), 2.5, 0.001)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_other_depths_correct_the_curves(photographs, prototypes, curves):
     # a tenth of a pixel off in the flat part, the typical difference of curves that draw one mask
     start = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
