@@ -44,6 +44,9 @@ LEAST_PART = 0.005
 """Parts expected by the shape below which a pixel is not at the rim."""
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
+DARK = 0.08
+"""Added to x^2 in the weights 1 / (x^2 + DARK) where no own sample sees the lamp: a dark pixel that is raised
+errs more, relative to its light, than a lit one that stays dark."""
 TRUST_PX, TRUST = 3.0, 2.0
 """Standard deviation of the neighbourhood in which the prior's error is determined, pixels, and a factor on the noise
 in that comparison: pixels that all miss a lamp have none."""
@@ -106,7 +109,9 @@ def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, 
     covered = special.betaincinv((a + hits)[:, None], (b + n - hits)[:, None], QUANTILES)[..., None]
     possible = dark[:, None] + covered * (lamp - dark)[:, None]
     shown = np.mean(possible / (SHOWN + np.maximum(possible, 0)), axis=1)
-    values = SHOWN * shown / (1 - shown)
+    weight = 1 / (possible**2 + DARK)
+    dim = np.mean(possible * weight, axis=1) / np.mean(weight, axis=1)
+    values = np.where(hits[:, None] < 0.5, dim, SHOWN * shown / (1 - shown))
     return values, np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
 
 

@@ -74,7 +74,9 @@ def _write(entry: dict[str, Any], lines: Sequence[str], as_json: bool) -> None:
     click.echo(json.dumps(entry, indent=1) if as_json else "\n".join(lines))
 
 
-def _fall(before: float, after: float) -> str:
+def _fall(before: float, after: float | None) -> str:
+    if after is None:
+        return "not predicted: the estimate refuses a photograph of the simulated camera"
     now, then = f"± {before:.2g}", f"± {after:.2g}"
     return f"from {now} to {then}" if now != then else f"stays {now}"
 

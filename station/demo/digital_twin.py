@@ -48,12 +48,13 @@ LIGHT = "four times the light"
 
 @dataclass(frozen=True)
 class TwinPrediction:
-    """A change of the set-up, and the standard uncertainty of a number before and after it."""
+    """A change of the set-up, and the standard uncertainty of a number before and after it; None where a photograph of
+    the twin is refused."""
 
     words: str
     number: str
     before: float
-    after: float
+    after: float | None
 
 
 def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[TwinPrediction]:
@@ -83,13 +84,12 @@ def predictions(plane: Entry, number: str, budget: Mapping[str, float]) -> list[
         raise BadInput(
             "the record has too little for the digital twin", "measure it again with this version"
         ) from error
-    return [
-        TwinPrediction(
-            words, label(number), before, combined({term: u * factors.get(term, 1.0) for term, u in budget.items()})
-        )
-        for words, factors in effects.items()
-        if np.isfinite(list(factors.values())).all()  # the twin's photographs were not refused
-    ]
+    return [TwinPrediction(words, label(number), before, _after(budget, factors)) for words, factors in effects.items()]
+
+
+def _after(budget: Mapping[str, float], factors: Mapping[str, float]) -> float | None:
+    known = np.isfinite(list(factors.values())).all()
+    return combined({term: u * factors.get(term, 1.0) for term, u in budget.items()}) if known else None
 
 
 def _effects(

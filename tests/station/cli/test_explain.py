@@ -169,6 +169,12 @@ def test_twins_of_walls_edges_and_sensors_gain_by_light(number):
     assert (light.after**2 - 0.04**2) ** 0.5 == pytest.approx(0.015, rel=0.3)
 
 
+def test_a_change_is_not_predicted_where_the_photographs_of_the_twin_are_refused():
+    noisy = SUBJECTS["mtf50_horizontal"] | {"s": 4, "noise": 0.05}
+    effects = digital_twin.predictions(noisy, "mtf50_horizontal", {"noise": 0.03})
+    assert [effect.after for effect in effects] == [None] * 3
+
+
 def test_subjects_without_a_twin_are_named():
     with pytest.raises(BadInput, match="no digital twin photographs this subject"):
         digital_twin.predictions({"tilt_corner": {}}, "tilt_corner", {"noise": 0.3})
