@@ -128,22 +128,6 @@ def test_exponents_are_those_of_the_standard():
     assert re.fullmatch(r"\d\.\d+E-\d+", primary["EOUTSIDE"])
 
 
-def test_fits_is_read_by_astropy():
-    fits = pytest.importorskip("astropy.io.fits")
-    psf = gaussian(0.6)
-    with fits.open(io.BytesIO(psf_fits(psf, "it's", None))) as found:
-        found.verify("exception")
-        np.testing.assert_array_equal(found[0].data, psf.h)
-        assert found[0].header["PLANE"] == "it's"
-        assert found["UNCERTAINTY"].data.shape == psf.h.shape
-
-
-def test_tiff_holds_the_samples_as_float32():
-    psf = gaussian(0.6)
-    image = cv2.imdecode(np.frombuffer(psf_tiff(psf), np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(image, psf.h.astype(np.float32))
-
-
 @given(st.floats(0.2, 3), st.sampled_from([1, 2]))
 def test_gaussian_radius_of_a_gaussian_is_its_own(sigma, pitch):
     f50 = math.sqrt(math.log(2) / 2) / (math.pi * sigma)
