@@ -120,22 +120,19 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     assert not list(tree.iter(SVG))
 
 
-def test_session_shows_its_bench_and_its_shots(report):
+def test_the_bench_its_shots_and_undetermined_frequencies_are_marked(report):
     shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
     stated = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
     text = psf_page(stated)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
-
-
-# --- in a browser ------------------------------------------------------------------------------------------------
-
-
-def test_frequencies_that_are_not_determined_are_marked(report):
     quality = report.planes[0].quality
     assert "not determined" not in str(mtf_figure(quality, None, "clear"))
     rising = np.linspace(0, 0.3, len(quality.frequencies))
     unclear = replace(quality, curve_budgets={**quality.curve_budgets, "horizontal": {"noise": rising}})
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
+
+
+# --- in a browser ------------------------------------------------------------------------------------------------
 
 
 def test_edges_and_physics_stand_beside_the_numbers(report):
@@ -155,16 +152,13 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
         assert words in text
 
 
-def test_figures_show_their_numbers_where_a_pointer_rests(page, report):
+def test_figures_show_numbers_under_a_pointer_and_other_results(page, report):
     titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
     assert len(titles) == 40 * len(report.planes)
     quality = report.planes[0].quality
     one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
     value, uncertainty = quality.mtf_horizontal[-1], quality.uncertainty("horizontal")[-1]
     assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
-
-
-def test_other_results_are_drawn_over_and_named(report):
     record = report.planes[0]
     curves = {"frequency": record.curves["frequency"], "horizontal": record.curves["vertical"]}
     other = Overlay("<last year>", Unit.CYCLES, {record.name: curves})

@@ -109,7 +109,7 @@ def test_what_lies_outside_the_support_stands_beside_it():
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
 
 
-def test_kernel_of_a_motion_has_one_sample_a_pixel():
+def test_kernels_and_exponents_follow_the_standard_of_fits():
     kernel = np.arange(25.0).reshape(5, 5)
     ((header, found),) = units(kernel_fits(kernel, 2, None))
     np.testing.assert_array_equal(found, kernel)
@@ -119,9 +119,6 @@ def test_kernel_of_a_motion_has_one_sample_a_pixel():
         "CTYPE1": "X", "CTYPE2": "Y", "CUNIT1": "pixel", "CUNIT2": "pixel", "BUNIT": "1", "ROWORDER": "TOP-DOWN",
         "PHOTO": "2", "SAMPLING": "1", "ORIGIN": "calibration-station", "CREATOR": "calibration-station",
     }  # fmt: skip
-
-
-def test_exponents_are_those_of_the_standard():
     # FITS 4.0, section 4.2.4: E or D; without a tail the share outside is rounding
     (primary, _), _ = units(psf_fits(gaussian(0.6), "G1", None))
     assert 0 < float(primary["EOUTSIDE"]) < 1e-9
