@@ -31,7 +31,7 @@ def test_current_state_replaces_its_predecessor_and_nothing_else_is_lost():
     assert len(rings) == 1  # once until it is taken
 
 
-def test_an_answer_goes_to_the_asking_run_until_it_is_stopped():
+def test_an_answer_goes_to_the_asking_run():
     rung = threading.Event()
     mailbox, answers = Mailbox(rung.set), []
     asking = threading.Thread(target=lambda: answers.append(mailbox.answer(ASK)))
@@ -41,12 +41,21 @@ def test_an_answer_goes_to_the_asking_run_until_it_is_stopped():
     mailbox.reply(3.5)
     asking.join(5)
     assert answers == [3.5]
+
+
+def test_an_answer_given_before_the_question_does_not_count():
+    rung = threading.Event()
+    mailbox, answers = Mailbox(rung.set), []
     mailbox.reply("early")
+    asking = threading.Thread(target=lambda: answers.append(mailbox.answer(ASK)))
     asking.start()
     assert rung.wait(5)
     mailbox.reply("late")
     asking.join(5)
     assert answers == ["late"]
+
+
+def test_stopping_ends_the_question_that_waits_and_all_that_follow():
     mailbox = Mailbox(lambda: stop_soon())
 
     def stop_soon() -> None:
@@ -74,7 +83,7 @@ def fails() -> None:
     raise NoAnswer("the laser said nothing", "switch it on")
 
 
-def test_a_job_ends_in_a_value_or_a_sentence_or_when_it_is_cancelled():
+def test_a_job_ends_in_a_value_or_a_sentence():
     assert finished(lambda: 7).value == 7
     problem = finished(fails).problem
     assert problem is not None
@@ -82,6 +91,9 @@ def test_a_job_ends_in_a_value_or_a_sentence_or_when_it_is_cancelled():
     unforeseen = finished(lambda: {}["x"]).problem  # type: ignore[index]
     assert unforeseen is not None
     assert "KeyError" in unforeseen.reason
+
+
+def test_cancelling_asks_first_then_halts():
     asked, halted, end = threading.Event(), threading.Event(), threading.Event()
     job = BackgroundJob("test", lambda: end.wait(5), lambda one: None, ask=asked.set, halt=halted.set).start()
     assert job.cancel()
