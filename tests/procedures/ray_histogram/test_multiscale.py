@@ -35,8 +35,15 @@ PUBLISHED = {
 }
 
 
+QUICK = {(256, 1.0, 1), (256, 0.8, 2), (64, 0.8, 3)}
+"""Every number of samples, kappa and scales."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("samples", "kappa", "scales"), PUBLISHED)
+@pytest.mark.parametrize(
+    ("samples", "kappa", "scales"),
+    [one if one in QUICK else pytest.param(*one, marks=pytest.mark.nightly) for one in PUBLISHED],
+)
 def test_cornell_box_is_cleaner_than_with_the_published_program(cornell, reference, samples, kappa, scales):
     filtered = filter_film(cornell[samples], FilterParameters(kappa=kappa, scales=scales), threads=2)
     clipped, unclipped = psnr_db(filtered.picture, reference)
@@ -45,7 +52,7 @@ def test_cornell_box_is_cleaner_than_with_the_published_program(cornell, referen
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", [64, 256])
+@pytest.mark.parametrize("samples", [pytest.param(64, marks=pytest.mark.nightly), 256])
 def test_defaults_gain_half_a_decibel_over_the_published_program(cornell, reference, samples):
     clipped, unclipped = psnr_db(filter_film(cornell[samples], threads=2).picture, reference)
     assert clipped >= PUBLISHED[samples, 1.0, 3][0] + 0.5
