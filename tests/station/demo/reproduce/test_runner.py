@@ -204,8 +204,10 @@ OF_SECONDS = {
     "restoration-known", "restoration-40db", "restoration-start", "stability", "simulated-rivals", "rays-kappa",
     "rays-oracle", "restoration-gaussian", "restoration-direct", "accuracy", "gamma-table", "bound-realised",
     "two-photo-zoom-published", "two-photo-zoom", "two-photo-simulated", "rays-cornell", "apertures",
+    "restoration-sigma", "gamma-patterns", "gamma-support", "rays-bias", "supports", "places", "wall-chart",
+    "comparison", "rays-scales", "planes",
 }  # fmt: skip
-"""Rows of the quick set that take four seconds of processor and more: nightly."""
+"""Rows of the quick set that take a second of processor and more: nightly, but for one of each chapter."""
 
 
 @pytest.mark.slow
