@@ -24,7 +24,7 @@ def test_uncertainty_is_predicted_from_noise_and_contrast(rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wall", "zoom"), [("pink", 3.45), ("leaves", 4.6)])
+@pytest.mark.parametrize(("wall", "zoom"), [pytest.param("pink", 3.45, marks=pytest.mark.nightly), ("leaves", 4.6)])
 def test_the_prediction_is_the_reported_uncertainty_by_noise(wall, zoom):
     pair = photographs(CAMERAS["f/5.6"], wall=wall, zoom=zoom, size=int(690 / zoom), noise=0.006)
     outcome = estimate_psf_of_pair(plane(pair.near), plane(pair.far), TwoPhotoParameters(s=3, k=13))

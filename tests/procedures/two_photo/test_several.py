@@ -51,7 +51,7 @@ def test_two_photographs_are_a_pair(wall):
     assert pair.value.quality.budgets == both.value.quality.budgets
 
 
-@pytest.mark.parametrize("solver", ["ls", "nnls"])
+@pytest.mark.parametrize("solver", ["ls", pytest.param("nnls", marks=pytest.mark.nightly)])
 def test_three_distances_have_less_error_than_two(wall, solver):
     settings = TwoPhotoParameters(s=3, k=13, solver=solver)
     truth = samples_of(CAMERAS["f/5.6"], 3, 13)
