@@ -343,7 +343,7 @@ def test_loops_compute_what_numpy_and_scipy_do(name):
         np.testing.assert_allclose(got, right, rtol=0, atol=SINGLE * float(np.abs(right).max()))
 
 
-def test_saddles_lie_in_the_bins_of_their_places():
+def test_the_extension_keeps_bins_digits_and_copies(native):
     points = lattices(np.random.default_rng(3)).points
     field, order = field_of(points, points, points.real, 12.0)
     np.testing.assert_array_equal(field.points, points[order])
@@ -352,15 +352,9 @@ def test_saddles_lie_in_the_bins_of_their_places():
     places = np.stack([bins % field.columns, bins // field.columns])
     corner = np.stack([field.points.real - field.left, field.points.imag - field.top])
     assert np.all((corner >= 12 * places) & (corner < 12 * (places + 1)))
-
-
-def test_extension_refuses_numbers_that_would_lose_digits(native):
     places = np.zeros(1, np.int64)
     with pytest.raises(TypeError, match="incompatible function arguments"):
         native.convolve_at(np.ones((9, 9)), places, places, np.ones((3, 3), np.float32), 1)
-
-
-def test_extension_fills_no_copy(native):
     arguments = np.ones((9, 9), np.float32), *np.zeros((2, 1), np.int64), np.ones(1, np.float32), 1, 3
     with pytest.raises(TypeError, match="incompatible function arguments"):
         native.fill_convolution(np.zeros((1, 18), np.float32)[:, ::2], *arguments)
