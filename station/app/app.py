@@ -122,8 +122,6 @@ class StationApp(WorkingApp):
         if not (isinstance(error, NoMatches) and self.return_code is not None):
             super()._handle_exception(error)
 
-    # --- commands ------------------------------------------------------------------------------------------------
-
     def offered(self) -> list[type[Command]]:
         """The available commands: first the way back to the guide, then the screen's and those of every screen."""
         front = self.front
@@ -139,7 +137,6 @@ class StationApp(WorkingApp):
         return modes.get(command) != self.current_mode
 
     async def action_command(self, name: str) -> None:
-        """Give a command, to the current screen first."""
         command = BY_NAME[name]
         if command is StopEverything:
             self.stop_everything()
@@ -206,10 +203,7 @@ class StationApp(WorkingApp):
                 self.set_timer(END_TIMEOUT_S, lambda: self.exit(EXIT_DEVICE))
             self._end_run_then_go_on()
 
-    # --- the frame of every screen ---------------------------------------------------------------------------------
-
     def fill_frame(self, screen: StationScreen) -> None:
-        """Update title, devices and keys of a screen."""
         if screen.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
             words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")

@@ -53,17 +53,14 @@ class BackgroundJob:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> BackgroundJob:
-        """Begin."""
         self._thread.start()
         return self
 
     @property
     def running(self) -> bool:
-        """Whether it is still running."""
         return self._thread.is_alive()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for its end, up to a timeout."""
         self._thread.join(timeout_s)
 
     def cancel(self) -> bool:
@@ -97,9 +94,6 @@ def problem_of(error: Exception) -> Problem:
     return Problem(what, "no photograph is lost; continue, and report this error if it happens again")
 
 
-# --- polling of the devices ------------------------------------------------------------------------------------
-
-
 Look = Callable[[], "Sequence[DeviceState]"]
 
 
@@ -117,7 +111,6 @@ class Watcher:
         threading.Thread(target=self._run, name="watcher", daemon=True).start()
 
     def stop(self) -> None:
-        """End the polling."""
         self._end.set()
 
     def _run(self) -> None:

@@ -45,11 +45,9 @@ class DeviceBar(Part):
             self.refresh(layout=True)
 
     def render(self) -> Content:
-        """The lines at the current width."""
         return self._lines(self.size.width)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """Number of lines at this width."""
         return len(self._lines(width).split())
 
     def _lines(self, width: int) -> Content:
@@ -75,7 +73,6 @@ def brief(condition: Condition) -> str:
 
 
 def _why(state: DeviceState) -> str:
-    """Why a device cannot be used, and the last reported position of a stage."""
     last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in state.places.items())
     return brief(state.condition) + (f" (last position: {last})" if last else "")
 
@@ -88,11 +85,9 @@ class KeyLine(Part):
         self.call_after_refresh(self.show)
 
     def on_resize(self) -> None:
-        """Choose the keys that fit the new width."""
         self.show()
 
     def show(self) -> None:
-        """Show the keys of the available commands."""
         entries: list[Content] = []
         room = self.size.width
         for command in cast("CommandSource", self.app).offered():

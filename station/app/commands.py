@@ -40,17 +40,14 @@ class Command(Message):
 
     @classmethod
     def help(cls) -> str:
-        """One line on what it does."""
         return (inspect.getdoc(cls) or "").splitlines()[0]
 
     @classmethod
     def key_name(cls) -> str:
-        """Displayed name of the key."""
         return cls.shown or cls.keys.split(",")[0].upper().replace("CTRL+", "^")
 
     @classmethod
     def binding(cls) -> Binding:
-        """The key, for a screen or the application."""
         action = f"app.command('{cls.__name__}')"
         shifted = [key.upper() for key in cls.keys.split(",") if len(key) == 1]  # the footer shows capitals
         return Binding(
@@ -71,8 +68,6 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
     """The keys of these commands."""
     return [command.binding() for command in commands]
 
-
-# --- everywhere --------------------------------------------------------------------------------------------------
 
 StopEverything = _command(
     "StopEverything",
@@ -105,8 +100,6 @@ EVERYWHERE: tuple[type[Command], ...] = (
 )  # fmt: skip
 
 
-# --- guide -------------------------------------------------------------------------------------------------------
-
 GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", "f5", "go on")
 StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", "f6", "step back")
 NewSession = _command("NewSession", "Back to the first screen: begin a new session or continue another.", "f8", "new")
@@ -114,8 +107,6 @@ NewSession = _command("NewSession", "Back to the first screen: begin a new sessi
 
 GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
 
-
-# --- bench -------------------------------------------------------------------------------------------------------
 
 Connect = _command("Connect", "Connect every device, and show the answers.", "c", "connect", shown="C")
 HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", "h", "home", shown="H")
@@ -145,8 +136,6 @@ BENCH: tuple[type[Command], ...] = (
 )  # fmt: skip
 
 
-# --- live focus --------------------------------------------------------------------------------------------------
-
 TurnNear = _command(
     "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", "left,minus", shown="Left"
 )
@@ -164,8 +153,6 @@ EndFocus = _command("EndFocus", "End live focus, or return to the choice of the 
 FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
 
 
-# --- results -----------------------------------------------------------------------------------------------------
-
 NextPlane = _command("NextPlane", "Show the next colour plane.", "p", "plane", shown="P")
 Compare = _command(
     "Compare",
@@ -180,9 +167,6 @@ Reload = _command("Reload", "Search the disk for results again.", "r", "look aga
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)
 
 BY_NAME = {command.__name__: command for command in (*EVERYWHERE, *GUIDE, *BENCH, *FOCUS, *RESULTS)}
-
-
-# --- the palette -------------------------------------------------------------------------------------------------
 
 
 class CommandSource(Protocol):
@@ -204,12 +188,10 @@ class CommandsByName(Provider):
         return cast(CommandSource, self.app)
 
     async def discover(self) -> Hits:
-        """All available commands."""
         for command in self._source.offered():
             yield DiscoveryHit(Content(command.title()), self._give(command), help=_help(command))
 
     async def search(self, query: str) -> Hits:
-        """The commands that match the query."""
         matcher = self.matcher(query)
         for command in self._source.offered():
             score = matcher.match(command.title())

@@ -75,10 +75,7 @@ class WorkingApp(App[int]):
         self._shown_s = 0.0
         self._drain_is_due = False
 
-    # --- beginning and end ---------------------------------------------------------------------------------------
-
     def on_mount(self) -> None:
-        """Paint first, then load numpy, bench and sessions."""
         self.call_after_refresh(self._start, "load", lambda: _load(self.lab))
 
     @on(ProgramTerminated)
@@ -105,11 +102,8 @@ class WorkingApp(App[int]):
         self.panic(Text(printable(f"{problem.reason}; {problem.remedy}")))
 
     def on_unmount(self) -> None:
-        """End the polling of the devices."""
         if self._watcher is not None:
             self._watcher.stop()
-
-    # --- jobs ----------------------------------------------------------------------------------------------------
 
     def _start(self, name: str, work: Callable[[], Any], **ends: Callable[[], None]) -> None:
         self._jobs[name] = BackgroundJob(name, work, self.report_finished, **ends).start()
@@ -137,7 +131,6 @@ class WorkingApp(App[int]):
         return "The bench is busy with the last command: wait, or press F12." if self.running("by hand") else ""
 
     def by_hand(self, work: Callable[[], Any]) -> None:
-        """Run a command of the bench screen."""
         self._start("by hand", work, halt=self.lab.emergency_stop)
 
     def focus(self, work: Callable[[], Any], end: Callable[[], None], *, on_bench: bool) -> None:
@@ -223,8 +216,6 @@ class WorkingApp(App[int]):
     def _complain(self, problem: Problem) -> None:
         self.notify(printable(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
 
-    # --- runs ----------------------------------------------------------------------------------------------------
-
     @on(StartScreen.Begin)
     def _begin_new(self, message: StartScreen.Begin) -> None:
         self._subject = f"{message.camera}, {message.lens}"
@@ -283,7 +274,6 @@ class WorkingApp(App[int]):
 
     @on(MailboxFilled)
     def _on_mailbox_filled(self) -> None:
-        """Show the collected entries, now or after the update interval."""
         wait_s = self._shown_s + SHOW_EVERY_S - time.monotonic()
         if wait_s <= 0:
             self._drain()
@@ -376,21 +366,16 @@ class WorkingApp(App[int]):
             super().get_driver_class(), lambda: self.lab.emergency_stop(), lambda: self.axis_moves
         )  # the lab comes later
 
-    # --- what is shown -------------------------------------------------------------------------------------------
-
     @property
     def front(self) -> StationScreen:
-        """The current screen, below any dialog."""
         return next(one for one in reversed(self.screen_stack) if isinstance(one, StationScreen))
 
     @property
     def conditions(self) -> Mapping[str, Condition]:
-        """Last known condition of each device by name."""
         return {state.name: state.condition for state in self._states}
 
     @property
     def places(self) -> Mapping[str, float]:
-        """Last reported position of each axis by name."""
         return {axis: place for state in self._states for axis, place in state.places.items()}
 
     @property
@@ -403,7 +388,6 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def refresh_frame(self) -> None:
-        """Update the current screen."""
         if self.is_running:
             self.front.refresh_frame()
 

@@ -20,7 +20,6 @@ from urllib.parse import quote
 
 from procedures.outcome import BadParameter
 from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, work
-from station.batch.procedure_file import BatchProcedure
 from station.batch.process_pool import Allowance, Lost, Stop, run_in_processes
 from station.batch.stored_rows import StoredRows, Tally, check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
@@ -31,7 +30,6 @@ from station.results.result_files import PUBLISHING, RECORD, json_object, own_ha
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
-"""Entries of a failed item in the record."""
 Work = Callable[[Item, Job], ItemRow]
 Tls = tuple[Path, Path, Path] | None
 
@@ -117,12 +115,8 @@ def _lost(item: Item, lost: Lost) -> ItemRow:
     return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
-# --- the batch's folder ---
-
-
 @contextmanager
 def _stored(out: Path) -> Iterator[StoredRows]:
-    """The rows in a file of lines."""
     try:
         rows = StoredRows(out / LINES)
         with closing(rows):
@@ -157,7 +151,6 @@ def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
 
 
 def _page(batch: Batch) -> bytes:
-    """The batch's page, with its first rows."""
     from station.reports.batches.batch_page import (  # here: it draws
         MAX_LINES,
         BatchLine,
@@ -178,18 +171,13 @@ def _page(batch: Batch) -> bytes:
     groups = [NumberGroup(*group, one.unit, one.values, one.uncertainties) for group, one in batch.tally.series.items()]
     procedure, count = batch.job.procedure, len(batch.rows)
     title = f"{count} items by the procedure {procedure.name}"
-    report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, _bounds(procedure), batch.undone)
-    return batch_page(report).encode()
-
-
-def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
-    """The finite bounds of limits in the unit of the batch, by number."""
     bounds: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:
         if limit.at is None and limit.unit is procedure.terms.unit:
             for name in [f"{limit.number}_{direction}" for direction in limit.directions] + [limit.number]:
                 bounds.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
-    return bounds
+    report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, bounds, batch.undone)
+    return batch_page(report).encode()
 
 
 def _record(batch: Batch) -> dict[str, Any]:
@@ -209,11 +197,8 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-# --- locking of the folder ---
-
 LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
 LINE_BEGINS = '{"files": '
-"""Beginning of every line of results."""
 
 
 def check_own(out: Path) -> None:

@@ -24,7 +24,6 @@ from station.common.sanitise import cell, encodable
 from station.results.result_files import plain
 
 GROUP = tuple[str, str, str]
-"""Camera, plane and number."""
 
 
 def line_of(row: ItemRow) -> bytes:
@@ -92,7 +91,6 @@ class StoredRows(Sequence[ItemRow]):
 
     @property
     def _numbers(self) -> list[int]:
-        """The numbers of the items in their order, sorted when one has been added."""
         if self._sorted is None:
             self._sorted = sorted(self._at)
         return self._sorted
@@ -172,12 +170,9 @@ class Tally:
         return summary
 
 
-# --- The summary of a batch, one line for each plane: as CSV, and as Parquet with typed columns; rows are streamed ---
-
 HEAD = (
     "files", "verdict", "plane", "plane_verdict", "reason", "remedy", "specification", "against", "folder", "sha256",
 )  # fmt: skip
-"""First columns of the summary."""
 NOTED = (
     ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),
     ("f_number", "f_number"), ("iso", "iso"), ("focal_length [mm]", "focal_length_mm"),
@@ -185,7 +180,6 @@ NOTED = (
 )  # fmt: skip
 """Headings of the settings recorded by the camera, and their names in a row."""
 TEXTS = ("camera", "lens", "captured_at")
-"""The text columns."""
 GROUP_ROWS = 2000
 """Rows of a Parquet file that are written at once."""
 
@@ -230,7 +224,6 @@ Line = tuple[list[str], list[Any], list[float | None]]
 
 
 def _lines(rows: Iterable[ItemRow], units: Mapping[str, str]) -> Iterator[Line]:
-    """Texts of `HEAD`, settings of `NOTED`, and numbers of every plane, or of an item without planes."""
     for row in rows:
         planes: list[tuple[str, PlaneRow | None]] = [*row.planes.items()] or [("", None)]
         for name, plane in planes:
@@ -256,6 +249,5 @@ def _unit(column: str, units: Mapping[str, str]) -> str:
 
 
 def _with_unit(column: str, units: Mapping[str, str]) -> str:
-    """A heading with the unit of its number, if it has one."""
     unit = _unit(column, units)
     return column if unit in ("", "1") else f"{column} [{unit}]"

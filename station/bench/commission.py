@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from drivers.errors import Clock
 from drivers.grbl import GrblStage
-from drivers.interfaces import Stage, Travel
+from drivers.interfaces import Stage
 from drivers.protocols.grbl import HOME_FIRST, Controls, GrblEnvelope
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
@@ -114,20 +114,16 @@ def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDr
     drives = []
     for name, travel in stage.travel().items():
         if operator.agrees(f"Drive {name} from {travel.low:g} to {travel.high:g}?"):
-            drives.append(_drive(stage, name, travel, operator, clock))
+            stage.move_to(**{name: travel.low})
+            way = travel.high - travel.low
+            expected_s = _expected_s(stage, name, way)
+            begin_s = clock.now_s()
+            stage.move_to(**{name: travel.high})
+            seconds = clock.now_s() - begin_s
+            operator.show(f"{name} moved {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
+            ruler = operator.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
+            drives.append(AxisDrive(name, way, seconds, expected_s, ruler))
     return drives
-
-
-def _drive(stage: Stage, name: str, travel: Travel, operator: Operator, clock: Clock) -> AxisDrive:
-    stage.move_to(**{name: travel.low})
-    way = travel.high - travel.low
-    expected_s = _expected_s(stage, name, way)
-    begin_s = clock.now_s()
-    stage.move_to(**{name: travel.high})
-    seconds = clock.now_s() - begin_s
-    operator.show(f"{name} moved {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
-    ruler = operator.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
-    return AxisDrive(name, way, seconds, expected_s, ruler)
 
 
 def _expected_s(stage: Stage, name: str, way: float) -> float | None:
@@ -160,19 +156,6 @@ def _scale(drive: AxisDrive, ruler: float, envelope: GrblEnvelope | None) -> Rec
     return Recommendation(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
 
 
-def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
-    """The stage's table for station.toml, with feeds that its controller reaches and the ends of its machine space."""
-    rows = [f"[devices.{name}]"]
-    rows += [f"{key} = {toml_value(value)}" for key, value in table.items() if key != "axes"]
-    rows.append("axes = [")
-    envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
-    for axis in table["axes"]:
-        envelope = envelopes.get(axis["name"])
-        limits = {} if envelope is None else _limits(axis, envelope)
-        rows.append(f"    {toml_value({**axis, **limits})},")
-    return "\n".join([*rows, "]"]) + "\n"
-
-
 def _limits(axis: Mapping[str, Any], envelope: GrblEnvelope) -> dict[str, Any]:
     limits: dict[str, Any] = {"feed_per_min": min(axis["feed_per_min"], envelope.rate_per_min)}
     usual = (-(envelope.high - envelope.low), 0.0)
@@ -193,6 +176,14 @@ def commission(name: str, stage: Stage, table: Mapping[str, Any], operator: Oper
         operator.show(f"to change: {finding.reason}: {finding.change}")
     if not findings:
         operator.show(f"nothing to change at {name}")
-    text = device_table(name, table, stage)
+    rows = [f"[devices.{name}]"]
+    rows += [f"{key} = {toml_value(value)}" for key, value in table.items() if key != "axes"]
+    rows.append("axes = [")
+    envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
+    for axis in table["axes"]:
+        envelope = envelopes.get(axis["name"])
+        limits = {} if envelope is None else _limits(axis, envelope)
+        rows.append(f"    {toml_value({**axis, **limits})},")
+    text = "\n".join([*rows, "]"]) + "\n"
     operator.show(text)
     return text

@@ -166,9 +166,6 @@ class StageRig:
         raise Broken(f"it does not recover on a clean line: {reason}")
 
 
-# --- promises ---
-
-
 def identifies(rig: StageRig) -> str:
     """Connecting reports who it is."""
     identity = rig.stage.connect()
@@ -249,9 +246,6 @@ def stops_in_an_emergency(rig: StageRig, rng: np.random.Generator, tries: int) -
     return f"{tries} stops: median {np.median(latencies):.3f} s, longest {max(latencies):.3f} s"
 
 
-# --- faults ---
-
-
 def disturb(cable: Cable | AlpacaFocusers, fault: str, now_s: float, rng: np.random.Generator) -> None:
     """Let the line fail in this way during the next seconds."""
     begin_s = now_s + rng.uniform(0.0, 2.0)
@@ -296,7 +290,6 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
 
 
 def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
-    """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
     plugged = rig.cable is None or not rig.cable.faults.unplugged(rig.clock.now_s())
     works = plugged and rig.stage.condition().word != "not connected"
     if goal is not None and "reset" not in where:
@@ -324,9 +317,6 @@ def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple
         except Broken as broken:
             raise Broken(f"operation {n + 1} of {operations}: {broken}") from broken
     return f"{operations} operations"
-
-
-# --- all of them ---
 
 
 def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialResult]:

@@ -131,8 +131,6 @@ def _check_reference(
     source.refuse(("devices", *path), f"must name a {kind}; it is {shown(given)}, and {missing}", remedy)
 
 
-# --- comparison of two configurations: whether they open the same devices, reached in the same way ---
-
 Tables = Mapping[str, Mapping[str, Any]]
 
 WHICH = (

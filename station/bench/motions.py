@@ -67,9 +67,6 @@ class Motions:
                 self._ended[name] = motion
 
 
-# --- Emergency stop: each device in a thread of its own, so that none waits for another's port; times on the line ---
-
-
 PATIENCE_S = 0.25
 """How long a stop waits for blocked ports; their threads continue trying."""
 

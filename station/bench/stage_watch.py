@@ -72,15 +72,11 @@ class StageWatch:
             self._began[name] = motion, here
         begin = self._began[name][1]
         moves = [move_text(axis, here[axis], goal) for axis, goal in motion.target.items() if axis in here]
-        left_s = self._left_s(motion, begin, here)
-        return "moving " + ", ".join([*moves, *([f"{left_s:.0f} s left"] if left_s is not None else [])])
-
-    def _left_s(self, motion: Motion, begin: Mapping[str, float], here: Mapping[str, float]) -> float | None:
-        """Remaining time of the longest move at its present speed; None if not known yet."""
         elapsed_s = self.bench.clock.now_s() - motion.began_s
         left = []
         for axis, goal in motion.target.items():
             whole, gone = abs(goal - begin.get(axis, goal)), abs(here.get(axis, goal) - begin.get(axis, goal))
             if whole and gone > NEAR * whole:
                 left.append(elapsed_s * (whole - gone) / gone)
-        return max(left, default=None)
+        left_s = max(left, default=None)
+        return "moving " + ", ".join([*moves, *([f"{left_s:.0f} s left"] if left_s is not None else [])])

@@ -121,7 +121,6 @@ def _with_green(frame: RawFrame) -> RawFrame:
 
 
 def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction]:
-    """The outcome, doubtful where the development is not known."""
     if frame.development is None or outcome.value is None:
         return outcome
     for doubt in (wrong_curve([frame]), _by_curve(outcome.value), unknown_of([frame.development])):
@@ -130,7 +129,6 @@ def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction
 
 
 def _by_curve(value: Correction) -> tuple[str, str] | None:
-    """Doubt by a tone curve that is not known."""
     if (error := value.curve_error) is None:
         return None
     reason = (
@@ -167,10 +165,16 @@ def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path],
     if value is None:
         return {}
     pictures = picture_file(corrected.frame, value.picture, words="corrected picture")
+    predicted = value.prediction
+    y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
+    columns = {
+        "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
+        "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
+    }  # fmt: skip
     return {
         TIFF: lambda path: write_tiff(path, value.picture, metadata, DESCRIPTION),
         **(pictures or {DNG: lambda path: write_linear_dng(path, value.picture, metadata)}),
-        MAPS: _maps(value),
+        MAPS: csv_columns({name: column.ravel() for name, column in columns.items()}, 6),
     }
 
 
@@ -241,14 +245,3 @@ def _number(values: Any, unit: str) -> dict[str, Any]:
     return {
         "median": float(np.median(values)), "least": float(values.min()), "greatest": float(values.max()), "unit": unit
     }  # fmt: skip
-
-
-def _maps(value: Correction) -> bytes:
-    """Predicted MTF50 and noise over the frame, a place per row."""
-    predicted = value.prediction
-    y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
-    columns = {
-        "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
-        "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
-    }  # fmt: skip
-    return csv_columns({name: column.ravel() for name, column in columns.items()}, 6)

@@ -50,8 +50,6 @@ def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limi
     return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
 
 
-# --- places of a specification ---
-
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""
 REACH = (1.0, 0.875, 0.75, 0.625, 0.5)
@@ -102,7 +100,6 @@ def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, 
 
 
 def _in_unit(field: PsfField, u: float, v: float, plane: PlaneResult) -> dict[str, Quantity]:
-    """The numbers at a place in a plane's unit."""
     numbers = _numbers(field, u, v, (), None)
     return {name: convert_quantity(number, plane.unit, plane.factor) for name, number in numbers.items()}
 
@@ -128,7 +125,6 @@ def _reached(field: PsfField, u: float, v: float) -> bool:
 def _numbers(
     field: PsfField, u: float, v: float, at: Sequence[float], limit: Diffraction | None
 ) -> dict[str, Quantity]:
-    """All numbers of the PSF at a place, and those about the radius, with the field's own error in them."""
     x, y = _position(field, u, v)
     psf, n = field.at(x, y), len(field.nodes)
     numbers = dict(assess(psf, n=n, diffraction=limit, at=at).numbers)

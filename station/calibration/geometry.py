@@ -117,7 +117,6 @@ def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout 
 
 
 def _size(frame: RawFrame) -> tuple[int, int]:
-    """Columns and rows of the sensor."""
     plane = next(iter(frame.planes.values()))
     rows, columns = plane.samples.shape
     return columns * plane.pitch, rows * plane.pitch
@@ -156,7 +155,6 @@ def conclude(
 
 
 def _timed(shoot: GeometryPhotographs, frame_rate_hz: float) -> GeometryPhotographs:
-    """The photographs with the times of their views."""
     records = (
         record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
         for i, record in enumerate(shoot.records)

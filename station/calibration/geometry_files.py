@@ -39,7 +39,20 @@ def geometry_measurement(
     cameras = {plane.shoot.plane: plane.outcome.value for plane in planes if plane.outcome.value is not None}
     files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
-        files |= _tables(table_prefix(name, len(planes)), camera)
+        prefix = table_prefix(name, len(planes))
+        first = camera.maps[0]
+        x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
+        dx, dy = distortion(camera.camera, np.column_stack([x, y])).T
+        maps = {f"uncertainty_px_at_{one.distance_mm:g}_mm": one.value.ravel() for one in camera.maps}
+        files |= {
+            f"{prefix}covariance.npy": npy(camera.covariance),
+            f"{prefix}joint_covariance.npy": npy(camera.adjustment.full_covariance),
+            f"{prefix}{CHART}": npy(camera.shape.deviations_mm),
+            f"{prefix}{NODES}": npy(camera.adjustment.problem.nodes),
+            f"{prefix}{POINTS}": npy(_points(camera)),
+            f"{prefix}residuals.csv": csv_bytes(_residual_rows(camera)),
+            f"{prefix}projection.csv": csv_columns({"x": x, "y": y, "distortion_x": dx, "distortion_y": dy, **maps}, 6),
+        }
         file = "camera.h5" if len(planes) == 1 else f"camera_{name}.h5"
         files[file] = partial(_write_camera, camera, head, scale)
     if cameras:
@@ -73,7 +86,6 @@ def _plane(one: PlaneGeometry, scale: ChartScale | None) -> PlaneResult:
 
 
 def _entries(geometry: Geometry) -> dict[str, Any]:
-    """Entries of a camera in addition to its numbers."""
     camera = geometry.camera
     budgets, numbers = geometry.budgets(), geometry.numbers()
     return {
@@ -104,7 +116,6 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
 
 
 def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None, path: Path) -> None:
-    """camera.h5: the camera alone, with the budget of its numbers and the record of the chart's scale."""
     camera, outcome = geometry.camera, Outcome(geometry)
     part = CameraPart("geometry", camera.names, camera.units, camera.params, geometry.covariance, "the chart's views")
     provenance = {"input": json.dumps([asdict(one) for one in head.input]), "parameters": json.dumps(head.parameters)}
@@ -113,7 +124,6 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
 
 
 def _formula_entry(formula: FittedFormula) -> dict[str, Any]:
-    """A parametric model: parameters with covariance, and its loss over the covered frame."""
     return {
         "model": formula.camera.model,
         "names": list(formula.camera.names),
@@ -137,18 +147,6 @@ def _view_entry(view: PosedView, budget: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
-    return {
-        f"{prefix}covariance.npy": npy(geometry.covariance),
-        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.full_covariance),
-        f"{prefix}{CHART}": npy(geometry.shape.deviations_mm),
-        f"{prefix}{NODES}": npy(geometry.adjustment.problem.nodes),
-        f"{prefix}{POINTS}": npy(_points(geometry)),
-        f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),
-        f"{prefix}projection.csv": _projection(geometry),
-    }
-
-
 def _points(geometry: Geometry) -> npt.NDArray[np.float64]:
     """Every point: view, node, x, y, variance of x, covariance, variance of y."""
     views = [one.view for one in geometry.views]
@@ -168,19 +166,9 @@ def _numbers(plane: str, geometry: Geometry) -> Iterator[tuple[str, str, Quantit
 
 
 def _residual_rows(geometry: Geometry) -> Iterator[tuple[object, ...]]:
-    """Every correspondence: position, residual and standard uncertainty."""
     yield "source", "node", "x", "y", "residual_x", "residual_y", "sigma_x", "sigma_y"
     for view in geometry.views:
         sigma = np.sqrt(np.einsum("naa->na", view.view.covariance))
         columns = np.hstack([view.view.points, view.residual_px, sigma])
         for node, row in zip(view.view.index, columns, strict=True):
             yield view.view.source, int(node), *(f"{value:.6g}" for value in row)
-
-
-def _projection(geometry: Geometry) -> bytes:
-    """Maps over the frame: distortion, and projection uncertainty at each distance."""
-    first = geometry.maps[0]
-    x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
-    dx, dy = distortion(geometry.camera, np.column_stack([x, y])).T
-    maps = {f"uncertainty_px_at_{one.distance_mm:g}_mm": one.value.ravel() for one in geometry.maps}
-    return csv_columns({"x": x, "y": y, "distortion_x": dx, "distortion_y": dy, **maps}, 6)

@@ -182,7 +182,6 @@ def diffraction_limit(
 
 
 def _missing(*, pitch: bool, aperture: bool) -> BadParameter:
-    """The error for missing inputs of the physics of a PSF."""
     inputs = (
         (pitch, "the sensor's pitch", "--pixel-pitch-um"),
         (aperture, "the f-number, which the camera did not record", "--f-number"),

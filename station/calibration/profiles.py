@@ -56,7 +56,11 @@ def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool =
             f"a profile needs camera, lens and f-number; {source} does not record its {', '.join(missing)}",
             " and ".join(f"give --{name.replace('_', '-')}" for name in missing),
         )
-    path = library / _file_name(exposure)
+    focal, focus = exposure.focal_length_mm, exposure.subject_distance_mm
+    words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
+    words += [f"{focal:g}mm"] if focal else []
+    words += [f"{focus / 1000:g}m"] if focus else []
+    path = library / ("_".join(re.sub(r"[^0-9A-Za-z.]+", "-", str(word)).strip("-.") for word in words) + ".h5")
     if path.exists() and not replace:
         raise BadParameter(f"the library has a profile with these settings, {path}", "give --replace")
     library.mkdir(parents=True, exist_ok=True)
@@ -74,14 +78,6 @@ def completed(given: Exposure, recorded: Exposure) -> Exposure:
     """The settings that identify a field: those given, else those recorded."""
     names = (*KEY, "focal_length_mm", "subject_distance_mm")
     return Exposure(**{name: getattr(given, name) or getattr(recorded, name) for name in names})
-
-
-def _file_name(exposure: Exposure) -> str:
-    focal, focus = exposure.focal_length_mm, exposure.subject_distance_mm
-    words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
-    words += [f"{focal:g}mm"] if focal else []
-    words += [f"{focus / 1000:g}m"] if focus else []
-    return "_".join(re.sub(r"[^0-9A-Za-z.]+", "-", str(word)).strip("-.") for word in words) + ".h5"
 
 
 def profiles(library: Path) -> list[Profile]:

@@ -143,7 +143,11 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
                 sums.setdefault(name, StackSums()).add(numbers)
         taken.append(frame.path)
     if 0 < len(taken) < LEVEL_PICTURES:
-        _leave_alone(taken[0], shots, missed)
+        path = taken[0]
+        needed = "of its exposure; temporal noise needs two"
+        if len(shots.paths) < LEVEL_PICTURES:
+            raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
+        missed.append(Miss(str(path), f"{path} is the only readable picture {needed}", "take the level again"))
         return
     for name, pictures in first.items():
         of = gathered[name]
@@ -155,19 +159,10 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
             of.spectra.append(measure_noise_power(pictures, np.nan))
 
 
-def _leave_alone(path: Path, shots: Shots, missed: list[Miss]) -> None:
-    """Exclude the single readable picture of a level. Raises BadInput where the level has no other."""
-    needed = "of its exposure; temporal noise needs two"
-    if len(shots.paths) < LEVEL_PICTURES:
-        raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
-    missed.append(Miss(str(path), f"{path} is the only readable picture {needed}", "take the level again"))
-
-
 _ONE_CAMERA = "give pictures of one camera at one setting, in one format"
 
 
 def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
-    """Digital numbers of the converter, also from left-aligned samples."""
     shape = plane.samples.shape
     if of.shape and shape != of.shape:
         raise BadInput(
@@ -184,7 +179,6 @@ def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
 
 
 def _step(numbers: Numbers) -> float:
-    """Greatest common divisor of the differences between a picture's values."""
     values = np.unique(numbers)
     if len(values) < 3 or not np.array_equal(values, np.rint(values)):
         return 1.0
@@ -209,7 +203,6 @@ def _noise_power(of: _Gathered) -> NoisePower | None:
 
 
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
-    """The levels in order, the first of each: that of the ladder where a stack repeats it."""
     first: dict[float, LightLevel] = {}
     for level in levels:
         first.setdefault(of(level), level)
@@ -217,5 +210,4 @@ def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tu
 
 
 def _largest(stacks: Sequence[tuple[str, FrameStack]], kind: str) -> FrameStack | None:
-    """The largest stack of a kind."""
     return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

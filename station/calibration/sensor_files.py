@@ -69,7 +69,6 @@ def _gain_budget(result: SensorResult) -> dict[str, float]:
 
 
 def _plane(plane: SensorPlane) -> PlaneResult:
-    """Verdict and numbers, the model for other procedures, and diagnostics."""
     result = plane.outcome.value
     if result is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
@@ -115,7 +114,6 @@ def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
 
 
 def _tables(name: str, result: SensorResult) -> dict[str, bytes]:
-    """The plane's tables."""
     files = {f"transfer_{name}.csv": csv_columns(transfer_columns(result), 9)}
     patterns = {"dark": result.dark, "light": result.light}
     kinds = {

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from procedures.sensor.spectrograms import NoisePower
 
 SEED = 1288
-"""Seed of the draws of uncertainties."""
 MINIMA = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
 """Lower bounds of parameters of a model; others may be negative."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"

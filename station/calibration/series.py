@@ -20,7 +20,6 @@ from station.results.exports import csv_bytes
 TABLE, PAGE = "series.csv", "series.html"
 TITLES: Mapping[str, str] = {EDGE_MTF50: "MTF50, mean of rows and columns", WAVEFRONT_RMS: "Wavefront error, rms"}
 DRAWS, SEED = 20_000, 1
-"""Monte Carlo draws for the probability that an aperture is the best."""
 
 
 @dataclass(frozen=True)

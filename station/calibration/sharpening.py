@@ -6,13 +6,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import rfft2
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.raw import RawFrame
-
-Array = npt.NDArray[np.float64]
 
 FIELD, FINER, DEFOCUS, SHAKEN = "field", "finer", "defocus", "shaken"
 WAYS = {
@@ -115,7 +113,6 @@ def spectral_difference(one: RawFrame, other: RawFrame) -> tuple[float, float]:
 
 
 def _spectral_change(one: RawFrame, other: RawFrame) -> Array:
-    """Logarithm of the second spectrum over the first, (bands, sectors), apart from their light."""
     logs = [np.log(band_powers(_centre(frame))) / 2 for frame in (one, other)]
     change = logs[1] - logs[0]
     return np.asarray(change - change[0].mean())

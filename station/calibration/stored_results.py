@@ -51,9 +51,6 @@ def stored_record(
         yield StoredRecord(path, hashlib.sha256(data).hexdigest(), record)
 
 
-# --- the planes of a geometry's result: which one is meant, and what its tables are called ---------------------------
-
-
 def table_prefix(plane: str, count: int) -> str:
     """Prefix of the names of a plane's tables, in a result of `count` planes."""
     return "geometry_" if count == 1 else f"geometry_{plane}_"

@@ -30,7 +30,6 @@ ITEMS = {
     "pair": "pairs", "scene": "pairs", "results": "pairs", "photograph": "photographs", "series": "photographs",
     "several": "files",
 }  # fmt: skip
-"""Names of items by the procedure's inputs."""
 MOST_NAMED = 40
 """Number of unusable photographs on the screen; the files list all."""
 
@@ -122,7 +121,6 @@ def carry_out(
 
 
 def _summarise(done: Batch) -> None:
-    """Write the procedure's own summary of the batch, if it has one."""
     from station.common.durable_files import write_whole
 
     procedure = done.job.procedure.procedure
@@ -150,17 +148,13 @@ def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[
     if batch.pairs is not None:
         return in_rows(frames, batch.pairs, most=2 if inputs is Inputs.PAIR else None) + missed
     if inputs in IN_PAIRS:
-        return _without_files(in_pairs(frames, batch.endings), batch) + missed
+        items = in_pairs(frames, batch.endings)
+        pairs = [item for item in items if not item.trouble]
+        used = {file for pair in pairs for file in batch.procedure.files(pair.paths, batch.settings)}
+        return [item for item in items if not (item.trouble and used.issuperset(item.paths))] + missed
     if inputs is Inputs.FOLDER:
         return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
     return (by_folder(frames) if inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
-
-
-def _without_files(items: list[Item], batch: BatchProcedure) -> list[Item]:
-    """The items except files that others are measured with, as ground truths beside their pairs."""
-    pairs = [item for item in items if not item.trouble]
-    used = {file for pair in pairs for file in batch.procedure.files(pair.paths, batch.settings)}
-    return [item for item in items if not (item.trouble and used.issuperset(item.paths))]
 
 
 def _ask(stop: object) -> None:
@@ -179,7 +173,6 @@ def _stopped(out: Path) -> Iterator[None]:
 
 @contextmanager
 def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
-    """Report every row with rate and remaining time: a bar on a terminal, lines otherwise."""
     import time
 
     from station.common.progress import StepRate, bar
@@ -215,7 +208,6 @@ def _sentence(row: ItemRow) -> str:
 
 
 def _show(done: Batch) -> None:
-    """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
     from station.results.comparison import measurement_words

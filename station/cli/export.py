@@ -16,11 +16,8 @@ if TYPE_CHECKING:
     from station.calibration.exports.lensfun import GivenNames
 
 CAMERAS = ("opencv", "ros", "kalibr", "colmap", "mrcal")
-"""Formats of a camera's geometry."""
 PSFS = ("stdpsf", "psfex", "deepinv")
-"""Formats of the PSF over the frame."""
 LENSES = ("lensfun", "dng")
-"""Formats of distortion and vignetting; lensfun also of lateral colour."""
 
 
 @command("export")

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from station.guide.focus.live import FocusReading, LiveFrame, PhotographSource
 
 BAR = 30
-"""Characters of the longest bar."""
 
 
 @command("focus", log_json=False)

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from station.manual.pages import Page
 
 NARROWEST, WIDEST = 40, 100
-"""Limits of the width of a page, in columns."""
 MOST_HITS = 20
-"""Sections that a search lists."""
 
 
 def _topics(ctx: click.Context) -> list[str]:
@@ -98,7 +96,6 @@ def _words_of_link(match: re.Match[str]) -> str:
 
 
 def _write_schemas(folder: Path) -> None:
-    """Write NAME.schema.json for each procedure."""
     import json
 
     from station.common.durable_files import write_whole
@@ -112,7 +109,6 @@ def _write_schemas(folder: Path) -> None:
 
 
 def _generated(context: click.Context, topic: str | None) -> dict[str, str]:
-    """Generated parts of pages: all of them, or those of one topic."""
     makers = {"commands": _commands, "numbers": _numbers}
     return {name: make(context) for name, make in makers.items() if topic in (None, name)}
 
@@ -127,7 +123,6 @@ def _commands(context: click.Context) -> str:
 
 
 def _numbers(context: click.Context) -> str:
-    """All numbers, and the diagnostics behind verdicts."""
     from procedures.numbers import reference_text
     from procedures.pattern_psf.diagnostics import Diagnostics
     from procedures.two_photo.diagnostics import PairDiagnostics
@@ -142,7 +137,6 @@ def _numbers(context: click.Context) -> str:
 
 
 def _formatted(markdown: str) -> str:
-    """The page as text, coloured on a terminal."""
     from rich.console import Console
     from rich.markdown import Markdown
 

@@ -92,7 +92,6 @@ def pattern(
 
 
 def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
-    """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO
     from procedures.pattern_psf.gamma import gamma_diagram

@@ -42,7 +42,6 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SEVERAL: ("PHOTO...", -1),
     Inputs.RESULTS: ("FIRST SECOND...", -1),
 }
-"""Metavar and number of arguments by kind of input."""
 
 
 def __getattr__(name: str) -> click.Command:
@@ -130,7 +129,6 @@ class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some re
         self.word, self.name = word, f"{word}|N"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        """Convert to an integer, or keep the keyword."""
         try:
             return self.word if value == self.word else int(str(value))
         except ValueError:
@@ -151,7 +149,6 @@ def _type(field: ModelField) -> click.ParamType[Any]:
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
-    """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
     finish([plane for planes, _, _ in done for plane in planes], "".join(text for _, text, _ in done),
            as_json=given["as_json"], strict=given["strict"])  # fmt: skip
@@ -160,7 +157,6 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
 
 
 def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
-    """Measure the photographs of a folder as a batch."""
     from station.batch.procedure_file import BatchProcedure
     from station.cli.batch import carry_out
 
@@ -176,7 +172,6 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
 def _results(
     procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
 ) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
-    """Planes and record of every result without large arrays, and whether an input was unusable."""
     from station.calibration.field_photographs import photographs
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder

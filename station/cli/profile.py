@@ -40,7 +40,6 @@ settings_options = options(
     click.option("--focal-length-mm", type=FiniteNumber(min=0.1)),
     click.option("--focus-m", type=FiniteNumber(min=0.001), help="Distance of focus."),
 )  # fmt: skip
-"""The library, and the settings that identify a field."""
 
 
 def _settings(camera: str | None, lens: str | None, f_number: float | None, focal_length_mm: float | None,

@@ -13,7 +13,6 @@ EXAMPLES = {
     "specification.toml": "station.results",
     "certificate.toml": "station.reports",
 }
-"""The files, and the packages with their `example.toml`."""
 
 
 @command("init", log_json=False)

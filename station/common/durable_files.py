@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from procedures.outcome import BadParameter, ProcedureError
 
@@ -79,8 +78,6 @@ class Disk:
         else:
             source.unlink()
 
-    # --- compositions --------------------------------------------------------------------------------------------
-
     def write_all(self, descriptor: int, data: bytes) -> None:
         """Write every byte, then synchronise. Raises OSError."""
         self._write(descriptor, data)
@@ -135,7 +132,13 @@ class Disk:
         beside = target.with_name(f".{target.name}.part")
         with file, write_errors(target, beside):
             beside.unlink(missing_ok=True)
-            self._pour(file, beside)
+            descriptor = self.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            try:
+                while block := file.read(BLOCK):
+                    self._write(descriptor, block)
+                self.sync(descriptor)
+            finally:
+                os.close(descriptor)
             digest = sha256_of(beside)
             if digest != sha256:
                 raise ContentChanged(
@@ -145,15 +148,6 @@ class Disk:
             beside.chmod(beside.stat().st_mode & READ_ONLY)
             self.place(beside, target)
             self.sync_folder(target.parent)
-
-    def _pour(self, file: BinaryIO, target: Path) -> None:
-        descriptor = self.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-        try:
-            while block := file.read(BLOCK):
-                self._write(descriptor, block)
-            self.sync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def sha256_of(path: Path) -> str:
@@ -227,9 +221,6 @@ def write_failed(path: Path, error: OSError) -> WriteFailed:
     )
 
 
-# --- Atomic writing: a file is written next to its target, synchronised, then renamed ---
-
-
 def write_whole(path: Path, data: bytes) -> None:
     """Write the data atomically, in place of an older file. Raises BadParameter if it cannot be written; no remnant
     stays."""
@@ -278,11 +269,9 @@ def _unwritable(path: Path, error: OSError) -> BadParameter:
     )
 
 
-# --- Folders that a program fills and removes; those of a killed program are removed by the next run ---
 # A folder is in use while its descriptor is locked; the system releases the lock of a program that ends.
 
 PREFIX = "station-"
-"""Prefix of temporary folders."""
 RANDOM_BYTES = 8
 """Hexadecimal part after the prefix: a user's folder called `station-demo` does not match."""
 

@@ -61,8 +61,6 @@ def _quoted(text: str) -> str:
     return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-# --- Line numbers of the keys of a TOML file, which Python's own parser does not give ---
-
 KeyPath = tuple[str | int, ...]
 """Keys, and indices within lists, from the root."""
 CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")

@@ -132,12 +132,9 @@ def drawn(figure: Any, name: str, caption: str) -> Figure:
     return Figure(svg(figure, name, caption.replace("`", "")), caption)
 
 
-# --- Picture of measured edges: position, edge spread function, MTF with a 95 % band ---
-
 SHOWN = 6
 """Edges drawn; record and table contain all."""
 ROW_IN = 2.9
-"""Height of a row, in inches."""
 
 
 def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles/pixel", factor: float = 1.0) -> bytes:

@@ -105,8 +105,6 @@ def few_ticks(low: float, high: float) -> list[float]:
     return [float(tick) for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high] or [low]
 
 
-# --- PNGs with a palette: a picture in false colours has at most 256 and then takes a third of the space ---
-
 COLOURS = 256
 
 
@@ -125,7 +123,6 @@ def smaller(png: bytes) -> bytes:
     return min(encoded.getvalue(), png, key=len)
 
 
-# --- Text on hover for figures of a page: strips of an axes with titles, without scripts ---
 # `style.svg` gives each strip a <title> element, which browsers show and screen readers read.
 
 MAX_STRIPS = 40

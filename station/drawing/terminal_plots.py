@@ -20,7 +20,6 @@ DASH = 4
 LOW = 7
 """Height below which a label is shortened to one line."""
 CUT = "..."
-"""Marks a shortened label."""
 
 
 @dataclass(frozen=True, eq=False)

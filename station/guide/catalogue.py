@@ -69,7 +69,6 @@ class GuidedProcedure:
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
-    """A function of a module that is imported at the first call."""
     return lambda *given: getattr(import_module(module), name)(*given)
 
 
@@ -84,7 +83,6 @@ def _guided(title: str, name: str, procedure: str = "", *, in_session: bool = Fa
 
 
 def _general(title: str, name: str) -> GuidedProcedure:
-    """A procedure with the general plan."""
     entry = _guided(title, "general", name, in_session=True)
     return replace(entry, plan=partial(entry.plan, name), general=True)
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
-"""Decimals of displayed numbers, by unit."""
 STOPS = ("s", "stop", "q", "quit")
 HELP = "Enter accepts the value in [brackets]. s stops the run. Ctrl-C stops every device at once."
 STOPPING = "!! Stop sent to every device."
@@ -68,8 +67,6 @@ class LineOperator:
             self._last_line = text
             self._write.write(text + "\n")
             self._write.flush()
-
-    # --- events
 
     def notify(self, event: Event) -> None:
         """Write the event; a closed pipe is ignored."""
@@ -168,8 +165,6 @@ class LineOperator:
             self._write.write("\n" + STOPPING + "\n")
             self._write.flush()
 
-    # --- questions
-
     def answer(self, ask: Ask) -> Fact:
         """The answer from the next lines of stdin. Raises Stopped at the end of input, or when the operator stops."""
         while True:
@@ -198,7 +193,6 @@ class LineOperator:
         return line
 
     def _shortened(self, ask: Ask) -> Ask:
-        """The question without what was just advised in the same words."""
         if self._last_advice and ask.question.startswith(self._last_advice):
             return replace(ask, question=("Do that." + ask.question.removeprefix(self._last_advice)))
         return ask

@@ -24,7 +24,6 @@ EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
 SKIP_PLACE = "skip it"
 PREVIEW = ("G1", "Y")
-"""Planes shown in a preview, in order of preference."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,6 @@ class PhotographRequests:
         """After a movement: store positions and travel limits, and wait for the rig to settle."""
         self._recorder.settling.moved()
         self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.recover))
-
-    # --- look and correct
 
     def look(self, look: Look) -> None:
         """Look and correct until the check passes or the operator accepts. Raises Skipped, Stopped."""
@@ -135,11 +132,9 @@ class PhotographRequests:
         return coach
 
     def _held(self, advice: Advice) -> bool:
-        """Whether nothing is left to correct by hand: all is good, or the bench corrects the rest."""
         return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
 
     def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
-        """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
         self._talk.by_hand(advice, why, coach)
         self._approval.withdraw()
         self._recorder.settling.moved()
@@ -148,8 +143,6 @@ class PhotographRequests:
         self._talk.doing(f"moving {moves_text(places)}: keep clear")
         self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
         self.moved()
-
-    # --- scan an axis
 
     def scan(self, scan: Scan) -> None:
         """A trial frame at each position, then move to the best. Raises Skipped, Stopped."""
@@ -175,13 +168,10 @@ class PhotographRequests:
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _set(self, scan: Scan, place: float, here: float) -> None:
-        """Move the axis to a position, by the bench or by hand."""
         if scan.axis in self._rig.axes():
             self._go_to({scan.axis: place})
         elif place != here:
             self._by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
-
-    # --- shots that count
 
     def shoot(self, shoot: Shoot) -> None:
         """Take shots until there are enough, after checking those of an interrupted run. Raises Stopped."""
@@ -199,7 +189,6 @@ class PhotographRequests:
             self._talk.doing(f"{shoot.most} shots taken; continuing with those that count", lasts=True)
 
     def _earlier(self, purpose: str) -> list[SessionShot]:
-        """The shots of this step and purpose that count, or were not checked before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
@@ -218,7 +207,6 @@ class PhotographRequests:
             self._talk.notify(GoalEvent(goal))
 
     def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
-        """Decide whether a shot counts, and add its estimate to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
             self._talk.notify(ProgressEvent(f"estimating from shot {taken.shot.number}"))
@@ -236,15 +224,12 @@ class PhotographRequests:
             self._carry_out(action, shoot.check)
 
     def _record(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
-        """Record whether the shot counts, show it, and derive how to carry out the advice."""
         if advice.good:
             self._talk.learn_from_photograph(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         action = self._action(advice, taken.frame)
         self._show(taken.frame, action.shown)
         return action
-
-    # --- one shot at each of several places
 
     def tour(self, tour: Tour, go: Callable[[Go], None]) -> None:
         """Take a shot that counts at each place that has none yet; `go` moves there. Raises Stopped."""
@@ -279,13 +264,9 @@ class PhotographRequests:
                     if advice.good:
                         return ""
                     self._carry_out(action, stop.check)
-                if not self._retry_place(stop, tries):
+                question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
+                if self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP)) != AGAIN:
                     return advice.say
         except Skipped:
             self._rig.exclude_lost()
             return "the operator skipped it"
-
-    def _retry_place(self, stop: TourStop, tries: int) -> bool:
-        """Ask the operator whether to retry a place where no shot counts. Raises Stopped."""
-        question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
-        return self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP)) == AGAIN

@@ -126,6 +126,7 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
     environment = result.about.get("machine", {})
     on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
     same = [name for name, digest in hashes.items() if result.files.get(name) == digest == on_disk.get(name)]
+    before, now = _flat(environment), _flat(machine())
     return RecomputedResult(
         result.folder,
         tuple(sorted(same)),
@@ -133,7 +134,7 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         tuple(sorted(name for name in result.files if name not in hashes)),
         tuple(sorted(name for name in hashes if name not in result.files)),
         keys,
-        _other_machine(environment),
+        tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k)),
         version=str(environment.get("software", {}).get("version") or ""),
         numbers=shared,
         moved=moved,
@@ -142,7 +143,6 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
 
 
 def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...], tuple[tuple[str, str, str], ...]]:
-    """Count of shared numbers, the numbers that differ, and the planes with different verdicts."""
     try:
         before, now = read_result(old).by_name, read_result(new).by_name
     except BadInput:  # the hashes report what is wrong with the older result
@@ -169,7 +169,6 @@ def _hash(path: Path) -> str:
 
 
 def _differing(old: Path, new: Path) -> tuple[str, ...]:
-    """The entries in which two records differ."""
     try:
         before, now = (_flat(json.loads(path.read_bytes())) for path in (old, new))
     except (OSError, ValueError, RecursionError):
@@ -181,8 +180,3 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
     if isinstance(value, Mapping):
         return {k: v for key, part in value.items() for k, v in _flat(part, f"{name}.{key}" if name else key).items()}
     return {name: value}
-
-
-def _other_machine(then: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
-    before, now = _flat(then), _flat(machine())
-    return tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k))

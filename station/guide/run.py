@@ -99,8 +99,6 @@ class Run:
         self.over = threading.Event()
         """Set when the run has released the bench."""
 
-    # --- from outside
-
     def ask_to_stop(self) -> None:
         """End after the current exposure or move. From any thread."""
         self._talk.stopping.set()
@@ -113,35 +111,31 @@ class Run:
     def go(self) -> RunEnded:
         """Carry out the plan from the first incomplete step. Blocks until the end; never raises Stopped."""
         try:
-            return self._go_through()
+            done = self._session.state.done
+            gave = {name: self.plan.step(name).value(self._talk.facts) for name in done}
+            self._talk.notify(RunBegan(self.plan, self._session.folder, tuple(done), gave))
+            try:
+                self._report_notices()
+                if self._next() is not None:
+                    self._prepare(resumed=bool(done))
+                while (step := self._next()) is not None:
+                    self._carry_out(step)
+                ended = RunEnded("finished", self._report(), self._certificate())
+            except ProcedureError as error:
+                self._talk.notify(ProblemEvent(error.reason, error.remedy))
+                ended = RunEnded("stopped")
+            except Stopped:
+                ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
+            except BaseException:  # an unexpected error or exit: nothing may keep moving
+                self.stop_now()
+                with suppress(Exception):
+                    self._ended(RunEnded("emergency"))
+                raise
+            return self._ended(ended)
         finally:
             self.over.set()
 
-    def _go_through(self) -> RunEnded:
-        done = self._session.state.done
-        gave = {name: self.plan.step(name).value(self._talk.facts) for name in done}
-        self._talk.notify(RunBegan(self.plan, self._session.folder, tuple(done), gave))
-        try:
-            self._report_notices()
-            if self._next() is not None:
-                self._prepare(resumed=bool(done))
-            while (step := self._next()) is not None:
-                self._carry_out(step)
-            ended = RunEnded("finished", self._report(), self._certificate())
-        except ProcedureError as error:
-            self._talk.notify(ProblemEvent(error.reason, error.remedy))
-            ended = RunEnded("stopped")
-        except Stopped:
-            ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
-        except BaseException:  # an unexpected error or exit: nothing may keep moving
-            self.stop_now()
-            with suppress(Exception):
-                self._ended(RunEnded("emergency"))
-            raise
-        return self._ended(ended)
-
     def _report_notices(self) -> None:
-        """Report what the session has recovered, and what must be repeated."""
         for notice in self._session.state.notices:
             self._talk.notify(ProgressEvent(notice, lasts=True))
         self._session.acknowledge_notices()
@@ -194,8 +188,6 @@ class Run:
         self._talk.notify(ended)
         return ended
 
-    # --- steps
-
     def _prepare(self, *, resumed: bool) -> None:
         """Connect every device; after an interruption, restore the positions of the axes and the lamp."""
         if self._rig.bench is not None:
@@ -225,7 +217,6 @@ class Run:
         self._talk.take_up()
 
     def _go_back(self, places: Mapping[str, float]) -> None:
-        """Home, and move to the positions of the earlier run, with one approval for both."""
         if self._rig.movers():
             self._approval.to_home(places)
         self._carry(Home())
@@ -259,7 +250,6 @@ class Run:
         self._unless_skipped(lambda: self._carry(request))
 
     def _unless_skipped(self, work: Callable[[], None]) -> None:
-        """Carry out one request, whose moves the operator approves once."""
         self._talk.check()
         self._approval.withdraw()
         try:
@@ -267,8 +257,6 @@ class Run:
         except Skipped:
             self._rig.exclude_lost()
             self._talk.notify(ProgressEvent("skipped; the run continues with what is known", lasts=True))
-
-    # --- requests
 
     @singledispatchmethod
     def _carry(self, request: Request) -> None:
@@ -379,10 +367,7 @@ class Run:
             self._session.reopen(decide.retake)
             raise StepReopened
 
-    # --- photographs
-
     def _photograph_requests(self) -> PhotographRequests:
-        """The photograph requests, with the bench's camera or the operator's own."""
         if self._photographs is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:

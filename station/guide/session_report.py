@@ -48,7 +48,6 @@ STATED = (
     "focal_length_mm", "pixel_pitch_um", "f_number", "exposure_s", "iso", "places", "views", "blur_by", "photographs",
     "max_w", "screw_count", "screw_radius_mm", "screw_pitch_mm", "s", "k", "solver", "print_blur", "exposure_ratio",
 )  # fmt: skip
-"""The facts of a session that its certificate states."""
 WORDS = {str(S_OVER_T): "s/t", "iso": "ISO", "f_number": "f-number"}
 
 
@@ -80,7 +79,6 @@ def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
 
 
 def _drawn(report: Report) -> str:
-    """The page of a report, as PSFs require it or with the curves and numbers of any other procedure."""
     return measurement_page(report) if entry_named(report.procedure).general else psf_page(report)
 
 
@@ -108,22 +106,17 @@ def certificate_files(
     from station.reports import certificate_print
 
     report, last = session_report(folder, result), read_session(folder).state.results[-1]
-    report, record = replace(report, parameters=_customer_facts(report.parameters)), read_record(folder / last.folder)
-    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
-
-
-def _customer_facts(facts: Mapping[str, Any]) -> dict[str, str]:
-    """The facts on which a customer relies, in words."""
     from station.guide.provenance import NAMES  # imported here: its dependencies are slow to import
 
     known = {}
     for key in STATED:
-        if (value := facts.get(key)) is not None:
+        if (value := report.parameters.get(key)) is not None:
             words, unit = unit_of(key)
             known[WORDS.get(key) or NAMES.get(key, words)] = (
                 f"{value:.4g} {unit}".rstrip() if isinstance(value, float) else str(value)
             )
-    return known
+    report, record = replace(report, parameters=known), read_record(folder / last.folder)
+    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -191,7 +184,6 @@ def _of_frame(result: PlaneResult) -> PlaneResult:
 
 
 def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
-    """The PSF over the frame by plane, of an estimate of a field."""
     from procedures.field.conclusion import FieldResult
 
     if isinstance(estimate, FieldResult):
@@ -199,7 +191,6 @@ def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:
-    """The photographs of the result, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = exposures.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
@@ -209,7 +200,6 @@ def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[R
 
 
 def _operator_inputs(state: SessionState, result: SessionResult) -> Iterator[ReportLine]:
-    """The numbers whose only source is the operator."""
     from station.guide.provenance import NAMES, provenance_of  # imported here: its dependencies are slow to import
 
     for key, provenance in provenance_of(plan_named(state.plan), state.facts, result.frames).items():
@@ -218,7 +208,6 @@ def _operator_inputs(state: SessionState, result: SessionResult) -> Iterator[Rep
 
 
 def _conditions(state: SessionState) -> Iterator[ReportLine]:
-    """Range of every reported device value over the shots that count."""
     values_of: dict[str, list[float]] = {}
     for shot in state.counting():
         for name, value in {**shot.snapshot.get("axes", {}), **shot.snapshot}.items():
@@ -235,7 +224,6 @@ def _environment(state: SessionState) -> dict[str, Any] | None:
 
 
 def _devices(record: SessionRecord) -> Iterator[ReportLine]:
-    """The devices, as last recorded in the journal."""
     identities: Mapping[str, Any] = {}
     for line in record.contents.lines:
         if line.event == "devices":
@@ -245,10 +233,7 @@ def _devices(record: SessionRecord) -> Iterator[ReportLine]:
         yield ReportLine(printable(name), printable(", ".join(word for word in words if word)))
 
 
-# --- drift over a session ---
-
 PLANES = ("G1", "Y")
-"""Planes whose drift is given, in order of preference."""
 SAME_PLACE = 3
 """Decimals of the axes' positions that are equal at one position."""
 SMALLEST_CHANGE_K = 0.2
@@ -267,7 +252,8 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     photographs = [photograph for photograph in photographs if _place(photograph[0]) == place]
     shots = [shot for shot, _ in photographs]
     series = chart_series([estimate for _, estimate in photographs], plane.pitch or 1)
-    hours, kelvins = _hours(shots), _temperatures(shots)
+    times = np.array([float(shot.exposure.get("requested_s", np.nan)) for shot in shots]) / HOUR_S
+    hours, kelvins = times if np.all(np.diff(times) > 0) else None, _temperatures(shots)
     return [line for name, one in series.items() if (line := _line(name, one, hours, kelvins)) is not None]
 
 
@@ -283,15 +269,8 @@ def _words(slope: Slope | None, unit: str) -> str:
 
 
 def _place(shot: SessionShot) -> tuple[tuple[str, float], ...]:
-    """The axes' positions at a photograph."""
     axes = shot.snapshot.get("axes", {})
     return tuple(sorted((str(name), round(float(value), SAME_PLACE)) for name, value in axes.items()))
-
-
-def _hours(shots: Sequence[SessionShot]) -> Array | None:
-    """Times of the photographs; None where the bench's clock began again between them."""
-    times = np.array([float(shot.exposure.get("requested_s", np.nan)) for shot in shots]) / HOUR_S
-    return times if np.all(np.diff(times) > 0) else None
 
 
 def _temperatures(shots: Sequence[SessionShot]) -> Array | None:

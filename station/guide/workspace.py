@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 MAX_DIFFERENCES = 3
-"""Differences between two benches listed in a message."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +180,6 @@ class StationLab:
             fit_shaker(self._bench, wanted=wanted)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        """Settings frozen in a session: the bench's configuration, the unit of its results and the specification."""
         drivers = dict(bench.drivers) if bench is not None else {}
         file = None if self._config is None or self._simulate else str(self._config.resolve())
         settings = {"simulate": self._simulate, "file": file, "drivers": drivers, "devices": self._tables}

@@ -22,7 +22,6 @@ from station.reports.page import html, render
 
 INDEX = "index"
 SEARCH = "search.js"
-"""The texts of all pages, for the search."""
 
 
 def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, bytes]) -> Path:
@@ -41,7 +40,12 @@ def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, byt
             write_whole(folder / f"{page.name}.ipynb", notebook.encode())
     for name, data in pictures.items():
         write_whole(folder / name, data)
-    write_whole(folder / SEARCH, _search_index(pages).encode())
+    entries = []
+    for section in (one for page in pages for one in sections_of(page)):
+        place = f"#{section_name(section.heading)}" if section.heading else ""
+        text = " ".join(re.sub(r"\]\([^)]*\)|[*`|\[]|^-+$", " ", section.text, flags=re.MULTILINE).split())
+        entries.append([f"{section.page.name}.html{place}", section.page.title, section.heading, text])
+    write_whole(folder / SEARCH, f"const SECTIONS = {json.dumps(entries, ensure_ascii=False)};\n".encode())
     index = folder / f"{INDEX}.html"
     write_whole(index, _html(Page("", INDEX, index_text(pages)), pages).encode())
     return index
@@ -56,16 +60,6 @@ def _html(page: Page, pages: Sequence[Page]) -> str:
     )  # fmt: skip
 
 
-def _search_index(pages: Sequence[Page]) -> str:
-    """Address, page, heading and text of every section."""
-    entries = []
-    for section in (one for page in pages for one in sections_of(page)):
-        place = f"#{section_name(section.heading)}" if section.heading else ""
-        text = " ".join(re.sub(r"\]\([^)]*\)|[*`|\[]|^-+$", " ", section.text, flags=re.MULTILINE).split())
-        entries.append([f"{section.page.name}.html{place}", section.page.title, section.heading, text])
-    return f"const SECTIONS = {json.dumps(entries, ensure_ascii=False)};\n"
-
-
 def html_of(markdown: str) -> str:
     """The body of a page, with links to the other HTML pages and ids of headings."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
@@ -75,23 +69,17 @@ def html_of(markdown: str) -> str:
         if token.type == "heading_open" and following is not None:
             token.attrSet("id", section_name(following.content))
         for child in token.children or ():
-            _link_to_html(child)
+            href = str(child.attrGet("href") or "")
+            page, mark, section = href.partition("#")
+            if child.type == "link_open" and page.endswith(".md"):
+                child.attrSet("href", f"{Path(page).stem}.html{mark}{section}")
     reader.add_render_rule("image", _picture)
     return str(reader.renderer.render(tokens, reader.options, {}))
 
 
 def _picture(renderer: RendererProtocol, tokens: Sequence[Token], at: int, options: OptionsDict, env: EnvType) -> str:
-    """A picture with its caption."""
     source, caption = str(tokens[at].attrGet("src")).removeprefix("picture:"), tokens[at].content
     return html('<span class="picture"><img src="{}" alt="">{}</span>', source, caption)
-
-
-def _link_to_html(token: Token) -> None:
-    """Turn a link to another page's Markdown into one to its HTML in the same folder."""
-    href = str(token.attrGet("href") or "")
-    page, mark, section = href.partition("#")
-    if token.type == "link_open" and page.endswith(".md"):
-        token.attrSet("href", f"{Path(page).stem}.html{mark}{section}")
 
 
 def section_name(heading: str) -> str:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import click
 
 SHOWN = re.compile(r"^(!\[[^\]]*\]\(picture:[^)]*\))\n+`(station [^`]*)`", re.MULTILINE)
-"""A picture of the gallery, and the command below it."""
 
 
 def commands_text(program: click.Group, gallery: str = "") -> str:
@@ -25,7 +24,6 @@ def commands_text(program: click.Group, gallery: str = "") -> str:
 
 
 def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
-    """The command and all its subcommands, in the order of the help."""
     if not isinstance(command, click.Group) or command.invoke_without_command:
         yield command, context
     if isinstance(command, click.Group):
@@ -55,5 +53,4 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
 
 
 def _cell(text: str) -> str:
-    """Text with `|` escaped for a table cell."""
     return " ".join(text.split()).replace("|", "\\|")

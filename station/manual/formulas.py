@@ -9,7 +9,6 @@ from markupsafe import Markup
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 
 FORMULA = re.compile(r"(```.*?```|`[^`]*`)|\$\$(.+?)\$\$|(?<!\\)\$([^$\n]+)\$", re.DOTALL)
-"""Code, a formula on a line of its own, or one within a sentence."""
 LETTERS = {
     "alpha": "α", "gamma": "γ", "sigma": "σ", "Phi": "Φ", "mu": "μ", "nu": "ν", "pi": "π", "lambda": "λ", "sum": "Σ",
     "int": "∫", "infty": "∞", "cdot": "·", "le": "≤", "ge": "≥", "approx": "≈", "ast": "*", "times": "×", "pm": "±",
@@ -52,7 +51,6 @@ def add_formulas(reader: MarkdownIt) -> None:
 
 
 def _math(formula: str, display: str) -> Markup:
-    """MathML, or plain letters where the extra `manual` is not installed."""
     try:
         from latex2mathml.converter import convert
     except ImportError:

@@ -12,7 +12,6 @@ from procedures.outcome import BadParameter
 from station.manual.formulas import plain_formulas
 
 PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
-"""Folders of this package and their titles, in order."""
 WELCOME = """\
 The tutorials go through a first calibration step by step. Each how-to page has one task. The reference lists every
 command, number, file and option. The explanations define the numbers and their reliability."""
@@ -27,11 +26,8 @@ FIRST = (
 )  # fmt: skip
 """Order of the pages; others follow by title."""
 GENERATED = "<!-- drawn from the program -->"
-"""Placeholder for text generated from the program."""
 PICTURE = re.compile(r"^!\[[^\]]*\]\(picture:[^)]*\)\n+", re.MULTILINE)
-"""A picture, which pages in a browser show."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
-"""A link between pages: text, page name, section."""
 
 
 @dataclass(frozen=True)

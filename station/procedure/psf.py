@@ -91,7 +91,6 @@ class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
     ] = None
 
     def sampling(self) -> dict[str, Any]:
-        """Arguments of an estimate with the chart."""
         return {**super().sampling(), "print_blur": self.print_blur}
 
     @property
@@ -133,7 +132,6 @@ class PsfProcedure(Procedure[P]):
     drawn_by = "psf_page:psf_page"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """Reading each photograph, and the estimate."""
         return len(paths) + 1
 
     def measurement(
@@ -156,7 +154,6 @@ class PsfProcedure(Procedure[P]):
         return True
 
     def report(self, measurement: Measurement) -> Report:
-        """Contents of the page, with photographs and detected marks."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
         whole: PsfPhotographs | None = measurement.result  # None where it was read from files

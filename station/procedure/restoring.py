@@ -72,8 +72,8 @@ def restored(
     lenses = _lenses(settings, frames) if settings.metres else []
     blurred = _with_lenses(settings, lenses) if lenses else settings
     spec = _spec(blurred, frames, photographs)
-    for sentence in _measured_words(spec):
-        progress(sentence, 0)
+    for one in _measured(spec):
+        progress(f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded", 0)
     blur = blur_of(spec, photographs, lambda motion: progress(_finding(motion), 0))
     outcome = blur.restored(photographs, settings.parameters, _by_rounds(settings, progress))
     if is_mosaic(frames[0].planes) and outcome.value is not None:
@@ -124,11 +124,7 @@ def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
     return report
 
 
-# --- blur ---
-
-
 def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
-    """The specification of the blur, with its files read."""
     count, source = len(frames), _source(settings, frames, photographs)
     if settings.blur != "both":
         return BlurSpec(source, settings.max_w)
@@ -169,7 +165,6 @@ def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, .
 
 
 def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
-    """One value per photograph, from one for each or one for all."""
     return [*given] * (1 if len(given) == count else count)
 
 
@@ -185,15 +180,7 @@ def _measured(spec: BlurSpec) -> list[MeasuredShape]:
     return [shape for shape in shapes if isinstance(shape, MeasuredShape)]
 
 
-def _measured_words(spec: BlurSpec) -> list[str]:
-    return [
-        f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded"
-        for one in _measured(spec)
-    ]
-
-
 def _finding(motion: Finding) -> str:
-    """An estimate of unknown motion, or a round of its search, in words."""
     if isinstance(motion, SearchRound):
         return f"search of the motion: round {motion.n} of at most {motion.most}"
     if isinstance(motion, FreeKernels):
@@ -204,9 +191,6 @@ def _finding(motion: Finding) -> str:
             "agree with the whole frame takes about a minute"
         )
     return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
-
-
-# --- metres ---
 
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
@@ -259,15 +243,11 @@ def _distances(
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
-    """The outcome, doubtful where the distance of most of the frame is undetermined."""
     if distances.determined >= MIN_DETERMINED or outcome.reason:
         return outcome
     reason = f"only {distances.determined:.0%} of the frame have a distance, as texture or blur are insufficient"
     remedy = "put structure into the scene, or open the lens"
     return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
-
-
-# --- record ---
 
 
 def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:
@@ -282,7 +262,6 @@ def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
 
 
 def _file_record(settings: RestoreSettings) -> dict[str, Any]:
-    """The files that the settings name, with their hashes."""
     files = [
         {"path": encodable(str(path)), "sha256": hashlib.sha256(read_photograph(path)).hexdigest()}
         for path in settings.files
@@ -291,7 +270,6 @@ def _file_record(settings: RestoreSettings) -> dict[str, Any]:
 
 
 def _blur_record(settings: RestoreSettings, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
-    """The settings of the blur, and what was estimated of it."""
     entries: dict[str, Any] = {
         "blur": settings.blur,
         "prototype_region": settings.prototype_region,

@@ -36,10 +36,8 @@ VALIDITY = {
     "edge": "The numbers are of the MTF across each plane's best edge, photosite included, at its place of the frame",
     "field": "The numbers are of the whole PSF, photosite included, at the frame's centre or over the frame",
 }
-"""Validity of the numbers of a procedure."""
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
 AT_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, MTF_NYQUIST[RADIAL], ENCIRCLED_ENERGY_80)
-"""Numbers that a certificate has at places of the frame."""
 ASKED = ("mtf_at_", "projection_uncertainty_")
 """Beginnings of the names of numbers that depend on what was asked for."""
 MAX_LIMITS = 10
@@ -104,7 +102,6 @@ def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
 
 
 def _record(report: Report) -> list[Block]:
-    """The digest of the record, as text and as a code."""
     if not report.record:
         return []
     how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
@@ -146,7 +143,6 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
 
 
 def _over_the_frame(report: Report) -> list[Section]:
-    """Numbers at the centre, the sides and the corners of the frame, in each plane with a field."""
     blocks: list[Block] = []
     for plane in report.planes:
         if (field := report.fields.get(plane.name)) is None:

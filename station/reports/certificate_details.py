@@ -19,7 +19,6 @@ from station.common.sanitise import printable
 from station.common.signature import ALGORITHM, public_key
 
 DETAILS = "certificate.toml"
-"""Name of the file that is used if none is given."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ DPI = 200
 QR_VERSION = 6
 """41 x 41 modules: room for 106 bytes at error correction level M (ISO/IEC 18004)."""
 QR_PIXELS, QR_RIM = 6, 4
-"""Size of a module, and width of the rim in modules."""
 
 
 def curves_figure(planes: Sequence[PlaneResult]) -> bytes | None:
@@ -47,7 +46,6 @@ def curves_figure(planes: Sequence[PlaneResult]) -> bytes | None:
 
 
 def _names(plane: PlaneResult) -> list[str]:
-    """The curves that are drawn: along both axes, or across an edge."""
     return [one for one in ("horizontal", "vertical", "mtf") if one in plane.curves]
 
 

@@ -99,7 +99,6 @@ def write_certificate(
 
 
 def _printed(block: Block) -> Iterator[Any]:
-    """A block as elements of reportlab."""
     if isinstance(block, Note):
         yield _paragraph(block.text, SMALL)
     elif isinstance(block, Items):
@@ -140,7 +139,6 @@ def _coloured(match: re.Match[str]) -> str:
 
 
 def _letters(text: str) -> str:
-    """The text in letters that every PDF reader has a font for."""
     for letter, replacement in REPLACEMENTS.items():
         text = text.replace(letter, replacement)
     return text.encode("cp1252", "replace").decode("cp1252")

@@ -11,22 +11,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.choice import TERMS
 from procedures.numbers import label
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity
 from station.drawing.colours import INK, PLANE_COLOURS
 from station.reports.report import Report, comparison
 from station.results.plane_result import PlaneResult
 from station.results.units import pixels_of
 
-Array = npt.NDArray[np.float64]
 DRAWN = ("frequency", "horizontal", "vertical", "mtf")
-"""Curves that are drawn, over the first."""
 MAX_POINTS = 101
-"""Largest number of points of a curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +75,6 @@ def _uncertain(numbers: Mapping[str, Quantity]) -> dict[str, Quantity]:
 
 
 def _pitch_um(report: Report) -> float | None:
-    """The pitch of the sensor's pixels, as given or recorded by the camera."""
     exposures = [*(frame.exposure for frame in report.frames), *(plane.exposure for plane in report.planes)]
     recorded = (exposure.pixel_pitch_um for exposure in exposures if exposure is not None)
     given = report.parameters.get("pixel_pitch_um")
@@ -142,7 +138,6 @@ def _spot_entry(spot: ExploredPlace) -> dict[str, Any]:
 
 
 def _psf_entry(samples: Array, s: int) -> dict[str, Any]:
-    """The square root of the samples in 256 levels."""
     levels = np.rint(255 * np.sqrt(np.clip(samples / samples.max(), 0, 1))).astype(np.uint8)
     return {"levels": base64.b64encode(levels.tobytes()).decode(), "s": s}
 

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path
@@ -11,17 +10,14 @@ from matplotlib.path import Path
 from procedures.geometry.cameras import CameraModel, distortion
 from procedures.geometry.estimate import Geometry, PosedView, UncertaintyMap
 from procedures.geometry.views import chart_nodes
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.correspondences import BINS
 from station.drawing.colours import ALONG, INK, MARK
 from station.drawing.plots import BAR_RIGHT, Figure, arrows, bare, finished, frame_axes, picture, plot_axes
 
-Array = npt.NDArray[np.float64]
-
 WIDTH_IN = 4.4
 ARROWS = (19, 13)
-"""Columns and rows of arrows over the frame."""
 MAX_LENGTH = 0.05
-"""Length of the longest arrow over the frame's width."""
 
 
 def _frame(camera: CameraModel, right_in: float = 0.08) -> Axes:

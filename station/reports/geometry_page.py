@@ -47,10 +47,14 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
             f"The most useful next photograph shows the chart in {next_view_words(proposed)}: the uncertainty "
             f"({proposed.of}) would fall from {proposed.before:.4f} to {proposed.after:.4f}."
         )
+    drawn = [
+        figures.distortion_figure(geometry, f"{prefix}distortion"),
+        figures.misfit_figure(geometry, f"{prefix}misfit"),
+    ]
     return [
         *blocks,
         Heading("The lens, and the residuals of its model"),
-        Figures(_lens(geometry, prefix), wide=True),
+        Figures([*drawn, *_formulas(geometry)], wide=True),
         Heading("The chart as it hangs"),
         Figures(_chart(geometry, prefix), wide=True),
         Heading("The views"),
@@ -58,16 +62,7 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
     ]
 
 
-def _lens(geometry: Geometry, prefix: str) -> list[Figure]:
-    drawn = [
-        figures.distortion_figure(geometry, f"{prefix}distortion"),
-        figures.misfit_figure(geometry, f"{prefix}misfit"),
-    ]
-    return [*drawn, *_formulas(geometry)]
-
-
 def _formulas(geometry: Geometry) -> list[Figure]:
-    """The parametric models fitted to a reference, and the compared degrees of its smoothness."""
     if not geometry.formulas:
         return []
     rows = [

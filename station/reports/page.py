@@ -181,9 +181,6 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-# --- texts ---
-
-
 def marked(text: Text) -> Markup:
     """A text as HTML: escaped unless it is Markup, and code between backticks."""
     if isinstance(text, Markup):
@@ -272,9 +269,6 @@ def exposure_words(exposure: Exposure) -> str:
         f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
     ]
     return ", ".join(word for word in words if word)
-
-
-# --- blocks of several pages ---
 
 
 def causes(judged: WithVerdict, before: Text = "") -> list[Block]:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.choice import TERMS, Trial
 from procedures.numbers import RESIDUAL_STD, Group, in_group, label
+from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternPsf
@@ -43,8 +43,6 @@ from station.reports.report import Report
 from station.reports.report_page import curves_over, report_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-
-Array = npt.NDArray[np.float64]
 
 NEGLIGIBLE = 0.05
 """Share of the uncertainty below which a term of the budget is not shown."""
@@ -107,11 +105,7 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
     return [*blocks, Figures(checks)] if checks else blocks
 
 
-# --- figures ---
-
-
 def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> tuple[list[Figure], list[Figure]]:
-    """PSF and MTF for the summary, and the figures of the plane's section."""
     if plane.psf is None:
         return [], []
     axis = otf_figures.FrequencyAxis(str(plane.unit), plane.factor)
@@ -156,9 +150,6 @@ def _outline(plane: Plane) -> Array:
     corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) - 0.5
     t = np.linspace(0, 1, 17)[:, None]
     return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
-
-
-# --- tables ---
 
 
 def budget_terms(quality: Quality) -> list[str]:
@@ -233,7 +224,6 @@ def _edges(plane: PlaneResult) -> list[Figure]:
 
 
 def _physics(outcome: Outcome[Physics] | None) -> list[Figure]:
-    """The parts of the best physical model of the PSF."""
     if outcome is None:
         return []
     rows: list[list[str]] = [["", reason_words(outcome)]] if outcome.reason else []

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.numbers import Group, in_group
+from procedures.numerics.arrays import Array
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.explore import ExploredPlaces, explorer
@@ -36,9 +36,7 @@ from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
-Array = npt.NDArray[np.float64]
 SUMMARY_FIGURES = 3
-"""Curves beside the verdict."""
 MAX_WHOLE_ROWS = 12
 """Inputs that stay on one sheet of paper."""
 DRIFT = (
@@ -155,7 +153,6 @@ def _main_numbers(report: Report) -> list[Block]:
 
 
 def _numbers(plane: PlaneResult) -> list[Block]:
-    """All numbers of a plane, with intervals if some have one."""
     numbers = numbers_of_page(plane)
     if not numbers:
         return []
@@ -202,9 +199,6 @@ def _citation(report: Report) -> Section:
     return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
 
 
-# --- curves ---
-
-
 def _curves(report: Report) -> list[str]:
     """Names of the curves, which are functions of the first column."""
     names = (name for plane in report.planes for name in list(plane.curves)[1:] if not name.endswith("_uncertainty"))
@@ -212,7 +206,6 @@ def _curves(report: Report) -> list[str]:
 
 
 def _curve_figure(report: Report, name: str) -> Figure:
-    """One curve of all planes, with its 95 % band if it has an uncertainty."""
     axes, over = plot_axes(3.6, 2.6, (0.5, 0.1, 0.42, 0.08)), ""
     for plane in (one for one in report.planes if name in one.curves):
         over, x = next(iter(plane.curves.items()))

@@ -23,7 +23,6 @@ from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import npy
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
-"""Description in the picture's file."""
 STD_WORDS = "standard deviation of the restored picture, 1 = white, first row uppermost; calibration-station"
 KERNEL_WORDS = "kernel of photograph {}, one sample a pixel, sum 1, first row uppermost; calibration-station"
 DIFFERENCE_WORDS = "restored picture less the ground truth, 1 = white, 0 where not compared; calibration-station"
@@ -103,7 +102,6 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
 
 
 def _files(restoration: Restoration, distances: Distances | None) -> dict[str, Callable[[Path], None]]:
-    """The files by name, each generated when it is written."""
     sharp, per = picture(restoration.sharp), restoration.unit.per_pixel
     depth = levels(restoration.w, float(restoration.w.min()), float(restoration.w.max()))
     files = {

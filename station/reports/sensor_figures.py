@@ -50,7 +50,6 @@ def _transfer(result: SensorResult, plane: str) -> Figure:
 
 
 def _response(result: SensorResult, plane: str) -> Figure:
-    """Signal over light, and the line through the levels of the linearity fit."""
     axes, light, signal, line = _axes(), result.curves.light[0], result.curves.signal[0], result.linearity
     axes.plot(light, signal, "o", ms=3, color=BLUE, label="levels")
     curve(axes, light, line.slope[0] * light + line.offset[0], width=1, label="line")
@@ -61,7 +60,6 @@ def _response(result: SensorResult, plane: str) -> Figure:
 
 
 def _linearity(result: SensorResult, plane: str) -> Figure:
-    """Relative deviations from the line, with their 95 % bars."""
     axes, line = _axes(), result.linearity
     at, deviation = result.curves.light[0][line.used], 100 * line.deviation[:, line.used]
     points(axes, at, deviation[0], np.std(deviation[1:], axis=0), colour=BLUE, lw=0.8, ls="none")
@@ -89,7 +87,6 @@ def _snr(result: SensorResult, plane: str) -> Figure:
 
 
 def _dark(result: SensorResult, plane: str) -> Figure:
-    """Mean and variance in the dark over exposure."""
     axes, curves = _axes(), result.curves
     for values, words, colour in (
         (curves.dark_mean, "mean, DN", BLUE),
@@ -118,7 +115,6 @@ def _spectrogram(pattern: FixedPattern, place: str, words: str) -> Figure:
 
 
 def _histogram(pattern: FixedPattern, place: str, words: str) -> Figure:
-    """Histogram of the pixels' deviations, the normal distribution, and the limit of defects."""
     axes, shown = _axes(), pattern.defects.histogram
     counts, model = (np.maximum(one, MIN_COUNT) for one in (shown.counts, shown.model))
     axes.step(shown.centres, counts, where="mid", color=BLUE, lw=0.9, label="pixels")

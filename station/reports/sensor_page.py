@@ -1,8 +1,6 @@
 """The page of a sensor: the plots of EMVA 1288, periodic patterns and defect pixels."""
 
-from collections.abc import Mapping
-
-from procedures.sensor.estimate import FixedPattern, SensorResult
+from procedures.sensor.estimate import SensorResult
 from procedures.sensor.spectrograms import Period
 from station.common.sanitise import stated
 from station.reports.page import Block, Figures, Heading, Items, Note, Table, quantity
@@ -33,20 +31,16 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
     blocks: list[Block] = [Figures(figures[:SUMMARY_FIGURES], summary=True), Figures(figures[SUMMARY_FIGURES:])]
     if periods := [_period_words(period) for pattern in patterns.values() for period in pattern.periods]:
         blocks += [Heading("Periodic patterns"), Items(periods)]
-    if defects := _defects(patterns):
-        blocks += [Heading("Defect pixels"), Table(defects[:MAX_DEFECTS], ["picture", "row", "column", "deviation"])]
-        if (rest := len(defects) - MAX_DEFECTS) > 0:
-            blocks.append(Note(f"and {rest} more: `defects_{plane.name}.csv`."))
-    return [*blocks, INTERVALS]
-
-
-def _defects(patterns: Mapping[str, FixedPattern]) -> list[list[str]]:
-    """Picture, row, column and deviation of the defect pixels."""
-    return [
+    defects = [
         [which, str(row), str(column), f"{deviation:.4g} {pattern.unit}".replace("-", "−")]
         for which, pattern in patterns.items()
         for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True)
     ]
+    if defects:
+        blocks += [Heading("Defect pixels"), Table(defects[:MAX_DEFECTS], ["picture", "row", "column", "deviation"])]
+        if (rest := len(defects) - MAX_DEFECTS) > 0:
+            blocks.append(Note(f"and {rest} more: `defects_{plane.name}.csv`."))
+    return [*blocks, INTERVALS]
 
 
 def _period_words(period: Period) -> str:

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
+from procedures.numerics.arrays import Array
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from station.reports.weighted_line import WeightedLine, weighted_line
 from station.sessions.index import IndexedNumber
-
-Array = npt.NDArray[np.float64]
 
 QUANTITIES = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 YEAR_S = 365.25 * 86400.0

@@ -3,22 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 
 @dataclass(frozen=True)
 class WeightedLine:
     """y = mean + slope (x - centre), with standard uncertainties.
 
-    centre : float
-        The weighted mean of x, where slope and mean are uncorrelated.
-    birge : float
-        Birge ratio sqrt(chi^2 / (n - 2)): scatter about the line over the stated uncertainties; NaN for two points.
-    p_value : float
-        Probability of a slope at least as far from 0 if the true slope is 0.
+    centre : the weighted mean of x, where slope and mean are uncorrelated
+    birge : birge ratio sqrt(chi^2 / (n - 2)): scatter about the line over the stated uncertainties; NaN for two points
+    p_value : probability of a slope at least as far from 0 if the true slope is 0
     """
 
     slope: float

@@ -59,7 +59,6 @@ REMEDIES = {
     "kernels": "record the motion, or give measured kernels",
     "development": "give RAW files",
 }
-"""Remedy of each term of a budget."""
 WORDS = {
     **TERMS,
     "points": "noise of the chart's points",
@@ -81,7 +80,6 @@ WORDS = {
     "kernels": "other kernels that explain the photographs as well",
     "development": "rounding and coding of the files",
 }
-"""Description of each term of a budget."""
 NEXT_VIEW = "next_view"
 TWIN, PREDICTED = {PIXELS_PER_PATTERN, EDGES, "scale", SYSTEM_GAIN}, {NEXT_VIEW, BRIGHTER}
 """Entries of planes whose subject the digital twin photographs, and of those whose own model predicts a gain."""
@@ -184,7 +182,6 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
 
 
 def _saved(term: str) -> float:
-    """Part of a term's variance that its remedy saves at best."""
     return 0.75 if term in HALVED else 1.0
 
 
@@ -236,7 +233,6 @@ def explain_batch(folder: Path) -> BatchExplanation:
 
 
 def _headline(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The headline number of a row's first plane that has one with an uncertainty."""
     numbers = [plane["numbers"] for plane in row["planes"].values()]
     known = (one[name] for one in numbers for name in in_group(Group.LINE, one) if "uncertainty" in one[name])
     return next(known, None)

@@ -31,9 +31,6 @@ def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> byt
     return described_tiff(float_tiff(psf.h), "; ".join(words))
 
 
-# --- FITS ---
-
-
 def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | None = None) -> bytes:
     """The support's samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
 
@@ -81,16 +78,12 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 
 
 def _noted(exposure: Exposure) -> dict[str, str | float]:
-    """Metadata recorded by the camera, by keywords of FITS."""
     keywords = {
         "DATE-OBS": exposure.captured_at, "INSTRUME": exposure.camera, "TELESCOP": exposure.lens,
         "APERTURE": exposure.f_number, "FOCALLEN": exposure.focal_length_mm, "EXPTIME": exposure.exposure_s,
         "ISOSPEED": exposure.iso,
     }  # fmt: skip
     return {name: value for name, value in keywords.items() if value}
-
-
-# --- the numbers ---
 
 
 def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
@@ -147,7 +140,6 @@ def csv_bytes(rows: Iterable[Sequence[object]]) -> bytes:
 
 Floats = npt.NDArray[np.floating[Any]]
 Cards = list[tuple[str, object]]
-"""Names and values of a header, in their order."""
 
 BLOCK = 2880
 CARD = 80
@@ -187,7 +179,6 @@ def _bytes(data: Floats) -> bytes:
 
 
 def _unit(cards: Cards, data: bytes) -> bytes:
-    """A header and its data, each filled up to whole blocks."""
     header = "".join(_card(name, value) for name, value in cards) + "END".ljust(CARD)
     return _filled(header.encode("ascii"), b" ") + _filled(data, b"\0")
 
@@ -205,7 +196,6 @@ def _card(name: str, value: object) -> str:
 
 
 def _plain(text: str) -> str:
-    """Letters that a header takes, as many as have room in a card."""
     return "".join(one if " " <= one <= "~" else "?" for one in text)[:LONGEST_TEXT]
 
 

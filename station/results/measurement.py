@@ -19,9 +19,7 @@ from station.results.units import Pixels
 NUMBERS = "numbers.csv"
 PSF = "station/psf/1"
 RESTORATION = "station/restore/1"
-"""Schema of restorations."""
 BY_PLANE = "planes"
-"""Entry of a record with results by plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +83,6 @@ class Measurement:
         }
 
     def _left_out(self) -> dict[str, Any]:
-        """The unusable photographs, if the planes do not list them."""
         if self.missed is None or any("left_out" in plane.details for plane in self.planes):
             return {}
         return {"left_out": [one.to_record() for one in self.missed]}

@@ -163,9 +163,6 @@ def curves_of(quality: Quality) -> dict[str, Array]:
     }
 
 
-# --- The numbers of a plane that are stated in one line with its verdict ---
-
-
 def line_numbers(plane: PlaneResult) -> list[str]:
     """The numbers of the group LINE and the MTF at requested frequencies: "MTF50 0.412 ± 0.003 cycles/pixel"."""
     requested = [name for name in plane.numbers if (at := frequency_of(name)) and at[1] != RADIAL]

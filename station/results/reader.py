@@ -29,7 +29,6 @@ MAX_BYTES = 400_000_000
 MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
 RESULT_KEYS = ("result", "rig")
-"""Entries of records with one result instead of planes."""
 OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "environment", "duration_s")
 NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
 PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
@@ -143,7 +142,6 @@ def _own(path: Path) -> bytes:
 
 
 def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:
-    """The MTF of a plane and the unit of its frequencies."""
     try:
         units, columns = table_columns(list(csv.reader(_own(path).decode().splitlines())), ("frequency",))
     except ValueError as error:
@@ -162,9 +160,6 @@ def read_picture(path: Path) -> npt.NDArray[np.uint8]:
     if picture is None:
         raise BadInput(f"{path} is no picture", _AGAIN)
     return np.asarray(picture, dtype=np.uint8)
-
-
-# --- two results side by side ---
 
 
 @dataclass(frozen=True)

@@ -108,8 +108,6 @@ def read_other_causes(entry: Mapping[str, Any]) -> tuple[Cause, ...]:
     return tuple(Cause(str(cause.get("reason", "")), str(cause.get("remedy", ""))) for cause in causes)
 
 
-# --- Temperature, humidity and other conditions during photographs, by probe, as an entry of a record ---
-
 ENVIRONMENT = "environment"
 """Entry of the state of devices at a photograph, and of records."""
 

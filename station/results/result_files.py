@@ -117,10 +117,7 @@ class ResultFolder:
             disk.sync_folder(folder)
         (self.path / PUBLISHING).unlink(missing_ok=True)
 
-    # --- own and foreign files ---
-
     def _named(self) -> list[str]:
-        """Files with the name of one of a result's."""
         return [old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)]
 
     def _check(self, names: Sequence[str]) -> None:
@@ -136,13 +133,11 @@ class ResultFolder:
             )
 
     def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
-        """Whether a file is what this program wrote under this name."""
         if name == RECORD:
             return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
 
     def _note(self, files: Mapping[str, Sequence[str]]) -> None:
-        """Store the names of own files while they are replaced: after a crash there is no record."""
         (self.path / PUBLISHING).write_text(json_text({"files": {name: list(file) for name, file in files.items()}}))
 
 
@@ -253,7 +248,6 @@ def interval_entry(number: Quantity) -> dict[str, Any]:
 
 
 def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
-    """MTF50 across one printed edge and by the PSF, all light counted in both, and how far they differ."""
     return {
         "orientation": check.edge.orientation,
         "normal_deg": check.edge.normal_deg,
@@ -265,7 +259,6 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 
 
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
-    """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
     entry = verdict_entry(outcome)
     if (physics := outcome.value) is not None:
         entry |= {"aperture": physics.aperture, "missing_corner_deg": physics.missing_corner_deg}
@@ -296,7 +289,6 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# --- Integrity of a result, by the hashes in its record of all files and of the record itself ---
 # This detects errors of the disk and edited files, not forgery.
 
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from procedures.raw import Plane
 
 LONGEST_SIDE = 800
-"""Largest side of the picture in pixels: more than a phone's width."""
 LEAST_WHITE = 0.05
 """Lower limit of the white level: a frame with the lens cap on must not look like a picture."""
 GAMMA = 2.2

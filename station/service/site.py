@@ -55,9 +55,6 @@ async def page(request: Request) -> Response:
     return Response(text, media_type="text/html", headers={"Content-Security-Policy": PAGE_POLICY})
 
 
-# --- bench and runs --------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Control:
     """Requests concerning the bench."""
@@ -81,11 +78,9 @@ class Control:
         return self.served.lab
 
     def status(self, request: Request) -> Response:
-        """Devices, run, picture."""
         return answer(self.served.status())
 
     def picture(self, request: Request) -> Response:
-        """The newest photograph, a JPEG."""
         picture = self.served.picture.take()
         if picture is None:
             raise NotThere("no photograph was taken yet", "start a run, or an exposure")
@@ -103,7 +98,6 @@ class Control:
         return answer(run_record(status))
 
     async def start(self, request: Request) -> Response:
-        """Start a run in a new session."""
         order = read_order(await json_of(request), self._lab.names)
         await asyncio.to_thread(self.served.runs.start, order)
         status = self.served.runs.status
@@ -111,7 +105,6 @@ class Control:
         return answer(run_record(status), 201)
 
     async def reply(self, request: Request) -> Response:
-        """Answer the run's open question."""
         data = await json_of(request)
         key, words = (data.get("key"), data.get("answer")) if isinstance(data, dict) else (None, None)
         if not isinstance(key, str) or not isinstance(words, str | int | float | bool):
@@ -122,7 +115,6 @@ class Control:
         return answer({})
 
     async def end(self, request: Request) -> Response:
-        """End the run after its present operation."""
         await asyncio.to_thread(self.served.runs.end)
         return answer({})
 
@@ -131,8 +123,6 @@ class Control:
         loop = asyncio.get_running_loop()
         return answer(await loop.run_in_executor(self.served.stopper, self.served.stop))
 
-
-# --- sessions, read only ---------------------------------------------------------------------------------------------
 
 REPORT = "report.html"
 
@@ -163,7 +153,6 @@ class Sessions:
         raise NotThere(f"there is no session {name!r}", "GET /station/v1/sessions lists them")
 
     def everything(self, request: Request) -> Response:
-        """All sessions, newest first."""
         if not self.root.is_dir():
             return answer({"schema": "station/sessions/1", "sessions": []})
         with Index(self.root) as index:
@@ -219,12 +208,9 @@ def _file(folder: Path, result: DerivedResult, name: str) -> Response:
     return Response(path.read_bytes(), media_type=kind)
 
 
-# --- journal as server-sent events -----------------------------------------------------------------------------------
-
 LOOK_S = 0.25
 """Polling interval of the journal, which any program may write."""
 ALIVE_S = 15.0
-"""Interval of keep-alive comments in a silent stream."""
 
 
 def lines_of(folder: Path) -> Sequence[bytes]:

@@ -35,7 +35,6 @@ class Tenancy:
             self._tenant = tenant
 
     def leave(self) -> None:
-        """Release the bench."""
         with self._lock:
             self._tenant = ""
 

@@ -127,8 +127,6 @@ class Index:
     def __exit__(self, *_: object) -> None:
         self._close()
 
-    # --- queries
-
     def sessions(self, wanted: Filter | None = None) -> list[IndexEntry]:
         """The sessions, newest first."""
         clause, values = _where(wanted or Filter())
@@ -157,8 +155,6 @@ class Index:
         """All cameras, or all lenses. Raises KeyError."""
         query = {"cameras": "SELECT name FROM cameras", "lenses": "SELECT name FROM lenses"}[table]
         return sorted(row[0] for row in self._database.execute(query))
-
-    # --- updates
 
     def update(self) -> None:
         """Read every new or changed session; remove missing ones."""
@@ -207,8 +203,6 @@ class Index:
         number: int = self._database.execute(f"SELECT id FROM {table} WHERE name = ?", (text,)).fetchone()[0]
         return number
 
-    # --- opening
-
     def _opened(self, where: str) -> sqlite3.Connection:
         """The database, with its tables. Raises sqlite3.DatabaseError."""
         database = sqlite3.connect(where, timeout=self.TIMEOUT_S)
@@ -226,7 +220,6 @@ class Index:
         return database
 
     def _fresh(self) -> sqlite3.Connection:
-        """A new index in place of the old one, in memory if it cannot be written."""
         try:
             return self._opened(str(self.path))
         except sqlite3.DatabaseError:
@@ -282,7 +275,6 @@ def _where(wanted: Filter) -> tuple[str, list[str]]:
 
 
 def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
-    """Plane, verdict, and each quantity of the last result, if its record matches the journal."""
     last = state.results[-1] if state.results else None
     path = folder / last.folder / RECORD if last else folder
     if last is None or not holds(path, last.files.get(RECORD, "")):

@@ -152,9 +152,6 @@ def sessions_in(root: Path) -> Iterator[Path]:
         yield from sorted(path for path in named if is_session(path) or has_parts(path))
 
 
-# --- deletion ---
-
-
 def delete_session(folder: Path) -> None:
     """Delete a session with photographs and results. Raises BadInput if it is none; Busy if open; NotKept."""
     check_layout(folder)
@@ -163,9 +160,6 @@ def delete_session(folder: Path) -> None:
     with write_errors(folder):
         folder.rename(doomed)
         shutil.rmtree(doomed)
-
-
-# --- Recovery when a session is opened: completes what a crash interrupted, and reports irregularities ---
 
 
 class OpenSession(Protocol):
@@ -214,7 +208,16 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
         session.notice(f"{', '.join(wrong)}: missing or changed; bring them back from a copy")
     _give_up_awaited(session)
     _name_unfinished(session)
-    _name_strangers(session)
+    unknown = unknown_files(session.folder, session.state)
+    for relative in unknown:
+        path = session.folder / relative
+        file = path / RECORD if relative.startswith(DERIVED) else path
+        digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
+        if session.state.strangers.get(relative) != digest:
+            session.note("found", path=relative, sha256=digest)
+            where = f"{path.name!r} is in {path.parent.name}/ but not in the journal"
+            session.notice(f"{where}; it is kept unchanged, and not used")
+    session.leftovers = tuple(session.folder / path for path in unknown if path.startswith(DERIVED))
     session.write_sums()
 
 
@@ -234,7 +237,6 @@ def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
 
 
 def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
-    """Report, then give up, in this order: after a power failure between the two nothing is repeated unreported."""
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)
@@ -254,7 +256,6 @@ def _give_up_awaited(session: OpenSession) -> None:
 
 
 def _name_unfinished(session: OpenSession) -> None:
-    """A step that was not finished begins again: shots that count are used, trials are repeated."""
     step = session.state.step
     others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
     say = (
@@ -265,20 +266,6 @@ def _name_unfinished(session: OpenSession) -> None:
         session.notice(say)
 
 
-def _name_strangers(session: OpenSession) -> None:
-    """List photographs and results that are not in the journal, once; they stay untouched."""
-    unknown = unknown_files(session.folder, session.state)
-    for relative in unknown:
-        path = session.folder / relative
-        file = path / RECORD if relative.startswith(DERIVED) else path
-        digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
-        if session.state.strangers.get(relative) != digest:
-            session.note("found", path=relative, sha256=digest)
-            where = f"{path.name!r} is in {path.parent.name}/ but not in the journal"
-            session.notice(f"{where}; it is kept unchanged, and not used")
-    session.leftovers = tuple(session.folder / path for path in unknown if path.startswith(DERIVED))
-
-
 def _discard_unconfirmed(session: OpenSession) -> None:
     """Remove results that were never confirmed, which is certain only if the journal is known to be complete."""
     for relative in unknown_files(session.folder, session.state):
@@ -287,7 +274,6 @@ def _discard_unconfirmed(session: OpenSession) -> None:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove files that a crash left half-written."""
     halves = (folder.glob(".*.part"), (folder / ORIGINALS).glob(".*.part"), (folder / GIVEN).glob("*/.*.part"))
     for part in chain.from_iterable(halves):
         part.unlink()

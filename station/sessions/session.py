@@ -97,8 +97,6 @@ class Session:
         """The state according to the journal."""
         return self._state
 
-    # --- begin and end -------------------------------------------------------------------------------------------
-
     @classmethod
     def create(
         cls, root: Path, *, plan: str, camera: str, lens: str, config: Mapping[str, Any], clock: Clock, seed: int = 0,
@@ -176,8 +174,6 @@ class Session:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # --- the journal ---------------------------------------------------------------------------------------------
-
     def note(self, event: str, **data: Any) -> None:
         """Append a line to the journal; it is on the disk when this returns. Raises WriteFailed."""
         with self._guard:
@@ -217,8 +213,6 @@ class Session:
     def end(self, how: str) -> None:
         """Record the end of the run: "finished", "stopped", "emergency". Raises WriteFailed."""
         self.note("ended", how=how)
-
-    # --- photographs ---------------------------------------------------------------------------------------------
 
     def expect(self, step: str, purpose: str) -> int:
         """Announce an exposure, so that a missing one is reported on resuming. Returns the future shot's number."""
@@ -282,8 +276,6 @@ class Session:
         self.write_sums()
         return self.state.shot(shot.number)
 
-    # --- results -------------------------------------------------------------------------------------------------
-
     def result_folder(self) -> Path:
         """The folder of the next result; `keep_result` confirms it. Raises Damaged if it is a link."""
         names = [Path(result.folder).name for result in self.state.results] + [path.name for path in self.leftovers]
@@ -299,7 +291,11 @@ class Session:
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing
             with write_errors(folder):
-                files = self._synchronised(folder)
+                for path in files_in(folder):
+                    self._disk.settle(path)
+                for each in (folder, folder.parent):
+                    self._disk.sync_folder(each)
+                files = hashes_in(folder)
             if standing is not None and (standing.step, standing.files) == (step, files):
                 shutil.rmtree(folder)
                 return standing
@@ -314,14 +310,6 @@ class Session:
     def _unconfirmed_with(self, files: Mapping[str, str]) -> Path | None:
         known = {self.folder / result.folder for result in self.state.results}
         return next((path for path in self.leftovers if path not in known and holds_all(path, files)), None)
-
-    def _synchronised(self, folder: Path) -> dict[str, str]:
-        """Make a folder durable; returns the hash of every file in it."""
-        for path in files_in(folder):
-            self._disk.settle(path)
-        for each in (folder, folder.parent):
-            self._disk.sync_folder(each)
-        return hashes_in(folder)
 
     def wire_folder(self) -> Path:
         """Create the folder of this opening's transcripts. Raises WriteFailed."""
@@ -351,9 +339,6 @@ class Session:
             self._disk.write_whole(path, text)
         except (WriteFailed, OSError):
             return
-
-
-# --- creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically ---
 
 
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:

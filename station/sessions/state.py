@@ -255,8 +255,6 @@ def _shot(data: Mapping[str, Any]) -> SessionShot:
     )  # fmt: skip
 
 
-# --- The terms of a session's results: unit and specification, from its frozen configuration ---
-
 KEY = "specification"
 UNIT = "unit"
 

@@ -74,7 +74,6 @@ class BenchScreen(StationScreen):
         self._message = ""
 
     def body(self) -> ComposeResult:
-        """Devices, axes, wire, and the outcome of the last command."""
         yield Part(id="rows")
         with Horizontal(id="hand"):
             yield Part(id="axes")
@@ -82,14 +81,12 @@ class BenchScreen(StationScreen):
         yield Part(id="message")
 
     def on_mount(self) -> None:
-        """Poll the wire."""
         super().on_mount()
         self.set_interval(WIRE_EVERY_S, self._show_wire)
         self._show()
 
     @property
     def bench(self) -> Bench | None:
-        """The application's bench."""
         bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
         return bench
 
@@ -99,10 +96,7 @@ class BenchScreen(StationScreen):
             return self.bench is not None
         return self.bench is not None and not self.app.bench_taken  # type: ignore[attr-defined]
 
-    # --- display
-
     def refresh_frame(self) -> None:
-        """Update devices and positions."""
         super().refresh_frame()
         if self.is_mounted:
             self._positions = {**self._positions, **self.app.places}  # type: ignore[attr-defined]
@@ -110,7 +104,6 @@ class BenchScreen(StationScreen):
             self._show()
 
     def done(self, finished: Finished) -> None:
-        """Show the outcome of a command."""
         if finished.job.name != "by hand":
             return
         if finished.problem is not None:
@@ -142,11 +135,9 @@ class BenchScreen(StationScreen):
         self._show_wire()
 
     def _without(self) -> str:
-        """The reason why there is no bench."""
         return str(self.app.why_no_bench)  # type: ignore[attr-defined]
 
     def _condition(self, row: DeviceRow) -> Condition:
-        """The current condition of a device."""
         return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
     def _show_wire(self) -> None:
@@ -161,8 +152,6 @@ class BenchScreen(StationScreen):
             self._wire_shown = name, lines
             part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
 
-    # --- commands
-
     def _do(self, words: str, work: Callable[[Bench], Any]) -> None:
         bench = self.bench
         if bench is None:
@@ -175,12 +164,10 @@ class BenchScreen(StationScreen):
 
     @on(Connect)
     def connect(self) -> None:
-        """Connect every device."""
         self._do("Connecting every device.", lambda bench: bench.rows())
 
     @on(HomeStages)
     def home(self) -> None:
-        """Home every stage."""
         if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
             self._do("", _home)
             return
@@ -194,12 +181,10 @@ class BenchScreen(StationScreen):
 
     @on(JogBack)
     def jog_back(self) -> None:
-        """Move one step down."""
         self._jog(-STEPS[self._step])
 
     @on(JogForward)
     def jog_forward(self) -> None:
-        """Move one step up."""
         self._jog(STEPS[self._step])
 
     def _jog(self, by: float) -> None:
@@ -209,31 +194,26 @@ class BenchScreen(StationScreen):
 
     @on(AxisBefore)
     def axis_before(self) -> None:
-        """Choose the axis above."""
         self._axis = max(0, self._axis - 1)
         self._show()
 
     @on(AxisAfter)
     def axis_after(self) -> None:
-        """Choose the axis below."""
         self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
         self._show()
 
     @on(StepSmaller)
     def step_smaller(self) -> None:
-        """Reduce the step to a tenth."""
         self._step = max(0, self._step - 1)
         self._show()
 
     @on(StepLarger)
     def step_larger(self) -> None:
-        """Increase the step ten times."""
         self._step = min(self._step + 1, len(STEPS) - 1)
         self._show()
 
     @on(Darker)
     def darker(self) -> None:
-        """Dim the lamp."""
         self._do("Dimming.", lambda bench: _light(bench, -LIGHT_STEP))
 
     @on(Brighter)
@@ -251,7 +231,6 @@ class BenchScreen(StationScreen):
 
     @on(NextWire)
     def next_wire(self) -> None:
-        """Show the next device's wire."""
         self._wire += 1
         self._show_wire()
 
@@ -266,9 +245,6 @@ def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
     return words if now.usable else f"{words}. {now.remedy}"
 
 
-# --- in the thread -----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class CommandOutcome:
     """Outcome of a command, and the positions of the axes."""
@@ -278,7 +254,6 @@ class CommandOutcome:
 
 
 def _axes(bench: Bench) -> list[MovableAxis]:
-    """The axes of connected stages."""
     axes = []
     for device, stage in bench.devices.items():
         if hasattr(stage, "move_to") and device in bench.identities:

@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 COUNT_S = 0.5
-"""Interval of the countdown."""
 SIGNS = {RIGHT: ">", LEFT: "<", DOWN: "v", UP: "^"}
 """Large signs of the ways."""
 AT_WORK = "Please wait: the station is working."
@@ -98,7 +97,6 @@ class GuideScreen(StationScreen):
         self.set_interval(COUNT_S, self._show_coach)
 
     def body(self) -> ComposeResult:
-        """List of steps, current step, progress."""
         with Horizontal(id="middle"):
             yield Rail(id="rail")
             with Vertical(id="main"):
@@ -123,11 +121,9 @@ class GuideScreen(StationScreen):
 
     @property
     def answers(self) -> AnswerBox:
-        """The answer box."""
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:
-        """Continue only after a stop, step back only after a completed step."""
         if command is GoOn:
             return self._stopped and not self.finished
         if command is StepBack:
@@ -135,13 +131,11 @@ class GuideScreen(StationScreen):
         return command is not NewSession or self._stopped
 
     def question_help(self) -> Sequence[str]:
-        """Help on the open question, in its step."""
         steps = self._began.plan.steps if self._began is not None else ()
         return self.answers.explain(next((step for step in steps if step.name == self._now), None))
 
     @property
     def finished(self) -> bool:
-        """Whether every step is done."""
         return self._began is not None and len(self._done) == len(self._began.plan.steps)
 
     @property
@@ -156,15 +150,11 @@ class GuideScreen(StationScreen):
         return {step: gave for step, gave in self._done.items() if step in before}
 
     def on_key(self, event: Key) -> None:
-        """Store unused keys as type-ahead for the next question."""
         if self.whole:
             self.answers.type_ahead(event)
 
-    # --- events of the run
-
     @singledispatchmethod
     def show(self, entry: MailboxEntry) -> None:
-        """Show an event or a question."""
         raise TypeError(f"unknown event: {entry!r}")
 
     @show.register
@@ -280,12 +270,10 @@ class GuideScreen(StationScreen):
             self.app.bell()
 
     def fail(self, problem: Problem) -> None:
-        """Show that the run could not begin, or failed."""
         self._complain(problem.reason, problem.remedy)
         self.rest("The run failed. All photographs are kept.", AFTER_A_STOP)
 
     def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
-        """Show the commands available after the end of a run."""
         self._now, self._stopped = None, True
         self.query_one(ProgressLine).show(None)
         self.answers.offer(sentence, offers)
@@ -293,19 +281,15 @@ class GuideScreen(StationScreen):
         self.refresh_frame()
 
     def begin(self, words: str) -> None:
-        """Show that a run begins."""
         self._stopped = False
         self.query_one("#trouble", Part).say("")
         self.answers.show_sentence(words)
         self.refresh_frame()
 
     def ending(self) -> None:
-        """Show that the run is ending."""
         self.answers.show_sentence(
             f"Ending after this exposure. {EndRun.key_name()} again: stop every device and end now."
         )
-
-    # --- the coach
 
     def _coach(self, preview: FramePreview) -> None:
         """Show how to match the outline; a tone when it matches."""
@@ -325,7 +309,6 @@ class GuideScreen(StationScreen):
         self._show_coach()
 
     def _show_coach(self) -> None:
-        """The way to the wanted outline, or the countdown, in words and in large signs."""
         if not self.whole:
             return
         words = sign = ""
@@ -349,7 +332,6 @@ class GuideScreen(StationScreen):
         self._show_values(())
 
     def _show_sharpness(self, result: Result) -> None:
-        """PSF and MTF of the plane whose numbers are shown, or the restored picture."""
         from procedures.outcome import ProcedureError  # imported here: the first screen needs neither
         from station.results.reader import read_picture
 
@@ -361,11 +343,8 @@ class GuideScreen(StationScreen):
                 self.query_one(Picture).show(picture_thumbnail(read_picture(restored), "restored picture"))
         self._show_curve(mtf_plot([one] if one is not None else []))
 
-    # --- parts
-
     @property
     def glyphs(self) -> Glyphs:
-        """The application's glyphs."""
         return self.query_one(Rail).glyphs
 
     def _complain(self, reason: str, remedy: str) -> None:
@@ -376,7 +355,6 @@ class GuideScreen(StationScreen):
             self.query_one(Rail).show(self._began.plan, self._done, self._now)
 
     def _show_values(self, planes: Sequence[PlaneResult]) -> None:
-        """The numbers that one accepts: all of one plane, the sharpness of the others."""
         first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
         lines = [line for plane in first for line in (plane.name, *number_lines(plane, self.glyphs))]
         others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
@@ -396,7 +374,6 @@ class GuideScreen(StationScreen):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Adapt the layout: the image takes the space of missing numbers and curves, and a drawing gives its own."""
         visible = any(self.query_one(f"#{name}").display for name in ("sign", "values", "readings", "curve"))
         self.query_one("#numbers").display = visible
         self.set_class(visible and self.query_one(Picture).picture is None, "-drawing")

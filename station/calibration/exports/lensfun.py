@@ -23,13 +23,11 @@ from station.calibration.exports.geometry import EXACT, best_fit
 from station.calibration.stored_cameras import StoredCamera
 
 MODELS = ("poly3", "poly5", "ptlens")
-"""Distortion models, by number of coefficients."""
 FULL_FRAME_MM = float(np.hypot(36, 24))
 DISTANCES_M = (0.25, 1000.0)
 """lensfun interpolates over the focus distance: equal values at both ends apply to all distances."""
 COLOURS = {"R": "r", "B": "b"}
 DIGITS = 9
-"""Significant digits of a number."""
 PLACES = 41
 """Points along each side at which the light is compared with its formula."""
 

@@ -34,9 +34,6 @@ ANY_SIZE = (240, 320)
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
-# --- records of an IMU ---
-
-
 def read_imu(path: Path) -> ImuRecord:
     """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
 

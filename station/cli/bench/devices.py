@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from station.bench.opening import Bench, DeviceRow
 
 FAILED = 3
-"""The exit code of device errors."""
 
 
 @command("devices", as_json=True)
@@ -93,7 +92,6 @@ class AtTheTerminal:
     """The operator at the stage, questioned on the terminal; remarks go to stderr."""
 
     def show(self, words: str) -> None:
-        """Write a line."""
         click.echo(words, err=True)
 
     def agrees(self, question: str) -> bool:
@@ -114,7 +112,6 @@ class AtTheTerminal:
 
 
 def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], output: Path | None) -> None:
-    """Commission each stage that answered."""
     from station.bench.commission import commission
 
     stages = [row.name for row in rows if row.error is None and hasattr(bench.devices[row.name], "move_to")]
@@ -128,7 +125,6 @@ def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], 
 
 
 def _tap(bench: Bench) -> None:
-    """Measure the delays of the units' cables, and write what belongs into their tables."""
     from drivers.errors import DeviceError
     from station.bench.common_event import TAPS, latencies
 
@@ -283,7 +279,6 @@ def _tried(
 
 
 def _verify_conformance(folder: Path, key: Path | None, *, strict: bool, as_json: bool) -> None:
-    """Show the checks of a record. Exits with 4 if one does not agree."""
     from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
 

@@ -30,10 +30,8 @@ if TYPE_CHECKING:
     from station.service.hosting import Hosting
 
 PORT = 11111
-"""The default of Alpaca."""
 TOKEN = "STATION_TOKEN"
 PATIENCE_S = 3.0
-"""Timeout for a run to write its last line."""
 
 
 @command("serve")
@@ -108,7 +106,6 @@ def _begin(lab: StationLab, listening: socket.socket, host: str, token: str | No
 
 
 def _announce(host: str, port: int, token: str | None, as_json: bool, served: ServedBench) -> None:
-    """Write the address, and report problems of the bench."""
     from station.service.access import is_loopback
 
     address = f"http://{_reached_at(host)}:{port}"
@@ -126,7 +123,6 @@ def _announce(host: str, port: int, token: str | None, as_json: bool, served: Se
 
 
 def _reached_at(host: str) -> str:
-    """The address for clients: for a server on all interfaces, that of this machine in its network."""
     if host not in ("0.0.0.0", "::"):
         return f"[{host}]" if ":" in host else host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

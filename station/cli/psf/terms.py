@@ -53,7 +53,6 @@ def plane_name(context: click.Context, option: click.Parameter, name: str | None
 
 
 def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
-    """Parse frequencies such as 0.1,0.25."""
     try:
         frequencies = tuple(float(word) for word in (words or "").split(",") if word.strip())
     except ValueError:

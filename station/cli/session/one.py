@@ -41,24 +41,18 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
     for file in unknown_files(record.folder, record.state):
         log("unknown", f"{printable(file)} is not in the journal", level="warning")
     if check:
+        from station.common.durable_files import holds
+        from station.sessions.layout import SUMS
+        from station.sessions.reader import check_whole, sums, verify, verify_results
+
         with progress(1) as shown:
             shown("hashing photographs and results", 0)
-            same = _sums_agree(record)
+            verify(record.folder, record.state)
+            verify_results(record)
+            check_whole(record)
+            same = holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
         _log_check(record, sums_agree=same)
     check_strict([result.verdict for result in record.state.results[-1:]], strict=strict)
-
-
-def _sums_agree(record: SessionRecord) -> bool:
-    """Compare photographs and results with the journal; whether the list of sums is that of the journal. Raises
-    Damaged."""
-    from station.common.durable_files import holds
-    from station.sessions.layout import SUMS
-    from station.sessions.reader import check_whole, sums, verify, verify_results
-
-    verify(record.folder, record.state)
-    verify_results(record)
-    check_whole(record)
-    return holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
 
 
 def _log_check(record: SessionRecord, *, sums_agree: bool) -> None:
@@ -124,7 +118,14 @@ def session_resume(
 
     record = read_session(folder := find_session(name, root) if name else newest_unfinished(root))
     if back_to is not None:
-        _check_step(record.state.plan, back_to)
+        from procedures.outcome import BadParameter
+        from station.guide.catalogue import plan_named
+
+        names = [step.name for step in plan_named(record.state.plan).steps]
+        if back_to not in names:
+            raise BadParameter(
+                f"the plan {record.state.plan} has no step {back_to!r}", f"choose one of {', '.join(names)}"
+            )
     settings = record.config.get("config", {})
     lab = StationLab(
         sessions=folder.parent,
@@ -138,18 +139,7 @@ def session_resume(
     raise click.exceptions.Exit(code)
 
 
-def _check_step(plan: str, name: str) -> None:
-    """Raises BadParameter where the plan has no such step."""
-    from procedures.outcome import BadParameter
-    from station.guide.catalogue import plan_named
-
-    names = [step.name for step in plan_named(plan).steps]
-    if name not in names:
-        raise BadParameter(f"the plan {plan} has no step {name!r}", f"choose one of {', '.join(names)}")
-
-
 DIFFERENT = 1
-"""Exit code for a difference."""
 
 
 @command("recompute", strict=True, as_json=True)
@@ -180,7 +170,6 @@ SAME_MACHINE = "versions and processor are the same: the program itself has chan
 AGREE = 0.01
 """Negligible change, as a fraction of the uncertainty."""
 HASHES = "files."
-"""Prefix of a record's entries with the hashes of its files."""
 
 
 def _report_recomputed(one: RecomputedResult) -> None:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from station.guide.workspace import StationLab
 
 CONFIG = Path("station.toml")
-"""The default configuration."""
 
 
 def usual_config() -> Path | None:

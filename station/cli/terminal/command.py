@@ -119,9 +119,7 @@ def plan_names(ctx: click.Context) -> Iterable[str]:
 
 
 UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)
-"""Units of frequencies."""
 SEED = click.IntRange(0, 2**63 - 1)
-"""Seed of a generator of random numbers."""
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:

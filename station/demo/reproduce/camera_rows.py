@@ -8,10 +8,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80, SENSITIVITY_AT_5
+from procedures.numerics.arrays import Array
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.stability import HALF, THRESHOLDS, stability_of
@@ -24,8 +24,6 @@ from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import RowValues, Setting
 from station.demo.truth_comparison import align
 
-Array = npt.NDArray[np.float64]
-
 F = cameras.FREQUENCIES
 NYQUIST = int(np.argmin(abs(F - 0.5)))
 CYCLES = "cycles per pixel of the plane"
@@ -36,8 +34,6 @@ def _chart() -> Chart:
     return Chart.from_seed()
 
 
-# --- Figures 2.10, 2.12, 2.13: apertures ---
-
 APERTURES = (3.2, 5.6, 12.9, 16.0, 32.0)
 
 
@@ -47,15 +43,11 @@ def _support(f_number: float) -> int:
 
 
 def _at_aperture(f_number: float, seed: int = 1) -> tuple[PatternPsf, float]:
-    """The estimated PSF at an aperture, and its relative error after the best subpixel shift."""
     shot = cameras.photograph_chart(cameras.green_camera(f_number), _chart(), seed, roll_deg=1.5)
     estimate = cameras.estimated(cameras.plane_of(shot), _chart(), k=_support(f_number))
-    return estimate, _error(estimate, shot.true_psf("Y", cameras.S, _support(f_number)).h)
-
-
-def _error(estimate: PatternPsf, truth: Array) -> float:
+    truth = shot.true_psf("Y", cameras.S, _support(f_number)).h
     aligned, _ = align(truth, estimate.psf.h)
-    return float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
+    return estimate, float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
 
 
 def apertures(setting: Setting) -> RowValues:
@@ -118,8 +110,6 @@ def accuracy(setting: Setting) -> RowValues:
     return RowValues((float(errors.mean()), float(errors.max())), (figure,))
 
 
-# --- Figure 2.14: the response ---
-
 CURVATURE = 0.05
 """Curvature of the simulated sensor: a departure from a straight line by 0.8 % of the chart's contrast."""
 GREYS = np.linspace(0.05, 1.2, 24)
@@ -165,8 +155,6 @@ def _by_uniform_light(camera: SimulatedCamera) -> tuple[SensorModel, float]:
         sensor.white - sensor.black[0], slope, (quadratic / slope,),
     ), slope  # fmt: skip
 
-
-# --- Figures 2.15, 2.16: planes and places ---
 
 DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 """Frequencies at which photosites without a corner differ along the two diagonals."""
@@ -224,9 +212,6 @@ def places(setting: Setting) -> RowValues:
 def _asymmetry(h: Array) -> float:
     """Norm of the difference between the PSF and itself rotated by half a turn, over its norm."""
     return float(np.linalg.norm(h - h[::-1, ::-1]) / np.linalg.norm(h))
-
-
-# --- Figure 2.17: stability ---
 
 
 SLOPE, SHAKE_PX = 0.1, 0.1

@@ -11,4 +11,3 @@ ROWS: tuple[Row, ...] = tuple(read_row(name, table) for name, table in _TABLES["
 NOT_HERE: tuple[tuple[str, str], ...] = tuple((one["place"], one["reason"]) for one in _TABLES["not_here"])
 """(place, reason)."""
 PUBLISHED_FILES = tuple(PublishedFile(**one) for one in _TABLES["files"])
-"""The files that `--fetch` downloads."""

@@ -52,9 +52,6 @@ def rendered_reference(scene: str, threads: int) -> Film:
     return film
 
 
-# --- Table 4.2 ---
-
-
 def histograms(pixels: npt.NDArray[np.int64], colours: Array, bins: int, *, joint: bool) -> Floats:
     """Votes of samples (n, 3), divided between neighbouring nodes as `film.vote` does, (rows, columns, b).
 
@@ -112,9 +109,6 @@ def rays_bins(setting: Setting) -> RowValues:
         log="x",
     )
     return RowValues((*together, *separate, separate[-1] - separate[0], separate[3] - together[-1]), (figure,))
-
-
-# --- Table 4.3 ---
 
 
 def patch_distances(film: Film, patch: int, *, by_means: bool) -> tuple[npt.NDArray[np.int64], Floats]:
@@ -190,9 +184,6 @@ def rays_oracle(setting: Setting) -> RowValues:
     names = [f"{name}, {side}" for name in ("NL-means", "histograms") for side in SIDES]
     figure = pictures("oracle", [(name, shown(one)) for name, one in zip(names, estimates, strict=True)], columns=3)
     return RowValues(tuple(psnr(estimate, truth) for estimate in estimates), (figure,))
-
-
-# --- Figure 4.21 ---
 
 
 def nl_means(film: Film) -> Array:

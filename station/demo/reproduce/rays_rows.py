@@ -58,7 +58,6 @@ def psnr(picture: npt.NDArray[np.floating], reference: Film) -> float:
 
 
 def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Array:
-    """The film filtered by the paper's algorithms."""
     film, _ = film_and_reference(setting, samples)
     picture = filter_film(film, replace(PAPER, kappa=kappa, scales=scales), threads=setting.threads).picture
     return np.asarray(picture, dtype=np.float64)
@@ -73,8 +72,6 @@ def shown(picture: npt.NDArray[np.floating]) -> Array:
     """The picture as displayed."""
     return np.asarray(np.clip(picture, 0, 1) ** (1 / GAMMA), dtype=np.float64)
 
-
-# --- the rendered picture, and the published program ---
 
 CASES = (
     (256, 1.0, 1), (256, 1.0, 2), (256, 1.0, 3), (256, 0.8, 2), (256, 0.8, 3),
@@ -102,8 +99,6 @@ def rays_cornell(setting: Setting) -> RowValues:
     return RowValues((psnr(film.mean, truth), *ours), (figure,))
 
 
-# --- Figure 4.20 ---------------------------------------------------------------------------------------------------
-
 KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 
 
@@ -130,9 +125,6 @@ def _detail(picture: Array) -> Array:
     return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
 
 
-# --- Figure 4.2 ----------------------------------------------------------------------------------------------------
-
-
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
@@ -156,12 +148,9 @@ def rays_scales(setting: Setting) -> RowValues:
 
 
 def _wide_noise(picture: Array, truth: Array) -> float:
-    """Root mean square error at low frequencies."""
     error = np.clip(picture, 0, 1) - np.clip(truth, 0, 1)
     return float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
 
-
-# --- Figure 4.21 ---------------------------------------------------------------------------------------------------
 
 OCTAVES = 2.0
 

@@ -37,10 +37,8 @@ class Setting:
 class ClaimCheck:
     """One quantity and the paper's claim about it.
 
-    published : str
-        A number as printed, or the paper's words.
-    low, high : float
-        The claim as a range of values: a printed number with its rounding, or how the words are read.
+    published : a number as printed, or the paper's words
+    low, high : the claim as a range of values: a printed number with its rounding, or how the words are read
     """
 
     quantity: str
@@ -134,19 +132,13 @@ Compute = Callable[[Setting], RowValues]
 class Row:
     """One table, figure or statement of a paper that can be computed here.
 
-    name, chapter : str
-        Either selects the row on the command line.
-    place, title : str
-        Where and what was published.
+    name, chapter : either selects the row on the command line
+    place, title : where and what was published
     checks : tuple of Check
-    setup : str
-        Difference between the paper's set-up and this one, the reason for values that deviate.
-    order : Order, optional
-        What must hold for a row whose values deviate to have the same direction.
-    needs : tuple of str
-        Files of the data folder.
-    long : bool
-        Computed with --full, or by its name.
+    setup : difference between the paper's set-up and this one, the reason for values that deviate
+    order : what must hold for a row whose values deviate to have the same direction
+    needs : files of the data folder
+    long : computed with --full, or by its name
     """
 
     name: str
@@ -182,7 +174,6 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
 
 
 def _one_by_one(entry: Mapping[str, Any], each: Sequence[str]) -> list[Mapping[str, Any]]:
-    """An entry with a list of published numbers as one entry for each case of the row: "error of w, 40 dB"."""
     if isinstance(entry["published"], str):
         return [entry]
     cases = zip(each, entry["published"], strict=True)

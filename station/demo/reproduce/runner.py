@@ -98,7 +98,9 @@ def reproduce(
         results = []
         for row in selected:
             results.append(compute(row, setting, by_name=row.name == name))
-            progress(_sentence(results[-1]))
+            one = results[-1]
+            reason = f": {one.reason}" if one.reason else ""
+            progress(f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)")
         result = Reproduction(tuple(results), setting.full, time.perf_counter() - start)
         folder.write(PAGE, _page(result).encode())
         return result, write_record(folder, _record(result, setting))
@@ -153,11 +155,6 @@ def _missing(row: Row, setting: Setting, *, by_name: bool) -> str:
     except BadParameter as error:
         return f"{error.reason}: {error.remedy}"
     return ""
-
-
-def _sentence(one: RowResult) -> str:
-    reason = f": {one.reason}" if one.reason else ""
-    return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)"
 
 
 def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:

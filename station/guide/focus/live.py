@@ -129,9 +129,6 @@ class LiveFocus:
         return measure_sharpness(plane.value, self.chart, self.parameters, near)
 
 
-# --- sources of photographs ------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class PhotographSource:
     """Source of photographs until `ended` is true.

@@ -62,9 +62,6 @@ def subset(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSu
     return FrameSubset(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
 
 
-# --- estimate ---
-
-
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one.
 
@@ -162,9 +159,6 @@ def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
     return {name: outcome.value for name, outcome in outcomes.items() if outcome.value is not None}
 
 
-# --- results and files ---
-
-
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's PSF at the frame's centre, and the verdict on each other part; a refused part is doubtful."""
     planes = field.results(frames, outcomes, terms, facts)
@@ -200,7 +194,6 @@ SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
 def _written(
     folder: ResultFolder, whole: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
-    """Write each part's result into its folder, and give its entry of the page."""
     writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
     for name, part in whole.parts.items():
         page = ""
@@ -244,5 +237,4 @@ def _write_geometry(
 
 
 def _of_inputs(head: RecordHead, hashes: set[str]) -> RecordHead:
-    """The head with these photographs only."""
     return replace(head, input=tuple(one for one in head.input if one.sha256 in hashes))

@@ -55,7 +55,6 @@ RING = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 SETTING, NOW, MARK = "series_at_", "series_now", 16
 """Facts: setting of the photograph with this beginning of its hash, and the setting now."""
 BEST = "series_best"
-"""Fact: the sharpest setting of green or grey."""
 EXPOSURE = ("exposure_s", "iso", "f_number")
 EQUAL_STOPS = 0.2
 
@@ -109,9 +108,6 @@ def _plan(name: str, title: str, setting: str, requests: tuple[Ask | Tour, ...])
     )
 
 
-# --- settings ---
-
-
 def _stops_from(f_number: float) -> str:
     """Five whole stops from an aperture on: "2.8 4 5.6 8 11"."""
     return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * f_number][:5])
@@ -129,7 +125,6 @@ def _f_numbers(answer: Fact) -> list[float]:
 
 
 def _aperture(facts: Facts) -> float:
-    """The aperture now, as set last, recorded or typed."""
     return float(facts.get(NOW) or facts_as(PatternFacts, facts).aperture or STOPS[3])
 
 
@@ -168,9 +163,6 @@ def _at(wanted: float, frame: RawFrame, facts: Facts) -> Advice:
     advice = check_shot(frame, facts)
     noted = {f"{SETTING}{frame.sha256[:MARK]}": wanted, NOW: wanted} if advice.good else {}
     return replace(advice, facts={**advice.facts, **noted})
-
-
-# --- estimate ---
 
 
 def estimate(setting: str, frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:

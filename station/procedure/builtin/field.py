@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from station.reports.report import Report
 
 ASSUMED_WORD = "assumed"
-"""Word for a fill factor that was not measured."""
 
 
 class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
@@ -69,7 +68,6 @@ class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
         _ = self.photosite
 
     def given(self) -> dict[str, Any]:
-        """Entries of the record's parameters."""
         files = {name: str(path) for name in ("vignetting", "sensor") if (path := getattr(self, name)) is not None}
         photosite = self.photosite
         if photosite is None:
@@ -131,12 +129,10 @@ class Field(PsfProcedure[FieldSettings]):
         return replace(whole, terms=terms)
 
     def missed(self, measurement: Measurement) -> list[Miss]:
-        """The photographs without any PSF."""
         measured = measurement.result.result.measured
         return [miss for miss in measured.misses if miss.source in measured.failed]
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The charts without a PSF in photographs with others."""
         measured = measurement.result.result.measured
         return [str(miss) for miss in measured.misses if miss.source not in measured.failed]
 
@@ -145,7 +141,6 @@ class Field(PsfProcedure[FieldSettings]):
         return read_height_overlays(paths, terms.unit)
 
     def report(self, measurement: Measurement) -> Report:
-        """Contents of the certificate: the frame's centre, and the medians over the frame unless read from files."""
         if measurement.result is None:
             return super().report(measurement)
         from station.reports.field.field_files import with_medians  # here: it draws, which is slow to load
@@ -155,6 +150,3 @@ class Field(PsfProcedure[FieldSettings]):
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
         fields = {name: one.interpolation.field for name, one in measurement.result.fitted.items()}
         return replace(report, planes=[with_medians(plane, result) for plane in measurement.planes], fields=fields)
-
-
-PROCEDURE = Field()

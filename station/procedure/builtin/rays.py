@@ -235,7 +235,6 @@ class Rays(Procedure[RaysSettings]):
     method = "ray histogram fusion: mean of patches whose sample histograms are alike, at several scales"
 
     def places(self, paths: Sequence[Path]) -> list[str]:
-        """A folder of each film's name where there are several."""
         if len(paths) == 1:
             return [""]
         twice = [stem for stem, n in Counter(path.stem for path in paths).items() if n > 1]
@@ -291,7 +290,6 @@ class Rays(Procedure[RaysSettings]):
 def _filtered(
     paths: Sequence[Path], settings: RaysSettings, progress: Progress
 ) -> Iterator[tuple[Film, FilteredFilm, dict[str, float] | None]]:
-    """Every film and its filtered picture, with the weights of a blend."""
     threads, kept = settings.threads or os.cpu_count() or 1, deque[Film]()
 
     if settings.blend:
@@ -326,6 +324,3 @@ def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
     if truth is None:
         raise BadInput(f"{path} has no array `reference` or `image`", f"give a converged render of shape {shape}")
     return checked_array(truth, f"the reference {path}", shape, remedy="give a converged render of the film's size")
-
-
-PROCEDURE = Rays()

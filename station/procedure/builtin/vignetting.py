@@ -29,6 +29,3 @@ class Vignetting(Procedure[Settings]):
         self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
-
-
-PROCEDURE = Vignetting()

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.patches import Rectangle
 
+from procedures.numerics.arrays import Array
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
@@ -14,11 +14,8 @@ from station.drawing.colours import MARK
 from station.drawing.plots import Figure, curve, finished, picture, pixel_extent, plot_axes
 from station.reports.otf_figures import FrequencyAxis, finish_mtf, mtf_caption
 
-Array = npt.NDArray[np.float64]
-
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a", "#8a6d1b", "#444444")
 MAX_SIDE_PX = 480
-"""Larger photographs are drawn smaller."""
 
 
 def places_figure(plane: Plane, edges: Sequence[EdgeOutcome], name: str) -> Figure:

@@ -16,9 +16,7 @@ from station.reports.explore import ExploredPlace, ExploredPlaces
 from station.results.plane_result import PlaneResult
 
 COLUMNS = 7
-"""Places along the frame's longer side."""
 POINTS = 41
-"""Number of points of a curve."""
 DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
 
 

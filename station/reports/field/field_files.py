@@ -126,7 +126,6 @@ def with_medians(one: PlaneResult, result: FieldResult) -> PlaneResult:
 
 
 def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
-    """The MTF over image height of the planes with a field around the frame's centre."""
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
@@ -136,7 +135,6 @@ def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> d
 
 
 def _camera_entry(camera: WholeCamera) -> dict[str, Any]:
-    """Record entry of the camera's numbers: the file, and the geometry."""
     geometry, numbers = camera.geometry, camera.numbers
     entry = verdict_entry(geometry)
     if geometry.value is not None:
@@ -147,7 +145,6 @@ def _camera_entry(camera: WholeCamera) -> dict[str, Any]:
 
 
 def _light_entry(light: LightSurface) -> dict[str, Any]:
-    """Record entry of a plane's vignetting."""
     rows, columns = light.shape
     corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
     return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
@@ -161,14 +158,12 @@ def _maps(result: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ..
 
 
 def _provenance(head: RecordHead) -> dict[str, str]:
-    """Texts for the file's attributes."""
     entries = head.to_record()
     kept = {name: entries[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 
 
 def _plane_entry(one: PlaneField) -> dict[str, Any]:
-    """Record entry of a plane's field."""
     interpolation = one.interpolation
     by_name = {name.name: name for name in one.maps}
     errors: dict[str, float] = {
@@ -186,7 +181,6 @@ def _plane_entry(one: PlaneField) -> dict[str, Any]:
 
 
 def _colour_entry(colour: LateralColour) -> dict[str, Any]:
-    """Record entry of lateral colour: the largest radial shift between the planes."""
     radial, _ = colour.maps()
     if radial.uncertainty is None or not np.isfinite(radial.value).any():
         return {"reference": colour.reference}

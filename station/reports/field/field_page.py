@@ -1,12 +1,12 @@
 """The page of a field: maps, the mosaic of PSFs, lateral colour, best focus, vignetting, and how to read the file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
 from procedures.choice import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.maps import FieldMap, LateralColour
+from procedures.field.maps import FieldMap
 from procedures.field.photosite import Photosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL, label
 from station.drawing.plots import Figure
@@ -55,12 +55,25 @@ def field_page(report: Report) -> str:
     """The page; curves of other fields are drawn over these if they are in the same units."""
     whole: FieldParts = report.result
     result, lights, camera = whole.result, whole.lights, whole.camera
+    colours = result.colours
+    figures = []
+    for i, colour in enumerate(colours):
+        captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
+        figures.append(field_figures.colour_figure(colour, f"colour{i}"))
+        figures += [
+            field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{i}-{m.name}", caption)
+            for m, caption in zip(colour.maps(), captions, strict=True)
+        ]
+    words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
+    text = words.format(colours[0].reference) if colours else ""
+    rows = [[miss.source, miss.plane, miss.place, reason_words(miss)] for miss in result.measured.misses]
+    table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
     closing = [
-        *_colour_sections(result.colours),
+        *([Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []),
         *_focus_section(result),
         *([Section("Vignetting", [Figures(light_figures(lights), wide=True)])] if lights else []),
         *([camera_section(camera)] if camera and whole.fitted else []),
-        *_misses(result),
+        *([Section("Charts without a PSF", [table])] if rows else []),
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
@@ -89,11 +102,7 @@ def _summary(whole: FieldParts) -> list[Block]:
     return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
 
 
-# --- one plane ---
-
-
 def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list[Block]:
-    """Figures and tables of a plane."""
     one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
     if one is None:
         return []
@@ -147,7 +156,6 @@ def _map_caption(one: FieldMap, photosite: Photosite | None) -> str:
 
 
 def _division(photosite: Photosite) -> str:
-    """How the photosite was removed."""
     source = "assumed, not measured" if photosite.assumed else "as given"
     return (
         f"its MTF, divided by that of a square photosite of fill factor {photosite.fill:g} ± {photosite.uncertainty:g} "
@@ -186,23 +194,6 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
-# --- the whole field ---
-
-
-def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:
-    figures = []
-    for i, colour in enumerate(colours):
-        captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
-        figures.append(field_figures.colour_figure(colour, f"colour{i}"))
-        figures += [
-            field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{i}-{m.name}", caption)
-            for m, caption in zip(colour.maps(), captions, strict=True)
-        ]
-    words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
-    text = words.format(colours[0].reference) if colours else ""
-    return [Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []
-
-
 def _focus_section(result: FieldResult) -> list[Section]:
     if (surface := result.focus) is None:
         return [Section("Best focus", [sentence(result.focus_refusal)])] if result.focus_refusal else []
@@ -215,14 +206,7 @@ def _focus_section(result: FieldResult) -> list[Section]:
     return [Section("Best focus", [Figures([*maps, table], wide=True)])]
 
 
-def _misses(result: FieldResult) -> list[Section]:
-    rows = [[miss.source, miss.plane, miss.place, reason_words(miss)] for miss in result.measured.misses]
-    table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
-    return [Section("Charts without a PSF", [table])] if rows else []
-
-
 def _file_section(fitted: Mapping[str, PlaneField]) -> list[Section]:
-    """The file, and the five lines that read it, for a place in the middle of a plane."""
     if not fitted:
         return []
     name, one = next(iter(fitted.items()))

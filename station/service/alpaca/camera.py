@@ -51,8 +51,6 @@ class BenchCamera(AlpacaDevice):
         self._part: dict[str, int] = {"startx": 0, "starty": 0}
         super().__init__(served, "camera", number, "camera", {"camera": self._camera})
 
-    # --- members
-
     def readable(self) -> Mapping[str, Member]:
         members: dict[str, Member] = {
             "bayeroffsetx": lambda given: self._red[0],
@@ -93,8 +91,6 @@ class BenchCamera(AlpacaDevice):
 
     def state(self) -> Mapping[str, Any]:
         return {"CameraState": self._state(), "ImageReady": self._ready}
-
-    # --- exposures
 
     def _start(self, given: Parameters) -> None:
         duration_s = given.number("Duration")
@@ -142,8 +138,6 @@ class BenchCamera(AlpacaDevice):
             raise refuse_operation("nothing is being exposed; begin with StartExposure")
         return 0
 
-    # --- the image
-
     def _shown_part(self) -> Mosaic:
         """The numbers of the requested subframe. Raises AlpacaError if there is no image."""
         if not self._image_ready():
@@ -171,8 +165,6 @@ class BenchCamera(AlpacaDevice):
         if value < (1 if name.startswith("Num") else 0):
             raise AlpacaError(INVALID_VALUE, f"{name} must not be below 0, nor a size 0; got {value}")
         self._part[name.lower()] = value
-
-    # --- properties of the last photograph
 
     @property
     def _sensor(self) -> FrameFormat:
@@ -227,12 +219,10 @@ CONSTANTS: Mapping[str, Member] = {
     "readoutmodes": constant(["RAW"]), "sensorname": constant(""),
 }  # fmt: skip
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
-"""Members that can be neither read nor written."""
 ONLY_READ = (
     "ccdtemperature", "coolerpower", "electronsperadu", "fullwellcapacity", "gainmax", "gainmin", "gains",
     "heatsinktemperature", "offsetmax", "offsetmin", "offsets",
 )  # fmt: skip
-"""Members that cannot be read."""
 
 
 def only(given: Parameters, name: str, value: int) -> None:

@@ -30,7 +30,6 @@ ALWAYS = frozenset((
 """Members that answer before the device is connected."""
 STOP = "EmergencyStop"
 STOPS = frozenset(("halt", "abortexposure"))
-"""Members that stop a motion or exposure."""
 POLLS = 2
 """Concurrent requests to one device; others wait."""
 HALT_S = 0.02
@@ -149,8 +148,6 @@ class AlpacaDevice:
             offered = ", ".join((*self.actions, STOP))
             raise AlpacaError(ACTION_NOT_IMPLEMENTED, f"there is no action {name!r}; there are {offered}")
         return known[name.lower()](words)
-
-    # --- connections: the bench keeps its lines open; a device answers while at least one client is connected
 
     def _set_connected(self, given: Parameters) -> None:
         change = self.clients.add if given.flag("Connected") else self.clients.remove

@@ -41,7 +41,6 @@ class AxisFocuser(AlpacaDevice):
         return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:
-        """Position, if known, and whether it moves."""
         state: dict[str, Any] = {"IsMoving": self._task.running}
         try:
             state["Position"] = self._position()

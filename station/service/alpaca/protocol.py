@@ -51,9 +51,6 @@ def as_alpaca(error: Exception) -> AlpacaError:
     return AlpacaError(number, f"{type(error).__name__}: {error}")
 
 
-# --- Parameters: names are case-insensitive in a query, case-sensitive in a form (the standard, 2.2) ---
-
-
 LARGEST_ID = 2**32 - 1
 
 
@@ -122,9 +119,6 @@ class Parameters:
         return value
 
 
-# --- A photograph: the sensor's numbers, columns first, as JSON or as bytes ---
-
-
 Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
@@ -150,7 +144,10 @@ def sensor_image(planes: Sequence[Plane]) -> SensorImage:
     mosaic = np.zeros((form.rows, form.columns), np.uint16)
     for plane in planes:
         x, y = plane.origin
-        mosaic[y :: plane.pitch, x :: plane.pitch] = _levels(plane)
+        scaled = plane.samples.astype(np.float64) * (plane.white - plane.black) + plane.black
+        mosaic[y :: plane.pitch, x :: plane.pitch] = np.clip(np.rint(scaled), 0, np.iinfo(np.uint16).max).astype(
+            np.uint16
+        )
     return SensorImage(mosaic, form.white, first_red(form))
 
 
@@ -160,12 +157,6 @@ def first_red(form: FrameFormat) -> tuple[int, int] | None:
         return None
     y, x = divmod(form.cfa.index("R"), 2)
     return x, y
-
-
-def _levels(plane: Plane) -> Mosaic:
-    """The digital numbers of a plane."""
-    scaled = plane.samples.astype(np.float64) * (plane.white - plane.black) + plane.black
-    return np.clip(np.rint(scaled), 0, np.iinfo(np.uint16).max).astype(np.uint16)
 
 
 def nested(levels: Mosaic) -> list[list[int]]:
