@@ -21,7 +21,6 @@ from textual.message import Message
 
 from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
-from station.app.messages import DevicesChanged, JobEnded, MailboxFilled, ProgramTerminated
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
@@ -42,6 +41,31 @@ if TYPE_CHECKING:
     from station.bench.stage_watch import DeviceState
     from station.guide.run import Run
     from station.guide.workspace import SessionSummary, StationLab
+
+
+class MailboxFilled(Message):
+    """The mailbox has entries."""
+
+
+class ProgramTerminated(Message):
+    """The system ends the program, or the terminal has closed."""
+
+
+class JobEnded(Message):
+    """A job has ended."""
+
+    def __init__(self, finished: Finished) -> None:
+        super().__init__()
+        self.finished = finished
+
+
+class DevicesChanged(Message):
+    """The condition of a device has changed."""
+
+    def __init__(self, states: Sequence[DeviceState]) -> None:
+        super().__init__()
+        self.states = states
+
 
 SHOW_EVERY_S = 0.08
 """Shortest interval between updates from a run; 12 per second suffice for the eye and for ssh."""

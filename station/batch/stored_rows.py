@@ -130,23 +130,20 @@ class Tally:
         """The tally of rows, in one pass."""
         tally = cls()
         for place, row in enumerate(rows):
-            tally._count(place, row)
+            tally.verdicts[row.verdict] += 1
+            tally.specifications[row.specification] += 1
+            tally.all_sure = tally.all_sure and row.sure
+            tally.reused += row.reused
+            if not row.usable:
+                tally.failed.append(place)
+            for name, plane in row.planes.items():
+                tally.planes.setdefault(name, Counter())[plane.verdict] += 1
+                tally.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
+                for number, one in plane.summary.items():
+                    series = tally.series.setdefault((row.camera, name, number), NumberSeries(one.unit))
+                    series.values.append(one.value)
+                    series.uncertainties.append(one.uncertainty)
         return tally
-
-    def _count(self, place: int, row: ItemRow) -> None:
-        self.verdicts[row.verdict] += 1
-        self.specifications[row.specification] += 1
-        self.all_sure = self.all_sure and row.sure
-        self.reused += row.reused
-        if not row.usable:
-            self.failed.append(place)
-        for name, plane in row.planes.items():
-            self.planes.setdefault(name, Counter())[plane.verdict] += 1
-            self.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
-            for number, one in plane.summary.items():
-                series = self.series.setdefault((row.camera, name, number), NumberSeries(one.unit))
-                series.values.append(one.value)
-                series.uncertainties.append(one.uncertainty)
 
     @property
     def followed(self) -> list[Number]:

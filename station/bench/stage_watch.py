@@ -46,20 +46,17 @@ class StageWatch:
     def _state(self, name: str, condition: Condition) -> DeviceState:
         motion = self.bench.motions.motion_of(name)
         if motion is None:
-            self._after(name, self.bench.motions.take_ended(name), condition)
+            ended = self.bench.motions.take_ended(name)
+            if ended is not None and (ended.target or condition.usable):
+                self._ask(name)
+            elif ended is not None:
+                self._last_places.pop(name, None)
             return DeviceState(name, condition, places=self._last_places.get(name, {}))
         if not motion.target:  # a controller does not answer while homing
             return DeviceState(name, Condition(HOMING, condition.usable, condition.remedy), moving=True)
         self._ask(name)
         here = self._last_places.get(name, {})
         return DeviceState(name, Condition(self._under_way(name, motion, here)), moving=True, places=here)
-
-    def _after(self, name: str, ended: Motion | None, condition: Condition) -> None:
-        """Position after a motion; before homing, a controller's position is meaningless."""
-        if ended is not None and (ended.target or condition.usable):
-            self._ask(name)
-        elif ended is not None:
-            self._last_places.pop(name, None)
 
     def _ask(self, name: str) -> None:
         """Read the position from the line; if it does not answer, the last one is kept."""

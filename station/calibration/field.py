@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,13 +11,43 @@ from procedures.field.conclusion import FieldResult, Limit, PlaneField
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames
 from procedures.numbers import MTF50_MERIDIONAL, MTF50_RADIAL, MTF50_SAGITTAL, OF_PLACES
-from procedures.outcome import Outcome, Quantity
+from procedures.outcome import BadInput, Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
+from procedures.reading.arrays import checked_array
+from procedures.sensor.photon_transfer import GainAndNoise
+from procedures.whole_camera.from_field import CameraPart, sensor_parts, vignetting_parts
+from station.calibration.sensor_models import sensor_record
+from station.calibration.vignetting import read_joint_formula
 from station.results.limits import Place, Specification, Spot
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Pixels, convert_quantity
+
+_GIVE = "measure it again: results of older versions have no joint covariance"
+SHAPES = {"values": (2,), "covariance": (2, 2)}
+
+
+def other_parts(vignetting: Path | None, sensor: Path | None) -> list[CameraPart]:
+    """The parts from results of `vignetting` and `sensor`. Raises BadInput for others, or without a covariance."""
+    parts = vignetting_parts(read_joint_formula(vignetting)) if vignetting else []
+    return parts + (sensor_parts(read_gain_and_noise(sensor)) if sensor else [])
+
+
+def read_gain_and_noise(path: Path) -> dict[str, GainAndNoise]:
+    """Gain and dark noise of every plane of a sensor's record. Raises BadInput where it has none."""
+    with sensor_record(path) as stored:
+        planes = stored.data["planes"]
+        entries = {name: plane["gain_and_noise"] for name, plane in planes.items() if "gain_and_noise" in plane}
+        if not entries:
+            raise BadInput(f"{path} has no covariance of gain and noise for any plane", _GIVE)
+        return {
+            name: GainAndNoise(*(
+                checked_array(entry[key], f"{key} of gain and noise", shape, remedy=_GIVE)
+                for key, shape in SHAPES.items()
+            ))
+            for name, entry in entries.items()
+        }  # fmt: skip
 
 
 def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> PlaneResult:

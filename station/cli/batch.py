@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import jobs_option
-from station.cli.terminal.command import FiniteNumber, command, force_option
+from station.cli.terminal.command import PATH, FiniteNumber, command, force_option
 from station.common.errors import INTERRUPTED, log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
 
@@ -35,13 +35,13 @@ MOST_NAMED = 40
 
 
 @command("batch", strict=True, as_json=True)
-@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=PATH)
+@click.option("--procedure", "file", type=PATH, required=True, help="What to do, in TOML.")
+@click.option("--out", type=PATH, required=True, help="Folder for the results.")
 @jobs_option
 @click.option("--cluster", metavar="ADDRESS", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
-    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=click.Path(path_type=Path),
+    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=PATH,
     help="Files for a cluster at tls://... : authority, own certificate, own key.",
 )  # fmt: skip
 @click.option(

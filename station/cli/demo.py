@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import SEED, command
+from station.cli.terminal.command import PATH, SEED, command
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import REFUSED, log
@@ -26,9 +26,7 @@ WIDE = 100
 
 
 @command("demo", strict=True, as_json=True)
-@click.option(
-    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
-)
+@click.option("--out", type=PATH, default="demo", show_default=True, help="Folder for the results.")
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import command, completed
+from station.cli.terminal.command import PATH, command, completed
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -34,12 +34,10 @@ def _topics(ctx: click.Context) -> list[str]:
 @command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1, shell_complete=completed(_topics))
 @click.option(
-    "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
+    "--html", "folder", type=PATH, metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",
 )  # fmt: skip
-@click.option(
-    "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
-)
+@click.option("--schemas", type=PATH, metavar="DIR", help="Write the JSON schemas of all records.")
 @click.pass_context
 def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, schemas: Path | None) -> None:
     """Show the manual's page TOPIC, the sections that have all WORDs, or the list of all pages."""
@@ -127,7 +125,7 @@ def _numbers(context: click.Context) -> str:
     from procedures.pattern_psf.diagnostics import Diagnostics
     from procedures.two_photo.diagnostics import PairDiagnostics
     from procedures.two_photo.pair_consistency import NearSpectrum, PairConsistency
-    from station.manual.field_reference import fields_text
+    from station.manual.command_reference import fields_text
 
     tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": PairDiagnostics}
     diagnostics = fields_text(

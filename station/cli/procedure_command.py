@@ -21,7 +21,15 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
-from station.cli.terminal.command import FiniteNumber, StationCommand, force_option, json_option, options, strict_option
+from station.cli.terminal.command import (
+    PATH,
+    FiniteNumber,
+    StationCommand,
+    force_option,
+    json_option,
+    options,
+    strict_option,
+)
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
@@ -66,7 +74,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
 
     command: Any = click.pass_context(lambda context, **given: measure(**given))
     of_result = [
-        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        click.option("--out", type=PATH, required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_options]),
@@ -78,9 +86,8 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     of_terms = [terms_options] if procedure.has_mtf else [specification_option, force_option]
     command = options(*map(_option, settings), *of_terms, *of_result)(command)
     argument = click.argument(
-        "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
-        metavar=procedure.argument or metavar,
-    )  # fmt: skip
+        "photographs", type=PATH, nargs=count, required=True, metavar=procedure.argument or metavar
+    )
     return click.command(procedure.name, cls=ListCommand, help=procedure.help)(argument(command))
 
 

@@ -12,7 +12,7 @@ import click
 
 from procedures.outcome import BadInput
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import command
+from station.cli.terminal.command import PATH, command
 from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
 
@@ -24,7 +24,7 @@ NO_BUDGET = "The record states no budget: records of this version do, where the 
 
 
 @command("explain", strict=True, as_json=True)
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=PATH)
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
 def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
     """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
@@ -108,7 +108,7 @@ def _batch_lines(batch: BatchExplanation) -> list[str]:
 
 
 @command("verify", strict=True, as_json=True)
-@click.argument("certificate", type=click.Path(path_type=Path))
+@click.argument("certificate", type=PATH)
 @click.option(
     "--originals", type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Folder of the photographs, if they are no longer where they were measured.",

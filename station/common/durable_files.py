@@ -111,17 +111,14 @@ class Disk:
         """Write the file atomically. Raises WriteFailed."""
         beside = path.with_name(f".{path.name}.part")
         with write_errors(path, beside):
-            self._fill(beside, data)
+            beside.unlink(missing_ok=True)
+            descriptor = self.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            try:
+                self.write_all(descriptor, data)
+            finally:
+                os.close(descriptor)
             self.replace(beside, path)
             self.sync_folder(path.parent)
-
-    def _fill(self, path: Path, data: bytes) -> None:
-        path.unlink(missing_ok=True)
-        descriptor = self.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-        try:
-            self.write_all(descriptor, data)
-        finally:
-            os.close(descriptor)
 
     def copy(self, source: Path, target: Path, sha256: str) -> None:
         """A read-only copy, verified by its hash; nothing is replaced. Raises WriteFailed, ContentChanged."""

@@ -64,13 +64,13 @@ from station.procedure.schema import procedure_named
 from station.reports import otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
 from station.reports.batches.series_page import series_page
-from station.reports.certificate_figure import curves_figure
+from station.reports.certificate import curves_figure
 from station.reports.trend import trends
 from station.reports.trend_figure import trend_picture
 from station.results.measurement import Measurement, write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
-from station.service.pictures import jpeg_of
+from station.service.runs import jpeg_of
 from station.sessions.index import IndexedNumber
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'

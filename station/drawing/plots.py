@@ -38,9 +38,7 @@ BAR_RIGHT = (1.03, 0.05, 0.04, 0.9)
 """Place of a colour bar beside a picture, in fractions of the axes."""
 
 
-def plot_axes(
-    width_in: float = 3.2, height_in: float = 2.5, rim_in: Sequence[float] = (0.55, 0.14, 0.4, 0.08)
-) -> Axes:  # fmt: skip
+def plot_axes(width_in: float = 3.2, height_in: float = 2.5, rim_in: Sequence[float] = (0.55, 0.14, 0.4, 0.08)) -> Axes:
     """The axes of a new figure; `rim_in` is the room for labels at the left, right, bottom and top."""
     _, ((axes,),) = axes_grid(width_in, height_in, rim_in=rim_in)
     return axes  # type: ignore[no-any-return]

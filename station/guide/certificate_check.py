@@ -13,7 +13,7 @@ from station.common.signature import ProofCheck, check_signature
 from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
 from station.reports.certificate import record_digest
-from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
+from station.reports.certificate_details import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
 from station.results.result_files import damage
@@ -27,9 +27,7 @@ SAME_SIGMAS = 0.01
 DERIVED = "derived"
 
 
-def check_certificate(
-    path: Path, originals: Path | None = None, signer: Path | None = None
-) -> Iterator[ProofCheck]:  # fmt: skip
+def check_certificate(path: Path, originals: Path | None = None, signer: Path | None = None) -> Iterator[ProofCheck]:
     """The checks of certificate.html or .pdf, each as it is done. Raises BadInput if it is no such file with a digest.
 
     originals : photographs' folder, if they moved

@@ -32,9 +32,7 @@ class OpticsReading(PlaneSettings, frozen=True, kw_only=True):
     pixel_pitch_um: Annotated[float, setting("Of the sensor, for the diffraction limit.", least=0.1)] | None = None
     f_number: Annotated[float, setting("The aperture.  [default: as the camera noted it]", least=0.1)] | None = None
     wavelength_nm: Annotated[float, setting("[default: R 600, G 530, B 460, Y 550]", least=100)] | None = None
-    trust_typed: Annotated[
-        bool, setting("Take --f-number and --pixel-pitch-um against what the camera noted.")
-    ] = False  # fmt: skip
+    trust_typed: Annotated[bool, setting("Take --f-number and --pixel-pitch-um against what the camera noted.")] = False
 
     @property
     def optics(self) -> dict[str, Any]:
@@ -71,9 +69,7 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
 
     s: Annotated[int, setting("PSF samples per pixel of the plane.")] | Literal["auto"] = "auto"
     k: Annotated[int, setting("PSF samples along one side, odd.")] | Literal["auto"] = "auto"
-    solver: Annotated[
-        Literal["ls", "clip", "nnls"], setting("Least squares, cut at 0, or non-negative.")
-    ] = "ls"  # fmt: skip
+    solver: Annotated[Literal["ls", "clip", "nnls"], setting("Least squares, cut at 0, or non-negative.")] = "ls"
 
     def sampling(self) -> dict[str, Any]:
         """Arguments s, k and solver of an estimate; None where chosen from the photograph."""

@@ -18,8 +18,7 @@ from reportlab.platypus import Table as PrintedTable
 
 from station.drawing import colours
 from station.reports.certificate import PAGE, PRINT, certificate_page, certificate_sections, record_digest
-from station.reports.certificate_details import CertificateDetails
-from station.reports.certificate_signature import signature_files
+from station.reports.certificate_details import CertificateDetails, signature_files
 from station.reports.page import SMALL_MM, Block, Items, Note, PrintedPicture, Table
 from station.reports.report import Report
 from station.results.result_files import ResultFolder

@@ -163,8 +163,7 @@ def _numbers(plane: PlaneResult) -> list[Block]:
             rows.append([words, f"{one:.3f}", "", *([""] if intervals else [])])
             continue
         interval = [f"{one.low:.5g} to {one.high:.5g}".replace("-", "−") if hasattr(one, "low") else ""]
-        rows.append([small(words, one.method), value_of(one), shown_unit(one),
-                     *(interval if intervals else [])])  # fmt: skip
+        rows.append([small(words, one.method), value_of(one), shown_unit(one), *(interval if intervals else [])])
     head = ["number", "value ± standard uncertainty", "unit", *(["95 % interval"] if intervals else [])]
     return [Heading("Numbers"), Table(rows, head, "wnun", "numbers")]
 

@@ -199,9 +199,7 @@ def _judged(value: float | None, band: float, limit: Limit) -> Compliance:
     return Compliance.UNDECIDED
 
 
-def _words(
-    limit: Limit, name: str, spot: Spot, judged: Compliance, value: float | None, uncertainty: float
-) -> str:  # fmt: skip
+def _words(limit: Limit, name: str, spot: Spot, judged: Compliance, value: float | None, uncertainty: float) -> str:
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     number = NUMBERS.get(name)
     own = "" if number is None or number.unit in ("", "1") else f" {number.unit}"

@@ -13,9 +13,8 @@ from station.bench.stage_watch import DeviceState, StageWatch
 from station.guide.coach import way_words, ways
 from station.guide.frontend import CONSENTS, NOT_NOW
 from station.guide.workspace import StationLab
-from station.service.pictures import LatestPicture
 from station.service.remote_operator import RunStatus
-from station.service.runs import Runs
+from station.service.runs import LatestPicture, Runs
 from station.service.tenancy import Tenancy
 
 STOPPERS = 512

@@ -97,9 +97,6 @@ class RemoteOperator:
                 return ask.default
             if ask.kind == "confirm":
                 return True
-        return self._wait(ask)
-
-    def _wait(self, ask: Ask) -> Fact:
         with self._lock:
             self._reply.clear()
             self._status = replace(self._status, question=ask)

@@ -143,12 +143,6 @@ class GuideScreen(StationScreen):
         """The step completed last."""
         return next(reversed(self._done), None)
 
-    def _before(self, name: str) -> dict[str, str]:
-        """The completed steps before this one; later ones must be repeated."""
-        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
-        before = steps[: steps.index(name)] if name in steps else steps
-        return {step: gave for step, gave in self._done.items() if step in before}
-
     def on_key(self, event: Key) -> None:
         if self.whole:
             self.answers.type_ahead(event)
@@ -167,7 +161,9 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, began: StepBegan) -> None:
         self._now = began.step.name
-        self._done = self._before(began.step.name)
+        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
+        before = steps[: steps.index(began.step.name)] if began.step.name in steps else steps
+        self._done = {step: gave for step, gave in self._done.items() if step in before}
         self._end_coach()
         for name in ("#trouble", "#goal"):
             self.query_one(name, Part).say("")
@@ -199,7 +195,16 @@ class GuideScreen(StationScreen):
     def _(self, preview: FramePreview) -> None:
         self._doing_last = False
         self._end_verdict()
-        self._coach(preview)
+        was_held = self._coached is not None and self._coached.hold_s is not None
+        outline = preview.advice.outline
+        self._coached = (
+            preview if outline is not None and not (preview.advice.good and preview.hold_s is None) else None
+        )
+        if preview.hold_s is not None:
+            self._held_until_s = time.monotonic() + preview.hold_s
+            if not was_held:
+                self.app.bell()
+        self._show_coach()
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
         if not self.answers.open:
@@ -290,19 +295,6 @@ class GuideScreen(StationScreen):
         self.answers.show_sentence(
             f"Ending after this exposure. {EndRun.key_name()} again: stop every device and end now."
         )
-
-    def _coach(self, preview: FramePreview) -> None:
-        """Show how to match the outline; a tone when it matches."""
-        was_held = self._coached is not None and self._coached.hold_s is not None
-        outline = preview.advice.outline
-        self._coached = (
-            preview if outline is not None and not (preview.advice.good and preview.hold_s is None) else None
-        )
-        if preview.hold_s is not None:
-            self._held_until_s = time.monotonic() + preview.hold_s
-            if not was_held:
-                self.app.bell()
-        self._show_coach()
 
     def _end_coach(self) -> None:
         self._coached = None

@@ -22,7 +22,7 @@ from station.cli.terminal.bench_options import (
     shaker_option,
     simulate_option,
 )
-from station.cli.terminal.command import SEED, columns, command
+from station.cli.terminal.command import PATH, SEED, columns, command
 from station.cli.terminal.inherited import inherited
 from station.common.errors import log
 
@@ -40,13 +40,13 @@ FAILED = 3
 @shaker_option
 @seed_option
 @click.option("--faults", is_flag=True, help="Inject faults into the simulated bench.")
-@click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
+@click.option("--wire-log", type=PATH, help="Write every byte on the wires to this folder.")
 @click.option(
     "--commission", is_flag=True,
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
 @click.option("--tap", is_flag=True, help="Measure the delay of the IMU's cable by taps that the box's unit feels too.")
-@click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
+@click.option("--output", type=PATH, help="Write the commissioned stages' tables to this file.")
 def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
     commission: bool, tap: bool, output: Path | None,
@@ -272,9 +272,8 @@ def _tried(
                     click.echo(f"{finding.trial}: {'kept' if finding.kept else 'BROKEN'}", err=True)
             source, at = source_of(type(rig.stage).__module__), "its twin" if place is None else rig.stage.address
     record = conformance_record(
-        table["driver"], at=at, identity=identity, source=source, seed=seed, operations=operations,
-        trials=findings,
-    )  # fmt: skip
+        table["driver"], at=at, identity=identity, source=source, seed=seed, operations=operations, trials=findings
+    )
     return findings, record
 
 

@@ -20,7 +20,7 @@ from station.cli.terminal.bench_options import (
     simulate_option,
     speed_option,
 )
-from station.cli.terminal.command import SEED, UNITS, FiniteNumber, command
+from station.cli.terminal.command import PATH, SEED, UNITS, FiniteNumber, command
 from station.cli.terminal.inherited import inherited
 from station.common.errors import log
 
@@ -36,12 +36,12 @@ PATIENCE_S = 3.0
 
 @command("serve")
 @config_option
-@inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
+@inherited("--sessions", type=PATH, default=Path("sessions"), show_default=True)
 @simulate_option
 @shaker_option
 @speed_option
 @seed_option
-@inherited("--specification", type=click.Path(path_type=Path), help="Limits for the results of new sessions, in TOML.")
+@inherited("--specification", type=PATH, help="Limits for the results of new sessions, in TOML.")
 @inherited("--unit", type=UNITS, help="Of frequencies in new sessions.  [default: from station.toml]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 selects a free one.")
@@ -136,9 +136,7 @@ def _reached_at(host: str) -> str:
 @command("simulate", log_json=False)
 @inherited("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
 @click.option("--faults", is_flag=True, help="Lose, change and duplicate bytes at random, and stop answering.")
-@click.option(
-    "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
-)
+@click.option("--folder", type=PATH, default=Path("incoming"), show_default=True, help="Where RAW files go.")
 @click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
 @click.option("--for-s", type=FiniteNumber(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.command import UNITS, force_option, options
+from station.cli.terminal.command import PATH, UNITS, force_option, options
 from station.cli.terminal.inherited import inherited
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from station.results.units import Unit
 
 DETAILS = click.option(
-    "--certificate-details", type=click.Path(path_type=Path), metavar="FILE",
+    "--certificate-details", type=PATH, metavar="FILE",
     help="Laboratory, customer, serial numbers and dates of the certificate, in TOML; includes --certificate."
     "  [default: certificate.toml where there is one]",
 )  # fmt: skip
@@ -39,7 +39,7 @@ def details_of(options: dict[str, Any]) -> CertificateDetails | None:
 
 
 overlay_option = click.option(
-    "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
+    "--overlay", "overlays", multiple=True, type=PATH, metavar="RESULT",
     help="Draw the MTF of this result or session over the page's too; as often as wanted.",
 )  # fmt: skip
 jobs_option = click.option(
@@ -68,7 +68,7 @@ unit_option = inherited(
     "  [default: as --config says, else cycles/pixel]",
 )  # fmt: skip
 config_option = inherited(
-    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    "--config", type=PATH, callback=existing_file,
     help="File that names the unit where --unit does not.  [default: station.toml where there is one]",
 )  # fmt: skip
 
@@ -82,7 +82,7 @@ def chosen_unit(name: str | None, config: Path | None) -> Unit:
 
 
 specification_option = inherited(
-    "--specification", type=click.Path(path_type=Path), help="Limits that the numbers are compared with, in TOML."
+    "--specification", type=PATH, help="Limits that the numbers are compared with, in TOML."
 )
 
 

@@ -15,7 +15,7 @@ from station.cli.psf.terms import certificate_options, details_of, overlay_optio
 from station.cli.result_log import check_strict
 from station.cli.session.group import find_session, newest_unfinished, session_argument, session_names, sessions_option
 from station.cli.terminal.bench_options import config_option, usual_config
-from station.cli.terminal.command import columns, command, completed
+from station.cli.terminal.command import PATH, columns, command, completed
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
@@ -225,7 +225,7 @@ def session_delete(name: str, root: Path, yes: bool) -> None:
 
 @command("report", strict=True)
 @session_argument
-@click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
+@click.option("--out", type=PATH, help="The HTML file.  [default: report.html in the session]")
 @certificate_options
 @overlay_option
 def session_report(

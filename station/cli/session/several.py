@@ -13,7 +13,7 @@ import click
 
 from station.cli.result_log import check_strict
 from station.cli.session.group import sessions_option
-from station.cli.terminal.command import columns, command, completed, options, plan_names
+from station.cli.terminal.command import PATH, columns, command, completed, options, plan_names
 from station.common.errors import log
 from station.common.sanitise import printable, stated
 
@@ -89,7 +89,7 @@ def _row(entry: IndexEntry) -> tuple[str, ...]:
 @sessions_option
 @filter_options
 @click.option("--quantity", "quantities", multiple=True, help="[default: mtf50_horizontal and mtf50_vertical]")
-@click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
+@click.option("--out", type=PATH, help="Draw it into this file, .svg or .png.")
 def session_trend(
     camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, strict: bool, as_json: bool, **wanted: Any
 ) -> None:

@@ -73,16 +73,12 @@ def diffraction(setting: Setting) -> RowValues:
     quality = estimate.quality
     ideal = limit.otf(quality.frequencies)
     excess = np.maximum(quality.mtf_horizontal, quality.mtf_vertical) - ideal
-    figure = curves(
-        "diffraction",
-        [
-            Curve("diffraction, f/5.6", quality.frequencies, ideal, "--"),
-            Curve("estimate, along rows", quality.frequencies, quality.mtf_horizontal),
-            Curve("estimate, along columns", quality.frequencies, quality.mtf_vertical),
-        ],
-        x=CYCLES,
-        y="MTF",
-    )
+    shown = [
+        Curve("diffraction, f/5.6", quality.frequencies, ideal, "--"),
+        Curve("estimate, along rows", quality.frequencies, quality.mtf_horizontal),
+        Curve("estimate, along columns", quality.frequencies, quality.mtf_vertical),
+    ]
+    figure = curves("diffraction", shown, x=CYCLES, y="MTF")
     under = quality.frequencies > 0.25
     return RowValues((float(excess.max()), float(excess[under & (quality.frequencies < 1)].max())), (figure,))
 

@@ -61,13 +61,8 @@ def restoration_solvers(setting: Setting) -> RowValues:
         u = restore_picture(data, u, 0.0, 1)  # the first iteration of conjugate gradients is one of steepest descent
         if n in ITERATIONS:
             steepest.append(error(u))
-    figure = curves(
-        "solvers",
-        [Curve("steepest descent", ITERATIONS, steepest, "o-"), Curve("conjugate gradients", ITERATIONS, conjugate)],
-        x="iterations",
-        y="error term",
-        log="xy",
-    )
+    shown = [Curve("steepest descent", ITERATIONS, steepest, "o-"), Curve("conjugate gradients", ITERATIONS, conjugate)]
+    figure = curves("solvers", shown, x="iterations", y="error term", log="xy")
     start, at_100 = error(begin), steepest[ITERATIONS.index(100)]
     return RowValues((steepest[-1] / conjugate[-1], (at_100 - steepest[-1]) / start, conjugate[-1] / start), (figure,))
 

@@ -112,13 +112,8 @@ def bound_solved(setting: Setting) -> RowValues:
     M = np.array(WINDOW_SIDES) ** 2
     plain = np.array([gamma_bound(int(m), N) for m in M])
     solved = np.array([patterns.gamma_bound_solved(int(m), N) for m in M])
-    both = curves(
-        "bound-solved",
-        [Curve("Lemma 3", M, plain), Curve("solved (KKT)", M, solved, "--")],
-        x="samples M",
-        y="lower bound of γ",
-        log="xy",
-    )
+    shown = [Curve("Lemma 3", M, plain), Curve("solved (KKT)", M, solved, "--")]
+    both = curves("bound-solved", shown, x="samples M", y="lower bound of γ", log="xy")
     apart = curves(
         "bound-apart", [Curve("difference", M, solved - plain, "o-")], x="samples M", y="difference", log="xy"
     )
@@ -131,13 +126,8 @@ def bound_expected(setting: Setting) -> RowValues:
     M = np.array(WINDOW_SIDES) ** 2
     bound = np.array([gamma_bound(int(m), N) for m in M])
     expected = np.array([patterns.gamma_expected(int(m), N) for m in M])
-    figure = curves(
-        "bound-expected",
-        [Curve("Lemma 3", M, bound), Curve("expected noise pattern", M, expected, "--")],
-        x="samples M",
-        y="γ",
-        log="xy",
-    )
+    shown = [Curve("Lemma 3", M, bound), Curve("expected noise pattern", M, expected, "--")]
+    figure = curves("bound-expected", shown, x="samples M", y="γ", log="xy")
     share = (expected - bound) / (4 / M)
     return RowValues((float(share.min()), float(share.max())), (figure,))
 
@@ -179,23 +169,13 @@ def gamma_zoom(setting: Setting) -> RowValues:
         samples = patterns.side((side, side), S, r)
         view = patterns.bernoulli(samples, float(ratio), np.random.default_rng(0), cells=256)
         gammas.append(patterns.gamma_of(view, S, r, (side, side)))
-    fixed = curves(
-        "gamma-zoom",
-        [
-            Curve("60 × 60 pixels", CELLS_PER_SAMPLE, values, "o-"),
-            Curve("bound", CELLS_PER_SAMPLE, np.full(len(values), bound), "--"),
-        ],
-        x="t/s: cells in a sample",
-        y="γ",
-        log="y",
-    )
-    chart = curves(
-        "gamma-chart",
-        [Curve("256 × 256 cells", ratios, np.array(gammas), "o-")],
-        x="s/t: samples in a cell",
-        y="γ",
-        log="y",
-    )
+    shown = [
+        Curve("60 × 60 pixels", CELLS_PER_SAMPLE, values, "o-"),
+        Curve("bound", CELLS_PER_SAMPLE, np.full(len(values), bound), "--"),
+    ]
+    fixed = curves("gamma-zoom", shown, x="t/s: cells in a sample", y="γ", log="y")
+    shown = [Curve("256 × 256 cells", ratios, np.array(gammas), "o-")]
+    chart = curves("gamma-chart", shown, x="s/t: samples in a cell", y="γ", log="y")
     best = float(ratios[np.argmin(gammas)])
     remark = (
         "The range 0.7 to 2 holds for t/s, cells per sample, as in the caption's “t/s zoom factor (b)”; its “s/t” is"
@@ -211,13 +191,8 @@ def gamma_support(setting: Setting) -> RowValues:
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
     values = [_mean_gamma(r, window, range(2)) for r in supports]
     bounds = [gamma_bound(window[0] * window[1], r * r) for r in supports]
-    figure = curves(
-        "gamma-support",
-        [Curve("noise pattern", supports, values, "o-"), Curve("bound", supports, bounds, "--")],
-        x="side of the PSF's support, samples",
-        y="γ",
-        log="y",
-    )
+    shown = [Curve("noise pattern", supports, values, "o-"), Curve("bound", supports, bounds, "--")]
+    figure = curves("gamma-support", shown, x="side of the PSF's support, samples", y="γ", log="y")
     steps = np.diff(values)
     ratios = np.array(values) / bounds
     return RowValues((float(steps.min()), float(ratios.min()), float(ratios.max())), (figure,))

@@ -98,16 +98,11 @@ def rays_bins(setting: Setting) -> RowValues:
 
     together = [quality(bins, joint=True) for bins in JOINT]
     separate = [quality(bins, joint=False) for bins in SEPARATE]
-    figure = curves(
-        "bins",
-        [
-            Curve("three", [3 * n for n in SEPARATE], separate, "o-"),
-            Curve("joint", [n**3 for n in JOINT], together, "s-"),
-        ],
-        x="bins",
-        y="PSNR, dB",
-        log="x",
-    )
+    shown = [
+        Curve("three", [3 * n for n in SEPARATE], separate, "o-"),
+        Curve("joint", [n**3 for n in JOINT], together, "s-"),
+    ]
+    figure = curves("bins", shown, x="bins", y="PSNR, dB", log="x")
     return RowValues((*together, *separate, separate[-1] - separate[0], separate[3] - together[-1]), (figure,))
 
 

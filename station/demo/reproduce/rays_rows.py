@@ -161,16 +161,11 @@ def rays_samples(setting: Setting) -> RowValues:
     films = {n: film_and_reference(setting, n) for n in FILMS}
     rendered = {n: psnr(film.mean, truth) for n, (film, truth) in films.items()}
     filtered = {n: decibels(setting, n, 1.0, 3) for n in FILMS}
-    figure = curves(
-        "samples",
-        [
-            Curve("path tracing", list(rendered), list(rendered.values()), "o-"),
-            Curve("filtered", list(filtered), list(filtered.values()), "s-"),
-        ],
-        x="samples per pixel",
-        y="PSNR, dB",
-        log="x",
-    )
+    shown = [
+        Curve("path tracing", list(rendered), list(rendered.values()), "o-"),
+        Curve("filtered", list(filtered), list(filtered.values()), "s-"),
+    ]
+    figure = curves("samples", shown, x="samples per pixel", y="PSNR, dB", log="x")
     slopes = [(one[256] - one[64]) / OCTAVES for one in (rendered, filtered)]
     gain = filtered[256] - rendered[256]
     remark = f"{gain:.1f} dB are the quality of {10 ** (gain / 10):.0f} times as many samples."

@@ -110,9 +110,7 @@ def _page(result: Reproduction) -> str:
     from station.demo.reproduce.catalogue import NOT_HERE  # here: rows and templates are slow to load
     from station.reports.page import render
 
-    return render(
-        "reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
-    )  # fmt: skip
+    return render("reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software())
 
 
 def compute(row: Row, setting: Setting, *, by_name: bool = False) -> RowResult:

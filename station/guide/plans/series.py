@@ -207,9 +207,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     return [replace(plane, estimate=series.get(plane.name)) for plane in planes]
 
 
-def write(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:  # fmt: skip
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The files of the PSF at the sharpest setting, with table and page of the series."""
     from station.reports.batches.series_page import series_page  # imported here: it draws, which is slow to load
 

@@ -101,10 +101,9 @@ class Field(PsfProcedure[FieldSettings]):
         from procedures.field.measuring import measure
         from procedures.pattern_psf.estimate import PatternParameters
         from procedures.whole_camera.from_field import whole_camera
-        from station.calibration.field import field_pixels, field_results
+        from station.calibration.field import field_pixels, field_results, other_parts
         from station.calibration.sensor_models import read_models
         from station.calibration.vignetting import read_vignetting
-        from station.calibration.whole_camera import other_parts
         from station.reports.field.field_files import FieldParts, field_measurement  # here: it draws, slow to load
 
         parameters, source, photosite = PatternParameters(**settings.sampling()), settings.source, settings.photosite

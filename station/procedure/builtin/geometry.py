@@ -24,11 +24,8 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
 
     width_mm: Annotated[float, setting("Width of the printed chart's ten blocks, as measured.", least=1)] = 300.0
     width_uncertainty_mm: (
-        Annotated[
-            float, setting("Its standard uncertainty; all distances share it.  [default: 0.3 %]", least=0)
-        ]
-        | None
-    ) = None  # fmt: skip
+        Annotated[float, setting("Its standard uncertainty; all distances share it.  [default: 0.3 %]", least=0)] | None
+    ) = None
     scale: Annotated[
         Path | None, setting("A TOML file: the width with ruler, certificate and temperatures, in place of both above.")
     ] = None

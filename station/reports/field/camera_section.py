@@ -12,8 +12,17 @@ from procedures.whole_camera.from_field import JointNumbers, WholeCamera
 from station.drawing.colours import INK
 from station.drawing.plots import BAR_RIGHT, Figure, finished, picture, plot_axes
 from station.reports.field.field_figures import field_map_figure
-from station.reports.geometry_figures import distortion_figure, uncertainty_figure
+from station.reports.geometry_page import distortion_figure, uncertainty_figure
 from station.reports.page import Block, Figures, Section, Table, causes, html, number_rows, tag
+from station.reports.report import Report
+from station.reports.report_page import report_page
+
+
+def vignetting_page(report: Report) -> str:
+    """The page of all planes."""
+    lights = {plane.name: plane.estimate.surface.light for plane in report.planes if plane.estimate is not None}
+    return report_page(report, summary=[Figures(light_figures(lights), wide=True)] if lights else [])
+
 
 REFERENCE = "G1"
 NOWHERE: Array = np.zeros((0, 2))

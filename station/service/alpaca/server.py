@@ -19,7 +19,7 @@ from station.service.alpaca.clients import ClientList
 from station.service.alpaca.conditions import ProbeConditions
 from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.focuser import AxisFocuser
-from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Mosaic, Parameters, as_alpaca, image_bytes, nested
+from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Parameters, as_alpaca, image_bytes, nested
 from station.service.alpaca.switch import BenchSwitch, lines_of
 from station.service.answers import body_of
 from station.service.bench_state import ServedBench
@@ -94,7 +94,9 @@ class AlpacaServer:
         def make(client: int) -> Response:
             value = device.answer("GET" if reading else "PUT", member, given)
             if isinstance(value, np.ndarray):
-                return self._image(value, client, as_bytes)
+                if as_bytes:
+                    return Response(image_bytes(value, client, next(self._transactions)), media_type=BYTES)
+                return self._framed(client, Type=INT32, Rank=2, Value=nested(value))
             return self._framed(client, **({} if value is None else {"Value": value}))
 
         threads = self._served.stopper if stops else device.polls
@@ -124,11 +126,6 @@ class AlpacaServer:
         """An answer in the standard's frame; also used for a failed image, which all clients accept."""
         ids = {"ClientTransactionID": client, "ServerTransactionID": next(self._transactions)}
         return Response(json.dumps({"ErrorNumber": 0, "ErrorMessage": "", **ids, **fields}), media_type=JSON)
-
-    def _image(self, levels: Mosaic, client: int, as_bytes: bool) -> Response:
-        if as_bytes:
-            return Response(image_bytes(levels, client, next(self._transactions)), media_type=BYTES)
-        return self._framed(client, Type=INT32, Rank=2, Value=nested(levels))
 
 
 DESCRIPTION = {
