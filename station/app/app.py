@@ -54,18 +54,14 @@ STAY, AFTER_THIS, NOW = range(3)
 
 
 def share_the_lock() -> None:
-    """Let threads alternate every half millisecond.
-
-    A paint releases the interpreter lock about fifty times to poll for input, and waits this interval each time until
-    an estimate releases it. The default is 5 ms.
-    """
+    """Let threads alternate every half millisecond. A paint releases the interpreter lock about fifty times to poll for
+    input, and waits this interval each time until an estimate releases it. The default is 5 ms."""
     sys.setswitchinterval(0.0005)
 
 
 class Palette(CommandPalette):
     """Textual's palette without three of its errors: paging through a list that is not drawn yet, keys handled after
-    Enter has closed it, and a search that begins after it has closed.
-    """
+    Enter has closed it, and a search that begins after it has closed."""
 
     @work(exclusive=True, group=CommandPalette._GATHER_COMMANDS_GROUP)
     async def _gather_commands(self, search_value: str) -> None:
@@ -110,10 +106,8 @@ class StationApp(WorkingApp):
         self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
 
     def _styled(self, screen: Screen[Any]) -> Screen[Any]:
-        """Mark the styles of a screen as up to date.
-
-        Textual would otherwise read the stylesheet again when a mode is first shown, which blocks the loop for 0.1 s.
-        """
+        """Mark the styles of a screen as up to date. Textual would otherwise read the stylesheet again when a mode is
+        first shown, which blocks the loop for 0.1 s."""
         screen._css_update_count = self._css_update_count
         return screen
 

@@ -31,11 +31,8 @@ class Finished:
 
 
 class BackgroundJob:
-    """Work in a thread of its own; `on_finished` is called once, in that thread, with its end.
-
-    The first `cancel` calls `ask`, which ends the work after its current action; every further one calls `halt`, which
-    ends it now.
-    """
+    """Work in a thread of its own; `on_finished` is called once, in that thread, with its end. The first `cancel` calls
+    `ask`, which ends the work after its current action; every further one calls `halt`, which ends it now."""
 
     def __init__(
         self,

@@ -100,9 +100,7 @@ class Cells:
 
 def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
     """The thumbnail at its own proportions, as large as `width` x `height` cells take, which are twice as high as wide.
-
-    `marked` holds (row, column) of cells.
-    """
+    `marked` holds (row, column) of cells."""
     rows, columns = picture.levels.shape
     scale = min(width / columns, 2 * height / rows)
     across, down = max(1, round(columns * scale)), max(1, round(rows * scale / 2))

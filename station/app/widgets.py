@@ -1,7 +1,5 @@
-"""Widgets of the screens: images in half blocks, curves, the list of steps, live numbers, progress.
-
-Every text from outside passes `literal`, which shows markup, escape sequences and control characters as text.
-"""
+"""Widgets of the screens: images in half blocks, curves, the list of steps, live numbers, progress. Every text from
+outside passes `literal`, which shows markup, escape sequences and control characters as text."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""Base of the application: jobs in threads, the bench, runs and their events.
-
-Blocking work (devices, disks, numpy) runs in threads and returns as messages; the event loop only paints.
-"""
+"""Base of the application: jobs in threads, the bench, runs and their events. Blocking work (devices, disks, numpy)
+runs in threads and returns as messages; the event loop only paints."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """The rows of a batch on the disk, and what all of them say in one pass: memory does not grow with a photograph's rows.
-
-A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised.
-"""
+A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised."""
 
 from __future__ import annotations
 

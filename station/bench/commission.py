@@ -1,7 +1,5 @@
 """Commissioning of a stage: its controller's settings, a drive of each axis, recommended changes, and its table.
-
-Nothing moves without the operator's consent, requested before homing and before each axis.
-"""
+Nothing moves without the operator's consent, requested before homing and before each axis."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

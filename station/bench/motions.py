@@ -112,9 +112,7 @@ def _begin(thread: threading.Thread) -> bool:
 
 def stops_on_wires(stops: Sequence[StopRecord], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
     """These stops, once done, with the time at which each line sent their bytes; lines without stop bytes are omitted.
-
-    A port that refused the bytes has None.
-    """
+    A port that refused the bytes has None."""
     for stop in stops:
         stop.done.wait(2 * PATIENCE_S)
     return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in stops]

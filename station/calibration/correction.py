@@ -30,10 +30,8 @@ DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A photograph and further ones of the same scene, with the correction and the metadata of the first.
-
-    `undone` and `evened` are the planes corrected for lateral colour and for vignetting.
-    """
+    """A photograph and further ones of the same scene, with the correction and the metadata of the first. `undone` and
+    `evened` are the planes corrected for lateral colour and for vignetting."""
 
     frame: RawFrame
     outcome: Outcome[Correction]
@@ -91,10 +89,8 @@ class TypedAperture:
 def unknown_with_typed(
     unknown: list[str], typed: TypedAperture, fields: Mapping[str, PsfField], frame: RawFrame, camera: Exposure | None
 ) -> list[str]:
-    """The unknown settings less those that a typed f-number stands for, if the field's far tail agrees with it.
-
-    Raises Refused if the field has another aperture, by its file or by its far tail.
-    """
+    """The unknown settings less those that a typed f-number stands for, if the field's far tail agrees with it. Raises
+    Refused if the field has another aperture, by its file or by its far tail."""
     if camera is not None:
         check_exposure(replace(frame.exposure, f_number=typed.f_number), camera)
     pitch = typed.pixel_pitch_um or frame.exposure.pixel_pitch_um
@@ -145,10 +141,8 @@ _DEMOSAICKED = (
 
 
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
-    """Settings for which it is not known whether they agree with those of the field.
-
-    Raises Refused if one differs; names the photograph where there are several.
-    """
+    """Settings for which it is not known whether they agree with those of the field. Raises Refused if one differs;
+    names the photograph where there are several."""
     unknown: list[str] = []
     for frame in frames:
         try:

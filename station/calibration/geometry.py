@@ -142,10 +142,8 @@ def _by_plane(measured: Sequence[_Measured]) -> list[GeometryPhotographs]:
 def conclude(
     shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters, frame_rate_hz: float | None = None
 ) -> list[PlaneGeometry]:
-    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view.
-
-    With a frame rate the photographs are all frames of a video, in their order.
-    """
+    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view. With a
+    frame rate the photographs are all frames of a video, in their order."""
     if frame_rate_hz is not None:
         parameters = replace(parameters, is_video=True)
         shoots = [_timed(shoot, frame_rate_hz) for shoot in shoots]

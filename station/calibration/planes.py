@@ -76,10 +76,8 @@ def calibrate(
 def calibrate_wall(
     frames: Sequence[RawFrame], parameters: TwoPhotoParameters, limit: Limit = lambda plane: None
 ) -> Iterator[PlaneResult]:
-    """Every plane of two or more photographs of one wall, in any order, as `calibrate` does.
-
-    Raises BadInput if they have different planes.
-    """
+    """Every plane of two or more photographs of one wall, in any order, as `calibrate` does. Raises BadInput if they
+    have different planes."""
     first, *others = frames
     for other in others:
         if list(first.planes) != list(other.planes):

@@ -44,9 +44,7 @@ def library_folder() -> Path:
 
 def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool = False) -> Profile:
     """Copy the field of a result into the library; settings that are given take precedence over those in its file.
-
-    Raises BadInput if there is no field; BadParameter if the key is incomplete, or the library has it.
-    """
+    Raises BadInput if there is no field; BadParameter if the key is incomplete, or the library has it."""
     source = field_path(result)
     recorded = read_camera(source) or Exposure()
     exposure = completed(given, recorded)
@@ -86,10 +84,8 @@ def profiles(library: Path) -> list[Profile]:
 
 
 def find_profiles(wanted: Exposure, library: Path) -> list[Profile]:
-    """The fields for these settings, those first of which most is known, then those focused nearest.
-
-    Raises BadInput if there is none; the reason is that of the most similar one.
-    """
+    """The fields for these settings, those first of which most is known, then those focused nearest. Raises BadInput if
+    there is none; the reason is that of the most similar one."""
     fitting, reasons = [], []
     for one in profiles(library):
         try:
@@ -104,10 +100,8 @@ def find_profiles(wanted: Exposure, library: Path) -> list[Profile]:
 
 
 def profile_for(exposure: Exposure) -> Path:
-    """The field of the library for a photograph.
-
-    Raises BadInput if there is none, BadParameter if the photograph does not record what identifies one.
-    """
+    """The field of the library for a photograph. Raises BadInput if there is none, BadParameter if the photograph does
+    not record what identifies one."""
     missing = [name for name in KEY if not getattr(exposure, name)]
     if missing:
         raise BadParameter(

@@ -45,10 +45,8 @@ class SensorPlane:
 
 @dataclass(frozen=True, eq=False)
 class SensorFiles:
-    """The pictures' hashes, camera and sensitivity of the first picture, and the planes.
-
-    `missed` are unreadable pictures, and pictures that are the only readable ones of their level.
-    """
+    """The pictures' hashes, camera and sensitivity of the first picture, and the planes. `missed` are unreadable
+    pictures, and pictures that are the only readable ones of their level."""
 
     files: Sequence[InputFile]
     camera: str | None

@@ -37,10 +37,8 @@ apertures, 0.6 to 1 of motions."""
 def choose(
     frames: Sequence[RawFrame], *, field_given: bool, ratio: Sequence[float], way: str | None
 ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
-    """The way to sharpen these photographs, the reasons, and settings that follow from the photographs.
-
-    Raises BadParameter if the photographs are not sufficient for it; the remedy says what is missing.
-    """
+    """The way to sharpen these photographs, the reasons, and settings that follow from the photographs. Raises
+    BadParameter if the photographs are not sufficient for it; the remedy says what is missing."""
     if len(frames) == 1:
         if not field_given:
             reason = "one photograph needs the PSF field of its lens"

@@ -39,9 +39,7 @@ class StoredCamera:
 
 def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
-
-    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane.
-    """
+    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane."""
     with stored_record(result, "geometry", GIVE) as stored:
         name, entry = plane_entry(stored.data["planes"], plane, stored.path)
         if "camera" not in entry:
@@ -84,9 +82,7 @@ class StoredRigCamera:
 
 def read_rig_camera(result: Path, plane: str | None = None) -> StoredRigCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
-
-    Raises BadInput if there is no such result, or it has no views; BadParameter if it does not have the plane.
-    """
+    Raises BadInput if there is no such result, or it has no views; BadParameter if it does not have the plane."""
     with stored_record(result, "geometry", GIVE) as stored:
         planes = stored.data["planes"]
         name, entry = plane_entry(planes, plane, stored.path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -48,7 +47,9 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
     words = topic[1:] if topic[:1] == ("search",) else ()
     name = " ".join(topic)
-    pages = read_pages(_generated(context, name if topic and not words and folder is None else None))
+    wanted = name if topic and not words and folder is None else None
+    makers = {"commands": _commands, "numbers": _numbers}
+    pages = read_pages({key: make(context) for key, make in makers.items() if wanted in (None, key)})
     if folder is not None:
         from station.demo.manual_pictures import PARTS, manual_pictures
         from station.manual.browser_pages import write_manual
@@ -82,15 +83,11 @@ def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:
         raise BadParameter(f"no section of the manual has all of: {' '.join(words)}", "give fewer or other words")
     lines = [
         f"- **{section.page.title}**{f', {section.heading}' if section.heading else ''} "
-        f"(`station manual {section.page.name}`)  \n  {PAGE_LINK.sub(_words_of_link, line).strip()}"
+        f"(`station manual {section.page.name}`)  \n  {PAGE_LINK.sub(lambda match: match[1], line).strip()}"
         for section, line in hits[:MOST_HITS]
     ]
     rest = [f"\nand {len(hits) - MOST_HITS} more: add a word"] if len(hits) > MOST_HITS else []
     return "\n".join([*lines, *rest])
-
-
-def _words_of_link(match: re.Match[str]) -> str:
-    return match[1]
 
 
 def _write_schemas(folder: Path) -> None:
@@ -104,11 +101,6 @@ def _write_schemas(folder: Path) -> None:
         path = folder / f"{name}.schema.json"
         write_whole(path, json.dumps(schema_of(procedure_named(name)), indent=1).encode())
         click.echo(path)
-
-
-def _generated(context: click.Context, topic: str | None) -> dict[str, str]:
-    makers = {"commands": _commands, "numbers": _numbers}
-    return {name: make(context) for name, make in makers.items() if topic in (None, name)}
 
 
 def _commands(context: click.Context) -> str:

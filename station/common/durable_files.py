@@ -1,7 +1,5 @@
-"""Writing that survives a power failure: every byte is on the disk before a write is confirmed.
-
-A small class of primitives, so that tests can make any of them fail or be the last operation.
-"""
+"""Writing that survives a power failure: every byte is on the disk before a write is confirmed. A small class of
+primitives, so that tests can make any of them fail or be the last operation."""
 
 import contextlib
 import errno

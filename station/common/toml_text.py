@@ -68,10 +68,8 @@ CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
 
 
 def line_of(text: str, path: KeyPath) -> int | None:
-    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there.
-
-    That line is the first one whose addition makes the key a part of what Python reads.
-    """
+    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there. That
+    line is the first one whose addition makes the key a part of what Python reads."""
     lines, whole = text.split("\n"), tomllib.loads(text)
     there = next((path[:n] for n in range(len(path), 0, -1) if _has(whole, path[:n])), None)
     if there is None:

@@ -83,11 +83,8 @@ class Demonstration:
 
 @dataclass(frozen=True)
 class Summary:
-    """Agreement of all planes with the truth.
-
-    `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the largest error of a centre, `mtf50_within`
-    the number of MTF50 within 2.5 standard uncertainties of the truth.
-    """
+    """Agreement of all planes with the truth. `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the
+    largest error of a centre, `mtf50_within` the number of MTF50 within 2.5 standard uncertainties of the truth."""
 
     planes: int
     passed: int

@@ -1,7 +1,5 @@
-"""Pictures of the manual: every procedure measures what the simulated cameras photograph, and its page is cut up.
-
-The pictures are drawn when the manual is written for a browser, so that they show what the program does today.
-"""
+"""Pictures of the manual: every procedure measures what the simulated cameras photograph, and its page is cut up. The
+pictures are drawn when the manual is written for a browser, so that they show what the program does today."""
 
 import asyncio
 import base64

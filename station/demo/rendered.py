@@ -1,7 +1,5 @@
-"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown.
-
-Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
-"""
+"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown. Films are
+saved in `films` next to the results as they grow: an interrupted render continues where it stopped."""
 
 import hashlib
 import time

@@ -1,7 +1,5 @@
-"""A rendered scene in depth, photographed at two apertures and restored; compared with the renderer's truth.
-
-Exposure times compensate for the apertures, so that both photographs have the same mean.
-"""
+"""A rendered scene in depth, photographed at two apertures and restored; compared with the renderer's truth. Exposure
+times compensate for the apertures, so that both photographs have the same mean."""
 
 import hashlib
 from dataclasses import asdict, dataclass
@@ -239,10 +237,8 @@ def render_film(
     scene: RayScene, camera: ThinLensCamera, samples: int, seed: int, path: Path, *, threads: int = 1,
     progress: Progress = silent,
 ) -> Film:  # fmt: skip
-    """The film of a scene with `samples` samples per pixel, continuing the film in `path`.
-
-    That file must have the same scene, camera and seed: name it after them.
-    """
+    """The film of a scene with `samples` samples per pixel, continuing the film in `path`. That file must have the same
+    scene, camera and seed: name it after them."""
     film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
     taken = film.count.astype(np.int64) + film.dropped
     for wanted in (*range(int(taken.min()) + PASS, samples, PASS), samples):

@@ -95,9 +95,7 @@ def compare(estimate: PatternPsf, samples: Array, floor: float, otf: Otf) -> Tru
 
 def align(truth: Array, h: Array) -> tuple[Array, Array]:
     """The truth (k, k) after the subpixel shift that minimises its distance from h, and the shift (x, y) in samples.
-
-    Gauss-Newton on a Fourier shift, with zeros beyond the support.
-    """
+    Gauss-Newton on a Fourier shift, with zeros beyond the support."""
     k = len(truth)
     spectrum = np.fft.fft2(np.pad(truth, k))
     wave = -2j * np.pi * np.fft.fftfreq(3 * k)

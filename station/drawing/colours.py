@@ -1,7 +1,5 @@
-"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals.
-
-Figures have a softer ink than text, which is read at smaller sizes.
-"""
+"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals. Figures have a softer ink
+than text, which is read at smaller sizes."""
 
 INK, FAINT = "#2b3036", "#9aa3ad"
 MARK = "#ff8c1a"

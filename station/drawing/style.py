@@ -1,7 +1,5 @@
-"""Common parts of figures: style, axes with fixed margins, and SVG for embedding in a page.
-
-The output is reproducible byte by byte.
-"""
+"""Common parts of figures: style, axes with fixed margins, and SVG for embedding in a page. The output is reproducible
+byte by byte."""
 
 import base64
 import io

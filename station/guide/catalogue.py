@@ -1,7 +1,5 @@
-"""The guided procedures by name, with functions for their plans, results and files.
-
-The functions are imported at their first call, so that the table itself is cheap.
-"""
+"""The guided procedures by name, with functions for their plans, results and files. The functions are imported at their
+first call, so that the table itself is cheap."""
 
 from __future__ import annotations
 

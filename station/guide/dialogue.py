@@ -155,9 +155,7 @@ class Conversation:
     @contextmanager
     def meanwhile(self, work: Coach | None) -> Iterator[None]:
         """Run `work(ended)` in a thread while a question is open; where it gives True, the question is confirmed.
-
-        Without a watched front end nothing runs.
-        """
+        Without a watched front end nothing runs."""
         if work is None or not self.watched:
             yield
             return

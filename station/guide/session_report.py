@@ -1,7 +1,5 @@
-"""A session's report: its last result, recomputed from the photographs, with bench and journal.
-
-Where the plan has written its own page with the result, that page is the report.
-"""
+"""A session's report: its last result, recomputed from the photographs, with bench and journal. Where the plan has
+written its own page with the result, that page is the report."""
 
 import hashlib
 from collections import Counter

@@ -1,8 +1,5 @@
-"""Workspace of a front end: the bench, the sessions of a folder, and runs.
-
-Importing this module is fast: numpy is loaded by the first method that needs it, which a front end calls from a thread
-after its first paint.
-"""
+"""Workspace of a front end: the bench, the sessions of a folder, and runs. Importing this module is fast: numpy is
+loaded by the first method that needs it, which a front end calls from a thread after its first paint."""
 
 from __future__ import annotations
 

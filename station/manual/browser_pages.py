@@ -50,10 +50,8 @@ SEARCH = "search.js"
 
 
 def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, bytes]) -> Path:
-    """Write all pages, those with Python as notebooks too, pictures and index into a folder; returns the index.
-
-    Raises BadParameter if it cannot be written.
-    """
+    """Write all pages, those with Python as notebooks too, pictures and index into a folder; returns the index. Raises
+    BadParameter if it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

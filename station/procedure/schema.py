@@ -138,6 +138,11 @@ def procedure_named(name: str) -> Procedure[Any]:
         point = EntryPoint(name, BUILTIN[name], GROUP)
     if point is None:
         raise BadParameter(f"there is no procedure {name!r}", f"use one of {', '.join(procedure_names())}")
+    return _loaded(point)
+
+
+@cache
+def _loaded(point: EntryPoint) -> Procedure[Any]:
     loaded: Any = point.load()
     procedure: Procedure[Any] = loaded() if isinstance(loaded, type) else loaded
     return procedure

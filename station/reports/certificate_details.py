@@ -58,10 +58,8 @@ class CertificateDetails:
 
     @classmethod
     def read(cls, path: Path | None = None) -> Self:
-        """The details in a file; of certificate.toml in the current folder if there is one and no file is given.
-
-        Raises BadParameter if the file, the logo or the signing key cannot be read, or a key or a value is not valid.
-        """
+        """The details in a file; of certificate.toml in the current folder if there is one and no file is given. Raises
+        BadParameter if the file, the logo or the signing key cannot be read, or a key or a value is not valid."""
         if path is None and not Path(DETAILS).is_file():
             return cls()
         given, source = TableSource.read(path or Path(DETAILS))

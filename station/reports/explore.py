@@ -1,7 +1,5 @@
-"""The part of a page that a script makes: place by place the PSF, MTF and budget; units; other results; limits.
-
-The page is complete without it. The script is `templates/explore.js`; what it draws is in the page as JSON.
-"""
+"""The part of a page that a script makes: place by place the PSF, MTF and budget; units; other results; limits. The
+page is complete without it. The script is `templates/explore.js`; what it draws is in the page as JSON."""
 
 import base64
 import json

@@ -1,7 +1,5 @@
-"""Pages: lists of sections, drawn by one template into one HTML file that needs no network.
-
-A page shows everything without scripts. The small scripts in it sort tables, and let one explore the numbers.
-"""
+"""Pages: lists of sections, drawn by one template into one HTML file that needs no network. A page shows everything
+without scripts. The small scripts in it sort tables, and let one explore the numbers."""
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence

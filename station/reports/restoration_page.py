@@ -219,10 +219,8 @@ def _metres(distances: Distances | None) -> list[Section]:
 
 
 def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
-    """The sharp picture for a lens of the photographs' depth of focus, focused at three depths.
-
-    Blur grows with the distance from the plane of focus; it is a blur circle, whatever blurred the photographs.
-    """
+    """The sharp picture for a lens of the photographs' depth of focus, focused at three depths. Blur grows with the
+    distance from the plane of focus; it is a blur circle, whatever blurred the photographs."""
     span = float(restoration.w.max() - restoration.w.min())
     if span < MIN_SPAN_PX:
         return []

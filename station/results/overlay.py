@@ -1,7 +1,5 @@
-"""The MTF of another result, drawn over one's own: read from the tables beside its record.
-
-A field's result has two: the MTF at the frame's centre over frequency, and at some frequencies over image height.
-"""
+"""The MTF of another result, drawn over one's own: read from the tables beside its record. A field's result has two:
+the MTF at the frame's centre over frequency, and at some frequencies over image height."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -74,9 +74,7 @@ class RecordHead:
 @dataclass(frozen=True)
 class PartBeside:
     """A result in a folder beside a record: the verdict on it, and the file of it to look into first, "" for none.
-
-    `used` is what the record's own numbers took from it, or why they took nothing; "" where they never do.
-    """
+    `used` is what the record's own numbers took from it, or why they took nothing; "" where they never do."""
 
     verdict: Verdict
     reason: str
@@ -113,10 +111,8 @@ ENVIRONMENT = "environment"
 
 
 def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, Any]] | None:
-    """The conditions over these photographs: by probe and quantity, mean and range; None without a probe.
-
-    The uncertainty is the largest that the probe states for a reading.
-    """
+    """The conditions over these photographs: by probe and quantity, mean and range; None without a probe. The
+    uncertainty is the largest that the probe states for a reading."""
     entries: dict[str, dict[str, Any]] = {}
     for probe, name, readings in _readings(snapshots):
         values = [checked_number(reading["value"], f"`value` of {name}") for reading in readings]

@@ -31,10 +31,8 @@ from station.sessions.state import SessionShot, SessionState, replay
 
 @dataclass(frozen=True)
 class SessionRecord:
-    """The content of a session's folder: frozen configuration, journal, and the resulting state.
-
-    `gap` lists the lines that the journal lacks according to its head.
-    """
+    """The content of a session's folder: frozen configuration, journal, and the resulting state. `gap` lists the lines
+    that the journal lacks according to its head."""
 
     folder: Path
     config: Mapping[str, Any]

@@ -85,11 +85,6 @@ class BenchScreen(StationScreen):
         self.set_interval(WIRE_EVERY_S, self._show_wire)
         self._show()
 
-    @property
-    def bench(self) -> Bench | None:
-        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return bench
-
     def can(self, command: type[Command]) -> bool:
         """No commands without a bench; only display during a run."""
         if command is NextWire:

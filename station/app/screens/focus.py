@@ -97,11 +97,6 @@ class FocusScreen(StationScreen):
             return bool(self._source)
         return self._measuring and self._source == SIMULATED
 
-    @property
-    def bench(self) -> Bench | None:
-        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return bench
-
     def _available_sources(self) -> Sequence[str]:
         if self.bench is None or "camera" not in self.bench.devices:
             return (FOLDER,)

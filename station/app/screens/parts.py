@@ -21,6 +21,7 @@ from station.app.widgets import SPACE, Part, lines_of, literal
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact, Step
     from station.app.background import Finished
+    from station.bench.opening import Bench
     from station.guide.frontend import Consent
 
 
@@ -68,6 +69,12 @@ class StationScreen(Screen[None]):
 
     def refresh_frame(self) -> None:
         self.app.fill_frame(self)  # type: ignore[attr-defined]
+
+    @property
+    def bench(self) -> Bench | None:
+        """The application's bench."""
+        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
+        return bench
 
     def can(self, command: type[Command]) -> bool:
         return True
@@ -234,10 +241,6 @@ class AnswerBox(Vertical):
         if not self.open and event.character is not None and event.character in NUMBER_CHARACTERS:
             self._ahead = (*self._ahead[-20:], event)
 
-    def _typed_ahead(self) -> str:
-        ahead, self._ahead = self._ahead, ()
-        return "".join(key.character or "" for key in ahead if self._asked_s - key.time < TYPE_AHEAD_S)
-
     def ask(self, ask: Ask) -> None:
         from station.guide.answers import words
 
@@ -245,7 +248,8 @@ class AnswerBox(Vertical):
         self.call_after_refresh(self._note_shown)
         typed = ask.kind in ("number", "text")
         self._show(ask.question + _wanted(ask), "#typed" if typed else "#choices")
-        ahead = self._typed_ahead()
+        keys, self._ahead = self._ahead, ()
+        ahead = "".join(key.character or "" for key in keys if self._asked_s - key.time < TYPE_AHEAD_S)
         if typed:
             box = self.query_one(InputLine)
             begun = ahead if ask.kind == "number" else ""

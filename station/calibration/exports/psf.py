@@ -31,10 +31,8 @@ def field_path(result: Path) -> Path:
 
 
 def read_plane(result: Path, plane: str | None) -> PsfField:
-    """The field of one plane of a result, by its folder or field.h5; of green, or the first plane, by default.
-
-    Raises BadInput if there is no field; BadParameter if the plane is not in it.
-    """
+    """The field of one plane of a result, by its folder or field.h5; of green, or the first plane, by default. Raises
+    BadInput if there is no field; BadParameter if the plane is not in it."""
     path = field_path(result)
     fields = read_field(path)
     if not fields:

@@ -35,10 +35,8 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
 def read_imu(path: Path) -> ImuRecord:
-    """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
-
-    Raises BadInput if it cannot be read, a column is missing, or a row does not hold numbers.
-    """
+    """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment. Raises
+    BadInput if it cannot be read, a column is missing, or a row does not hold numbers."""
     values = _table(path, COLUMNS)
     return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
 

@@ -51,17 +51,11 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
             verify_results(record)
             check_whole(record)
             same = holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
-        _log_check(record, sums_agree=same)
+        if not same:
+            log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
+        count = sum(not shot.lost for shot in record.state.shots)
+        log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
     check_strict([result.verdict for result in record.state.results[-1:]], strict=strict)
-
-
-def _log_check(record: SessionRecord, *, sums_agree: bool) -> None:
-    from station.sessions.layout import SUMS
-
-    if not sums_agree:
-        log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
-    count = sum(not shot.lost for shot in record.state.shots)
-    log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
 
 
 def _words(record: SessionRecord) -> str:

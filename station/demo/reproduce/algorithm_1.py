@@ -1,7 +1,5 @@
-"""Algorithm I of Sorel's thesis with its own solver: alternating minimisation of (6.1) over picture and depth.
-
-The program's restoration replaces it by joint Gauss-Newton steps; the rows compare both with the thesis's numbers.
-"""
+"""Algorithm I of Sorel's thesis with its own solver: alternating minimisation of (6.1) over picture and depth. The
+program's restoration replaces it by joint Gauss-Newton steps; the rows compare both with the thesis's numbers."""
 
 from dataclasses import dataclass
 
@@ -38,10 +36,8 @@ def data_term(z: Array, stacks: list[MaskStack]) -> DataTerm:
 
 
 def algorithm_1(z: Array, stacks: list[MaskStack], w: Array, p: Alternation) -> tuple[Array, Array]:
-    """Picture and depth (H, W) from a first depth: conjugate gradients over the picture, steepest descent over w.
-
-    The step along the gradient of w minimises the linearised cost, and is halved until the cost falls.
-    """
+    """Picture and depth (H, W) from a first depth: conjugate gradients over the picture, steepest descent over w. The
+    step along the gradient of w minimises the linearised cost, and is halved until the cost falls."""
     data = data_term(z, stacks)
     depth = np.pad(w, data.R, mode="edge").astype(np.float32)
     most = np.float32(min(stack.max_w for stack in stacks))

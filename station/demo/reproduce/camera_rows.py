@@ -1,8 +1,5 @@
-"""Chapter 2 of the thesis, experiments: the PSF of a camera by the noise chart.
-
-Of the thesis's photographs one is published (`photograph_rows`). The others are replaced by those of its camera,
-simulated.
-"""
+"""Chapter 2 of the thesis, experiments: the PSF of a camera by the noise chart. Of the thesis's photographs one is
+published (`photograph_rows`). The others are replaced by those of its camera, simulated."""
 
 from dataclasses import replace
 from functools import cache

@@ -60,10 +60,8 @@ class PublishedFile:
 
 
 def fetch(folder: Path, files: Sequence[PublishedFile], *, threads: int = 1, progress: Progress = silent) -> None:
-    """Complete a data folder: download missing photographs, and render missing films.
-
-    Raises BadInput if a photograph cannot be obtained, or has other contents than the published ones.
-    """
+    """Complete a data folder: download missing photographs, and render missing films. Raises BadInput if a photograph
+    cannot be obtained, or has other contents than the published ones."""
     work: list[tuple[str, Callable[[Path], None]]] = [
         *((file.path, file.download) for file in files if not file.is_in(folder)),
         *(

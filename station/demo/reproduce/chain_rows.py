@@ -1,7 +1,5 @@
-"""Chapters 6 and 10 of Sorel's thesis by the thesis's own chain: Algorithm II, then Algorithm I with its solver.
-
-The thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors.
-"""
+"""Chapters 6 and 10 of Sorel's thesis by the thesis's own chain: Algorithm II, then Algorithm I with its solver. The
+thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors."""
 
 from collections.abc import Sequence
 from itertools import pairwise

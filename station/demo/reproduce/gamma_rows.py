@@ -1,7 +1,5 @@
-"""Chapter 2 of the thesis, theory: noise amplification of patterns, and its lower bound.
-
-gamma is the sum of 1 / sigma_i^2, as in the thesis.
-"""
+"""Chapter 2 of the thesis, theory: noise amplification of patterns, and its lower bound. gamma is the sum of 1 /
+sigma_i^2, as in the thesis."""
 
 import numpy as np
 
@@ -134,7 +132,6 @@ def bound_expected(setting: Setting) -> RowValues:
 
 def bound_realised(setting: Setting) -> RowValues:
     """Random zeros and ones as samples approach the bound at finite windows and supports, s = 4."""
-    """Random zeros and ones as samples, without cells and their low-pass filter."""
 
     def over_bound(r: int, m: int) -> float:
         samples = patterns.side((m, m), S, r)

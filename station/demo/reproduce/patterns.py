@@ -118,10 +118,8 @@ def gamma_of(u: Array, s: int, r: int, window: Window) -> float:
 
 
 def gamma_bound_solved(M: int, N: int) -> float:
-    """The bound with the exact solution of its constrained minimum (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1.
-
-    With sigma_1 = t sqrt(M N) the constraint is (N - 1) sigma_2^2 = M N t (1 - t); one variable remains.
-    """
+    """The bound with the exact solution of its constrained minimum (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1. With
+    sigma_1 = t sqrt(M N) the constraint is (N - 1) sigma_2^2 = M N t (1 - t); one variable remains."""
     least = optimize.minimize_scalar(
         lambda t: 1 / t**2 + (N - 1) ** 2 / (t * (1 - t)), bounds=(0.01, 0.99), method="bounded",
         options={"xatol": 1e-12},

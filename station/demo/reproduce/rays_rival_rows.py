@@ -1,7 +1,5 @@
-"""Chapter 4 of the thesis, comparisons: numbers of bins, NL-means with an oracle, and its bias over samples.
-
-Films with other numbers of bins are rendered by the program's own path tracer.
-"""
+"""Chapter 4 of the thesis, comparisons: numbers of bins, NL-means with an oracle, and its bias over samples. Films with
+other numbers of bins are rendered by the program's own path tracer."""
 
 from dataclasses import replace
 from functools import cache

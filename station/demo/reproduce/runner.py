@@ -114,10 +114,8 @@ def _page(result: Reproduction) -> str:
 
 
 def compute(row: Row, setting: Setting, *, by_name: bool = False) -> RowResult:
-    """A row's values compared with the published ones, or the reason why there are none.
-
-    An unexpected error is the row's reason; with STATION_TRACEBACK it is raised.
-    """
+    """A row's values compared with the published ones, or the reason why there are none. An unexpected error is the
+    row's reason; with STATION_TRACEBACK it is raised."""
     if missing := _missing(row, setting, by_name=by_name):
         return RowResult(row, RowState.NOT_COMPUTED, reason=missing)
     start, worked = time.perf_counter(), time.process_time()

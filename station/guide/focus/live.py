@@ -39,10 +39,8 @@ LEFT_BY_EYE: Mapping[str, Fact] = {
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known.
-
-    `arrived_s` is the time at which its file was detected, by the source's clock.
-    """
+    """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known. `arrived_s` is
+    the time at which its file was detected, by the source's clock."""
 
     path: Path
     plane: Outcome[Plane]
@@ -172,10 +170,8 @@ class PhotographSource:
             yield self._exposed(bench, stops)
 
     def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[LiveFrame]:
-        """The operator model hangs the chart, focuses by eye, and turns the ring to each setting in turn.
-
-        The stages home first and move to the middle of their travel. Raises DeviceError.
-        """
+        """The operator model hangs the chart, focuses by eye, and turns the ring to each setting in turn. The stages
+        home first and move to the middle of their travel. Raises DeviceError."""
         hands, stops = bench.surroundings.hands, bench.stops
         if hands is None:
             raise BadParameter("turning the ring needs a simulated bench", "use --simulate")

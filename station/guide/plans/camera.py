@@ -63,10 +63,8 @@ def subset(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSu
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one.
-
-    The sensor comes first: the PSFs of all places use its noise and response.
-    """
+    """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one. The
+    sensor comes first: the PSFs of all places use its noise and response."""
     known_facts = facts_as(WholeCameraFacts, facts)
     others = {*known_facts.lit, *known_facts.flats, *known_facts.turned}
     places = subset(frames, lambda mark: mark not in others)

@@ -47,10 +47,8 @@ NOT_ASKED = ("raw",)
 
 
 def plan(name: str, folder: Path | None = None) -> Plan:
-    """The plan of a procedure, for the session in a folder if given.
-
-    Raises BadParameter if there is no such procedure, or its inputs are not one or several photographs.
-    """
+    """The plan of a procedure, for the session in a folder if given. Raises BadParameter if there is no such procedure,
+    or its inputs are not one or several photographs."""
     procedure = procedure_named(name)
     if procedure.inputs not in COUNTS:
         raise BadParameter(

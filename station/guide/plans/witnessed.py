@@ -1,7 +1,5 @@
-"""The guided plan of a witnessed PSF: the guided calibration up to its focus, then four photographs.
-
-Bench and camera change exposure time and distance themselves where they can; the operator turns the focus.
-"""
+"""The guided plan of a witnessed PSF: the guided calibration up to its focus, then four photographs. Bench and camera
+change exposure time and distance themselves where they can; the operator turns the focus."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

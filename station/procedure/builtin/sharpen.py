@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 from msgspec.structs import replace as replace_settings
 
 from procedures.outcome import ProcedureError
-from procedures.raw import RawFrame
 from station.calibration.exports.psf import field_path
 from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
@@ -75,7 +74,13 @@ class Sharpen(Procedure[SharpenSettings]):
         if len(frames) == 1 and settings.field is None:
             with suppress(ProcedureError):
                 settings = replace_settings(settings, field=profile_for(frames[0].exposure))
-        way, why, more = self._choice(frames, settings)
+        more: Mapping[str, Any] = {}
+        if settings.way in (FIELD, FINER) and settings.field is not None:
+            way, why = settings.way, (f"--way {settings.way} was given",)
+        else:
+            way, why, more = choose(
+                frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way
+            )
         reasons = (WAYS[way], *why)
         for words in reasons:
             progress(words, 0)
@@ -101,14 +106,6 @@ class Sharpen(Procedure[SharpenSettings]):
                 if _rank(tried[-1]) == 0:
                     break
         return min(tried, key=_rank)
-
-    @staticmethod
-    def _choice(
-        frames: Sequence[RawFrame], settings: SharpenSettings
-    ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
-        if settings.way in (FIELD, FINER) and settings.field is not None:
-            return settings.way, (f"--way {settings.way} was given",), {}
-        return choose(frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way)
 
     def page(self, measurement: Measurement) -> bytes:
         return procedure_named(measurement.head.procedure).page(measurement)

@@ -128,10 +128,8 @@ INT32, UINT16 = 2, 8
 
 @dataclass(frozen=True)
 class SensorImage:
-    """The numbers of a full sensor (rows, columns), its white level, and its first red pixel (x, y).
-
-    `red` is None for a monochrome sensor.
-    """
+    """The numbers of a full sensor (rows, columns), its white level, and its first red pixel (x, y). `red` is None for
+    a monochrome sensor."""
 
     levels: Mosaic
     white: int
