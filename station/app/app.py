@@ -6,6 +6,7 @@ import inspect
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -101,9 +102,9 @@ class StationApp(WorkingApp):
         super().__init__(lab, glyphs, graphics)
         self.animation_level = "none"  # an animated page is painted twenty times, perhaps over ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
-        self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
-        self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
-        self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
+        self.add_mode(BENCH, lambda: self._styled(_screen("Bench")))
+        self.add_mode(FOCUS, lambda: self._styled(_screen("Focus")))
+        self.add_mode(RESULTS, lambda: self._styled(_screen("Results", lab.sessions)))
 
     def _styled(self, screen: Screen[Any]) -> Screen[Any]:
         """Mark the styles of a screen as up to date. Textual would otherwise read the stylesheet again when a mode is
@@ -120,15 +121,13 @@ class StationApp(WorkingApp):
         """The available commands: first the way back to the guide, then the screen's and those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
-        stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
+        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowFocus: FOCUS, ShowResults: RESULTS}
+        away = [command for command in EVERYWHERE if modes.get(command) != self.current_mode]
+        if all(self.running(name) is None for name in ("run", "by hand", "focus")):
+            away.remove(EndRun)
+        stop, help_, *others = away
         back = [command for command in others if command is ShowGuide]
         return [stop, help_, *back, *here, *(command for command in others if command not in back)]
-
-    def _can(self, command: type[Command]) -> bool:
-        if command is EndRun:
-            return any(self.running(name) is not None for name in ("run", "by hand", "focus"))
-        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowFocus: FOCUS, ShowResults: RESULTS}
-        return modes.get(command) != self.current_mode
 
     async def action_command(self, name: str) -> None:
         command = BY_NAME[name]
@@ -206,19 +205,8 @@ class StationApp(WorkingApp):
             screen.query_one(KeyLine).show()
 
 
-def _bench_screen() -> Screen[Any]:
-    from station.app.screens.bench import BenchScreen
-
-    return BenchScreen()
-
-
-def _focus_screen() -> Screen[Any]:
-    from station.app.screens.focus import FocusScreen
-
-    return FocusScreen()
-
-
-def _results_screen(sessions: Path) -> Screen[Any]:
-    from station.app.screens.results import ResultsScreen
-
-    return ResultsScreen(sessions)
+def _screen(name: str, *given: Any) -> Screen[Any]:
+    """The screen of this name, whose module is imported when it is first shown."""
+    module = import_module(f"station.app.screens.{name.lower()}")
+    screen: Screen[Any] = getattr(module, f"{name}Screen")(*given)
+    return screen

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from drivers.errors import Clock
 from drivers.grbl import GrblStage
 from drivers.interfaces import Stage
-from drivers.protocols.grbl import HOME_FIRST, Controls, GrblEnvelope
+from drivers.protocols.grbl import HOME_FIRST, GrblEnvelope
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 
@@ -76,31 +76,23 @@ def settings_findings(stage: Stage) -> list[Recommendation]:
         return [Recommendation(caveat.reason, caveat.remedy) for caveat in caveats if caveat is not None]
     if not isinstance(stage, GrblStage):
         return []
-    findings = [_too_fast(name, axis) for name, axis in stage.envelopes.items()]
-    caveat = stage.condition().caveat
-    findings.append(None if caveat is None else Recommendation(caveat.reason, caveat.remedy))
-    if stage.link.controls.flag(21) is False:
+    findings, controls = [], stage.link.controls
+    for name, axis in stage.envelopes.items():
+        feed, rate, setting = axis.axis.feed_per_min, axis.rate_per_min, f"${110 + axis.index}"
+        if feed > rate:
+            reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} ({setting})"
+            findings.append(Recommendation(reason, f"write feed_per_min = {rate:g}, or raise {setting}"))
+    if (caveat := stage.condition().caveat) is not None:
+        findings.append(Recommendation(caveat.reason, caveat.remedy))
+    if controls.flag(21) is False:
         findings.append(
             Recommendation("a limit switch does not stop it ($21=0)", "set $21=1 if every end has a switch")
         )
-    findings.append(_moves_unhomed(stage.link.controls))
-    return [finding for finding in findings if finding is not None]
-
-
-def _moves_unhomed(controls: Controls) -> Recommendation | None:
-    if not controls.moves_unhomed:
-        return None
-    flags = controls.bits(22)
-    reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
-    return Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
-
-
-def _too_fast(name: str, axis: GrblEnvelope) -> Recommendation | None:
-    feed, rate = axis.axis.feed_per_min, axis.rate_per_min
-    if feed <= rate:
-        return None
-    reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} (${110 + axis.index})"
-    return Recommendation(reason, f"write feed_per_min = {rate:g}, or raise ${110 + axis.index}")
+    if controls.moves_unhomed:
+        flags = controls.bits(22)
+        reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
+        findings.append(Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed"))
+    return findings
 
 
 def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDrive] | None:

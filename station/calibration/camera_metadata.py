@@ -38,9 +38,11 @@ class CameraMetadata:
 def read_metadata(data: bytes, exposure: Exposure) -> CameraMetadata:
     """The metadata in a file's content; without directories, those of the exposure."""
     try:
-        first, order = _first_directory(_tiff_part(data))
+        part = _tiff_part(data)
+        order = {b"II*\0": "<", b"MM\0*": ">"}[part[:4]]
+        first = dict(_entries(part, order, struct.unpack_from(order + "I", part, 4)[0]))
         at = int.from_bytes(first[EXIF][2][:4], "little") if EXIF in first else 0
-        exif = dict(_entries(_tiff_part(data), order, at)) if at else {}
+        exif = dict(_entries(part, order, at)) if at else {}
     except (struct.error, KeyError, IndexError):
         first, exif = {}, {}
     camera = {} if exposure.camera is None else {272: text(exposure.camera)}
@@ -76,11 +78,6 @@ def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
 def _tiff_part(data: bytes) -> bytes:
     at = data.find(b"eXIf") if data[:4] == b"\x89PNG" else -1
     return data[at + 4 :] if at >= 0 else data
-
-
-def _first_directory(data: bytes) -> tuple[dict[int, Entry], str]:
-    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
-    return dict(_entries(data, order, struct.unpack_from(order + "I", data, 4)[0])), order
 
 
 def _entries(data: bytes, order: str, at: int) -> Iterator[tuple[int, Entry]]:

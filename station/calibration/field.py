@@ -72,13 +72,12 @@ def field_pixels(measured: MeasuredFrames, pitch_um: float | None = None) -> dic
 
 def field_results(result: FieldResult, terms: Terms, pixels: Mapping[str, Pixels], limit: Limit) -> list[PlaneResult]:
     """Every plane's, in their order, held to the specification at all places that it names, in the unit asked for."""
-    return [_in_terms(name, result, terms, pixels[name], limit) for name in result.planes]
-
-
-def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limit: Limit) -> PlaneResult:
-    outcome, plane = result.planes[name], result.measured.planes[name]
-    spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels), limit(plane))
-    return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
+    records = []
+    for name, outcome in result.planes.items():
+        plane = result.measured.planes[name]
+        spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels[name]), limit(plane))
+        records.append(terms.apply(centre_result(name, outcome, plane.pitch), pixels[name], spots))
+    return records
 
 
 OUT = 0.8

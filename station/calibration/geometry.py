@@ -146,18 +146,16 @@ def conclude(
     frame rate the photographs are all frames of a video, in their order."""
     if frame_rate_hz is not None:
         parameters = replace(parameters, is_video=True)
-        shoots = [_timed(shoot, frame_rate_hz) for shoot in shoots]
+        shoots = [
+            replace(shoot, records=tuple(
+                record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
+                for i, record in enumerate(shoot.records)
+            ))
+            for shoot in shoots
+        ]  # fmt: skip
     return [
         PlaneGeometry(one, _with_missed(calibrate_geometry(one.views, one.size, parameters), one)) for one in shoots
     ]
-
-
-def _timed(shoot: GeometryPhotographs, frame_rate_hz: float) -> GeometryPhotographs:
-    records = (
-        record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
-        for i, record in enumerate(shoot.records)
-    )
-    return replace(shoot, records=tuple(records))
 
 
 def _with_missed(outcome: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.cameras import distortion
-from procedures.geometry.estimate import Geometry, PosedView
-from procedures.geometry.formulas import FittedFormula
+from procedures.geometry.estimate import Geometry
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
@@ -100,19 +99,34 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
         },
         "smoothness": [asdict(trial) for trial in geometry.trials],
-        "formulas": [_formula_entry(formula) for formula in geometry.formulas],
+        "formulas": [
+            {
+                "model": formula.camera.model, "names": list(formula.camera.names),
+                "params": formula.camera.params.tolist(), "covariance": formula.covariance.tolist(),
+                **asdict(formula.difference), "share": formula.share,
+            }
+            for formula in geometry.formulas
+        ],
         "misfit": {"probability": geometry.misfit.probability, "rms_px": geometry.misfit.rms_px},
         "residual_scale": geometry.residual_scale,
         "covered_share": geometry.covered,
         "region": geometry.region.tolist(),
-        "views": [_view_entry(view, geometry.distance_budget(i)) for i, view in enumerate(geometry.views)],
+        "views": [  # X_camera = R X_chart + t, in mm from the chart's centre
+            {
+                "source": view.view.source, "points": len(view.view),
+                "distance": asdict(view.distance) | {"budget": geometry.distance_budget(i)},
+                "tilt_deg": view.tilt_deg, "residual_rms_px": view.rms_px,
+                "R": view.pose.R.tolist(), "t_mm": view.pose.t.tolist(),
+            }
+            for i, view in enumerate(geometry.views)
+        ],
         "next_view": None if geometry.next_view is None else asdict(geometry.next_view),
         "chart": {
             **{name: asdict(number) for name, number in geometry.shape.terms.items()},
             "node_mm": list(geometry.shape.node_mm),
             "scale_uncertainty": geometry.shape.scale_uncertainty,
         },
-    }
+    }  # fmt: skip
 
 
 def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None, path: Path) -> None:
@@ -121,30 +135,6 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
     provenance = {"input": json.dumps([asdict(one) for one in head.input]), "parameters": json.dumps(head.parameters)}
     provenance["chart_scale"] = json.dumps(None if scale is None else scale.to_record())
     write_camera_numbers(path, WholeCamera(join([part], {}), (), (), outcome), provenance)
-
-
-def _formula_entry(formula: FittedFormula) -> dict[str, Any]:
-    return {
-        "model": formula.camera.model,
-        "names": list(formula.camera.names),
-        "params": formula.camera.params.tolist(),
-        "covariance": formula.covariance.tolist(),
-        **asdict(formula.difference),
-        "share": formula.share,
-    }
-
-
-def _view_entry(view: PosedView, budget: dict[str, float]) -> dict[str, Any]:
-    """Pose, distance and residual of a view: X_camera = R X_chart + t, in mm from the chart's centre."""
-    return {
-        "source": view.view.source,
-        "points": len(view.view),
-        "distance": asdict(view.distance) | {"budget": budget},
-        "tilt_deg": view.tilt_deg,
-        "residual_rms_px": view.rms_px,
-        "R": view.pose.R.tolist(),
-        "t_mm": view.pose.t.tolist(),
-    }
 
 
 def _points(geometry: Geometry) -> npt.NDArray[np.float64]:

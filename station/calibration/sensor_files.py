@@ -48,38 +48,37 @@ SECTIONS = {
 
 def sensor_measurement(result: SensorFiles, head: RecordHead) -> Measurement:
     """The numbers and tables of every plane, and the summary as XML."""
-    files = {"numbers.csv": csv_bytes([_HEAD, *(row for plane in result.planes for row in _number_rows(plane))])}
+    files, numbers = dict[str, bytes](), [_HEAD]
     for plane in result.planes:
         if plane.outcome.value is not None:
+            for name, number in plane.outcome.value.numbers.items():
+                bounds = (f"{value:.9g}" for value in (number.uncertainty, number.low, number.high))
+                row = [plane.name, name, f"{number.value:.9g}", number.unit, *bounds, number.method, str(number.n)]
+                numbers.append(row)
             files |= _tables(plane.name, plane.outcome.value)
             if plane.noise is not None:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, result.planes)), {"camera": result.camera, "iso": result.iso},
-        {**files, "emva1288.xml": summary_xml(result)}, tuple(result.missed),
+        {**files, "numbers.csv": csv_bytes(numbers), "emva1288.xml": summary_xml(result)}, tuple(result.missed),
         Exposure(camera=result.camera, iso=result.iso), result=result,
     )  # fmt: skip
-
-
-def _gain_budget(result: SensorResult) -> dict[str, float]:
-    """Standard uncertainty of the system gain by noise, and by the response's curvature, which a line neglects."""
-    whole = result.numbers[SYSTEM_GAIN].uncertainty
-    curvature = min(result.transfer.gain_bent, whole)
-    return {"noise": (whole**2 - curvature**2) ** 0.5, "curvature": curvature}
 
 
 def _plane(plane: SensorPlane) -> PlaneResult:
     result = plane.outcome.value
     if result is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
-    joint = gain_and_noise(result.transfer)
+    joint, gain = gain_and_noise(result.transfer), result.numbers[SYSTEM_GAIN]
+    curvature = min(result.transfer.gain_bent, gain.uncertainty)  # of the response, which a line neglects
+    budget = {"noise": (gain.uncertainty**2 - curvature**2) ** 0.5, "curvature": curvature}
     details: dict[str, Any] = {
         "model": asdict(sensor_model(result, plane.step)),
         "gain_and_noise": {
             "names": list(joint.NAMES), "values": joint.values.tolist(),
             "covariance": joint.covariance.tolist(),
         },
-        SYSTEM_GAIN: number_record(result.numbers[SYSTEM_GAIN]) | {"budget": _gain_budget(result)},
+        SYSTEM_GAIN: number_record(gain) | {"budget": budget},
         "rows": plane.shape[0],
         "columns": plane.shape[1],
         "diagnostics": {"light_spread": result.curves.light_spread, "gain_bent": result.transfer.gain_bent},
@@ -106,11 +105,9 @@ def _plane(plane: SensorPlane) -> PlaneResult:
 _HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95", "method", "n"]
 
 
-def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
-    numbers = plane.outcome.value.numbers if plane.outcome.value is not None else {}
-    for name, number in numbers.items():
-        bounds = (f"{value:.9g}" for value in (number.uncertainty, number.low, number.high))
-        yield [plane.name, name, f"{number.value:.9g}", number.unit, *bounds, number.method, str(number.n)]
+def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
+    for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
+        yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
 
 
 def _tables(name: str, result: SensorResult) -> dict[str, bytes]:
@@ -157,11 +154,6 @@ def _histogram(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
     shown = pattern.defects.histogram
     for centre, count, model in zip(shown.centres, shown.counts, shown.model, strict=True):
         yield [which, f"{centre:.6g}", pattern.unit, str(int(count)), f"{model:.6g}"]
-
-
-def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
-    for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
-        yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
 
 
 def summary_xml(result: SensorFiles) -> bytes:

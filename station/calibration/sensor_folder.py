@@ -192,17 +192,11 @@ def _from_camera(folder: Path, missed: Callable[[Miss], object]) -> Iterator[Sho
     for kind in (DARK, LIGHT):
         for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
             try:
-                exposure = _exposure_of(path)
+                with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
+                    exposure = read_exposure(file).exposure_s
+                if exposure is None:
+                    raise BadInput(f"{path} has no exposure time in its metadata", _RAW_ONLY)
             except BadInput as error:
                 missed(Miss(str(path), error.reason, error.remedy))
             else:
                 yield Shots(kind, exposure, None, None, (path,))
-
-
-def _exposure_of(path: Path) -> float:
-    """Exposure time in the metadata, in seconds. Raises BadInput where it is missing, or the file cannot be read."""
-    with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
-        exposure = read_exposure(file).exposure_s
-    if exposure is None:
-        raise BadInput(f"{path} has no exposure time in its metadata", _RAW_ONLY)
-    return exposure

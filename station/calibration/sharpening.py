@@ -48,7 +48,9 @@ def choose(
     if way == DEFOCUS or ratio or (way is None and not field_given and _differ(apertures)):
         if way is None:
             _check_order(frames, ratio)
-        return DEFOCUS, (_aperture_reason(apertures, ratio),), {"ratio": _ratios(apertures, ratio)}
+        listed = ", ".join(f"{one:g}" for one in ratio) or ", ".join(f"f/{one:g}" for one in apertures if one)
+        words = "--ratio states that their apertures differ by " if ratio else "their apertures differ: "
+        return DEFOCUS, (words + listed,), {"ratio": _ratios(apertures, ratio)}
     if way in (FIELD, FINER) and not field_given:
         raise BadParameter(f"--way {way} needs the PSF field of the lens", "give --field")
     if way in (FIELD, FINER, SHAKEN):
@@ -84,12 +86,6 @@ def _check_order(frames: Sequence[RawFrame], ratio: Sequence[float]) -> None:
 def _differ(apertures: Sequence[float | None]) -> bool:
     known = [aperture for aperture in apertures if aperture]
     return len(known) == len(apertures) and max(known) > (1 + SAME_APERTURE) * min(known)
-
-
-def _aperture_reason(apertures: Sequence[float | None], ratio: Sequence[float]) -> str:
-    if ratio:
-        return f"--ratio states that their apertures differ by {', '.join(f'{one:g}' for one in ratio)}"
-    return f"their apertures differ: {', '.join(f'f/{aperture:g}' for aperture in apertures if aperture)}"
 
 
 def _ratios(apertures: Sequence[float | None], ratio: Sequence[float]) -> tuple[float, ...]:

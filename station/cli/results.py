@@ -17,7 +17,7 @@ from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
 
 if TYPE_CHECKING:
-    from station.results.explanation import BatchExplanation, PlaneExplanation
+    from station.results.explanation import PlaneExplanation
 
 MOST_TERMS, LEAST_SHARE = 3, 0.005
 NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
@@ -37,7 +37,10 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
         check_strict(verdicts, strict=strict)
         return
     batch = explain_batch(folder)
-    entry, lines = {"result": str(folder), **asdict(batch)}, _batch_lines(batch)
+    entry, lines = {"result": str(folder), **asdict(batch)}, [] if batch.causes else ["every photograph passed"]
+    for cause in batch.causes:
+        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
+    lines += [f"outlier: {outlier}" for outlier in batch.outliers]
     if batch.typical:
         more, words, _ = _explained(Path(batch.typical), twin=twin)
         entry |= more
@@ -98,13 +101,6 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
     elif name:
         lines.append(f"  {name} {one.value}. {NO_BUDGET}")
     return lines
-
-
-def _batch_lines(batch: BatchExplanation) -> list[str]:
-    lines = [] if batch.causes else ["every photograph passed"]
-    for cause in batch.causes:
-        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
-    return [*lines, *(f"outlier: {outlier}" for outlier in batch.outliers)]
 
 
 @command("verify", strict=True, as_json=True)

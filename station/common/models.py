@@ -333,15 +333,10 @@ def _rows(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> tu
         source.refuse(path, f"must be a list of tables{least}; it is {shown(value)}", one.remedy())
     rows = tuple(read_model(one.kind, row, source, (*path, n)) for n, row in enumerate(value))
     for keys in one.extra("unlike", ()):
-        _require_unlike(rows, keys, source, path)
+        marks = [[getattr(row, key) for key in keys] for row in rows]
+        for n, mark in enumerate(marks):
+            if mark in marks[:n]:
+                values = ", ".join(f"{key} = {shown(one)}" for key, one in zip(keys, mark, strict=True))
+                words = f"must differ; {values} is given twice"
+                source.refuse((*path, n, keys[0]), words, f"give each its own {keys[-1]}")
     return rows
-
-
-def _require_unlike(rows: Sequence[Any], keys: Sequence[str], source: TableSource, path: KeyPath) -> None:
-    marks: list[list[Any]] = []
-    for n, row in enumerate(rows):
-        mark = [getattr(row, key) for key in keys]
-        if mark in marks:
-            values = ", ".join(f"{key} = {shown(one)}" for key, one in zip(keys, mark, strict=True))
-            source.refuse((*path, n, keys[0]), f"must differ; {values} is given twice", f"give each its own {keys[-1]}")
-        marks.append(mark)

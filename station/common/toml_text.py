@@ -20,17 +20,17 @@ def toml_text(table: Mapping[str, Any]) -> str:
 
 
 def _section(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    text = [f"{_key(name)} = {toml_value(value)}\n" for name, value in table.items() if not _skipped(value)]
+    text = [
+        f"{_key(name)} = {toml_value(value)}\n"
+        for name, value in table.items()
+        if not (value is None or isinstance(value, Mapping))
+    ]
     if path and (text or not any(isinstance(value, Mapping) for value in table.values())):
         text.insert(0, f"\n[{'.'.join(_key(part) for part in path)}]\n")
     for name, value in table.items():
         if isinstance(value, Mapping):
             text += _section(value, (*path, name))
     return text
-
-
-def _skipped(value: Any) -> bool:
-    return value is None or isinstance(value, Mapping)
 
 
 def toml_value(value: Any) -> str:

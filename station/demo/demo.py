@@ -194,19 +194,18 @@ def _record(demonstration: Demonstration, duration_s: float) -> dict[str, Any]:
             "chart": demonstration.chart.origin,
         },
         "summary": asdict(summary(demonstration)),
-        "photographs": [_shot_entry(shot) for shot in demonstration.shots],
+        "photographs": [
+            {
+                "name": shot.setup.name,
+                "title": shot.setup.title,
+                "input": {"path": shot.path.as_posix(), "sha256": shot.frame.sha256},
+                "result": f"results/{shot.setup.name}/{RECORD}",
+                "planes": {plane.name: _plane_entry(plane) for plane in shot.planes},
+            }
+            for shot in demonstration.shots
+        ],
         "software": software(),
         "duration_s": round(duration_s, 3),
-    }
-
-
-def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
-    return {
-        "name": shot.setup.name,
-        "title": shot.setup.title,
-        "input": {"path": shot.path.as_posix(), "sha256": shot.frame.sha256},
-        "result": f"results/{shot.setup.name}/{RECORD}",
-        "planes": {plane.name: _plane_entry(plane) for plane in shot.planes},
     }
 
 

@@ -49,7 +49,11 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
     drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
     drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
-    drawn = re.sub(r"(?<=data:image/png;base64,)[^\"]+", lambda m: _smaller(m[0]), drawn)
+    drawn = re.sub(
+        r"(?<=data:image/png;base64,)[^\"]+",
+        lambda m: base64.b64encode(smaller(base64.b64decode(m[0]))).decode(),
+        drawn,
+    )
     drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
     return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
 
@@ -71,10 +75,6 @@ def _write_powers_plainly(figure: Figure) -> None:
             if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
                 axis.set_major_formatter(Powers())
                 axis.set_minor_formatter(Powers())
-
-
-def _smaller(encoded: str) -> str:
-    return base64.b64encode(smaller(base64.b64decode(encoded))).decode()
 
 
 def axes_grid(

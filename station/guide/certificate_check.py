@@ -94,7 +94,11 @@ def _session_checks(folder: Path) -> Iterator[ProofCheck]:
 
 def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator[ProofCheck]:
     head = measurement.head
-    places = {one.path: _original(Path(one.path), one.sha256, originals) for one in head.input}
+    places = dict[str, Path | None]()
+    for file in head.input:
+        path = Path(file.path)
+        beside = sorted(originals.rglob(path.name)) if originals is not None else []
+        places[file.path] = next((one for one in (*beside, path) if holds(one, file.sha256)), None)
     missing = [printable(name) for name, place in places.items() if place is None]
     words = f"changed or missing: {', '.join(missing)}" if missing else f"{len(places)} of {len(places)} unchanged"
     yield ProofCheck("originals", not missing, words)
@@ -123,12 +127,6 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     verdicts = [one.name for one, other in pairs if one.verdict is not other.verdict]
     lost = [plane.name for plane in measurement.planes if plane.name not in fresh.by_name]
     yield _number_check(len(differences), differences, [*verdicts, *lost])
-
-
-def _original(path: Path, digest: str, originals: Path | None) -> Path | None:
-    """Where an original is with its hash; None if nowhere."""
-    beside = sorted(originals.rglob(path.name)) if originals is not None else []
-    return next((one for one in (*beside, path) if holds(one, digest)), None)
 
 
 def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:

@@ -119,7 +119,10 @@ class LineOperator:
 
     @_write_event.register
     def _(self, event: ScanEvent) -> None:
-        self._line(f"   {curve_line(event)}")
+        score = event.scores[-1]
+        known = score == score
+        value, bar = (f"{score:.3f}", "#" * round(40 * min(max(score, 0.0), 1.0))) if known else ("unknown", "")
+        self._line(f"   {event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {value:>6} {bar}")
 
     @_write_event.register
     def _(self, event: DiagramEvent) -> None:
@@ -167,9 +170,12 @@ class LineOperator:
 
     def answer(self, ask: Ask) -> Fact:
         """The answer from the next lines of stdin. Raises Stopped at the end of input, or when the operator stops."""
+        question = ask.question
+        if self._last_advice and question.startswith(self._last_advice):
+            question = "Do that." + question.removeprefix(self._last_advice)
         while True:
             self._last_line = ""
-            line = self._answer_line(question_line(self._shortened(ask)))
+            line = self._answer_line(question_line(replace(ask, question=question)))
             if not line or line.strip().lower() in STOPS:
                 self._line("" if line else "(end of input)")
                 raise Stopped
@@ -191,11 +197,6 @@ class LineOperator:
         if not self._read.isatty():  # where nobody typed, the answer is written down
             self._write.write(line.rstrip("\n") + "\n")
         return line
-
-    def _shortened(self, ask: Ask) -> Ask:
-        if self._last_advice and ask.question.startswith(self._last_advice):
-            return replace(ask, question=("Do that." + ask.question.removeprefix(self._last_advice)))
-        return ask
 
 
 def question_line(ask: Ask) -> str:
@@ -245,11 +246,3 @@ def with_unit(value: float, unit: str) -> str:
     """A number with its unit, rounded as the unit requires: 2.6°, 72 %, 1.55 m."""
     digits = f"{value:z.{DIGITS[unit]}f}" if unit in DIGITS else f"{value:.3g}"
     return digits + unit if unit == "°" else f"{digits} {unit}".strip()
-
-
-def curve_line(event: ScanEvent) -> str:
-    """The last position of a scan, its score, and a bar of that length."""
-    score = event.scores[-1]
-    value = f"{score:.3f}" if score == score else "unknown"
-    bar = "#" * round(40 * min(max(score, 0.0), 1.0)) if score == score else ""
-    return f"{event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {value:>6} {bar}"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, BadParameter
-from station.common.durable_files import sha256_of, temporary_folder
+from station.common.durable_files import holds, sha256_of, temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.results.reader import Change, changes, read_result
@@ -124,8 +124,11 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
     environment = result.about.get("machine", {})
-    on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
-    same = [name for name, digest in hashes.items() if result.files.get(name) == digest == on_disk.get(name)]
+    same = [
+        name
+        for name, digest in hashes.items()
+        if result.files.get(name) == digest and holds(folder / result.folder / name, digest)
+    ]
     before, now = _flat(environment), _flat(machine())
     return RecomputedResult(
         result.folder,
@@ -159,13 +162,6 @@ def _moved(plane: str, change: Change) -> MovedNumber:
     """A changed number; both come from the same photographs, so the change is relative to a single uncertainty."""
     then, now, spread = change.one.value, change.other.value, change.one.uncertainty
     return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
-
-
-def _hash(path: Path) -> str:
-    try:
-        return sha256_of(path)
-    except OSError:
-        return ""
 
 
 def _differing(old: Path, new: Path) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import singledispatchmethod
@@ -212,15 +212,16 @@ class Run:
         places = {name.removeprefix(AT): float(value) for name, value in facts.items() if name.startswith(AT)}
         if LIGHT_LEVEL in facts:
             self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
-        if places:
-            self._unless_skipped(lambda: self._go_back(places))
-        self._talk.take_up()
 
-    def _go_back(self, places: Mapping[str, float]) -> None:
-        if self._rig.movers():
-            self._approval.to_home(places)
-        self._carry(Home())
-        self._carry(Go(lambda facts: places, lambda facts: "returning the camera to its last position"))
+        def go_back() -> None:
+            if self._rig.movers():
+                self._approval.to_home(places)
+            self._carry(Home())
+            self._carry(Go(lambda facts: places, lambda facts: "returning the camera to its last position"))
+
+        if places:
+            self._unless_skipped(go_back)
+        self._talk.take_up()
 
     def _next(self) -> Step | None:
         """The first incomplete step; unwanted steps before the last completed one are skipped."""

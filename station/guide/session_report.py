@@ -153,15 +153,27 @@ def _of_measurement(record: SessionRecord) -> Report:
 
 
 def _report(record: SessionRecord, state: SessionState, result: SessionResult) -> Report:
+    from procedures.field.conclusion import FieldResult  # imported here: slow to import
+    from station.guide.provenance import NAMES, provenance_of
+    from station.reports.field.field_files import with_medians
+
     last, entry = record.state.results[-1], entry_named(state.plan)
+    sources = provenance_of(plan_named(state.plan), state.facts, result.frames).items()
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[_of_frame(one) for one in result.planes.values()],
+        planes=[
+            with_medians(one, one.estimate) if isinstance(one.estimate, FieldResult) else one
+            for one in result.planes.values()
+        ],
         frames=result.frames,
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_operator_inputs(state, result), *_conditions(state), *environment_lines(_environment(state))],
+        conditions=[
+            *(ReportLine(NAMES[key], str(source)) for key, source in sources if source.source == OPERATOR),
+            *_conditions(state),
+            *environment_lines(_environment(state)),
+        ],
         drift=drift_lines(state, result.planes),
         devices=list(_devices(record)),
         specification=terms_of_session(record.folder).specification.title,
@@ -171,14 +183,6 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
         method=METHODS.get(state.plan) or (procedure_named(state.plan).method if entry.general else ""),
         fields={name: one for plane in result.planes.values() for name, one in _fields(plane.estimate)},
     )
-
-
-def _of_frame(result: PlaneResult) -> PlaneResult:
-    """A plane's result; for a field, with its medians over the frame."""
-    from procedures.field.conclusion import FieldResult
-    from station.reports.field.field_files import with_medians
-
-    return with_medians(result, result.estimate) if isinstance(result.estimate, FieldResult) else result
 
 
 def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
@@ -195,14 +199,6 @@ def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[R
         taken = printable(exposure.captured_at or "") if exposure else ""
         note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
-
-
-def _operator_inputs(state: SessionState, result: SessionResult) -> Iterator[ReportLine]:
-    from station.guide.provenance import NAMES, provenance_of  # imported here: its dependencies are slow to import
-
-    for key, provenance in provenance_of(plan_named(state.plan), state.facts, result.frames).items():
-        if provenance.source == OPERATOR:
-            yield ReportLine(NAMES[key], str(provenance))
 
 
 def _conditions(state: SessionState) -> Iterator[ReportLine]:
@@ -251,7 +247,11 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     shots = [shot for shot, _ in photographs]
     series = chart_series([estimate for _, estimate in photographs], plane.pitch or 1)
     times = np.array([float(shot.exposure.get("requested_s", np.nan)) for shot in shots]) / HOUR_S
-    hours, kelvins = times if np.all(np.diff(times) > 0) else None, _temperatures(shots)
+    hours = times if np.all(np.diff(times) > 0) else None
+    readings = [temperature_during(shot.snapshot) for shot in shots]
+    kelvins = None if None in readings else np.array(readings, np.float64)
+    if kelvins is not None and np.ptp(kelvins) < SMALLEST_CHANGE_K:
+        kelvins = None
     return [line for name, one in series.items() if (line := _line(name, one, hours, kelvins)) is not None]
 
 
@@ -269,12 +269,3 @@ def _words(slope: Slope | None, unit: str) -> str:
 def _place(shot: SessionShot) -> tuple[tuple[str, float], ...]:
     axes = shot.snapshot.get("axes", {})
     return tuple(sorted((str(name), round(float(value), SAME_PLACE)) for name, value in axes.items()))
-
-
-def _temperatures(shots: Sequence[SessionShot]) -> Array | None:
-    """Temperatures at the photographs; None without a probe, or where they hardly differ."""
-    readings = [temperature_during(shot.snapshot) for shot in shots]
-    if any(reading is None for reading in readings):
-        return None
-    kelvins = np.array(readings, np.float64)
-    return kelvins if np.ptp(kelvins) >= SMALLEST_CHANGE_K else None

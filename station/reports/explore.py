@@ -93,7 +93,14 @@ def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | Non
         "name": plane.name, "colour": PLANE_COLOURS.get(plane.name, INK), "pitch": plane.pitch, "height": height,
         "numbers": _numbers(plane.numbers, budgets, plane), "curves": _curves(plane.curves, plane.factor),
         "limits": limits, "shape": spots and spots.shape,
-        "spots": [_spot_entry(place) for place in spots.places] if spots else [],
+        "spots": [
+            {
+                "x": round(spot.x, 1), "y": round(spot.y, 1), "inside": spot.inside,
+                "numbers": _numbers(spot.numbers, spot.budgets), "curves": _curves(spot.curves, 1.0),
+                "psf": _psf_entry(spot.samples, spot.s),
+            }
+            for spot in (spots.places if spots else ())
+        ],
         "psf": None if plane.psf is None else _psf_entry(plane.psf.h, plane.psf.s),
     }  # fmt: skip
 
@@ -125,14 +132,6 @@ def _curves(curves: Mapping[str, Array], factor: float) -> dict[str, list[float]
         name: [_short(value / factor if name == "frequency" else value, 4) for value in values]
         for name, values in kept.items()
     }
-
-
-def _spot_entry(spot: ExploredPlace) -> dict[str, Any]:
-    return {
-        "x": round(spot.x, 1), "y": round(spot.y, 1), "inside": spot.inside,
-        "numbers": _numbers(spot.numbers, spot.budgets), "curves": _curves(spot.curves, 1.0),
-        "psf": _psf_entry(spot.samples, spot.s),
-    }  # fmt: skip
 
 
 def _psf_entry(samples: Array, s: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from markupsafe import Markup
 
-from procedures.choice import TERMS, Trial
+from procedures.choice import TERMS
 from procedures.numbers import RESIDUAL_STD, Group, in_group, label
 from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome
@@ -15,7 +15,7 @@ from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.physics.estimate import Physics
 from procedures.quality import Quality
-from procedures.raw import Plane, RawFrame
+from procedures.raw import Plane
 from procedures.transfer_function import radial_profile
 from procedures.two_photo.estimate import TwoPhotoPsf
 from station.common.sanitise import stated
@@ -83,7 +83,7 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
     leading, figures = _psf_figures(plane, report.overlays, name)
     estimate = plane.estimate.shots[0] if isinstance(plane.estimate, CombinedPsf) else plane.estimate
     if isinstance(estimate, TwoPhotoPsf) and len(report.frames) > 1:
-        near, far = _near_and_far(estimate, report.frames, plane.name)
+        near, far = (report.frames[i].planes[plane.name] for i in ((1, 0) if estimate.swapped else (0, 1)))
         leading.insert(0, psf_figures.pair_figure(near, estimate.warp.forward(_outline(far)), f"{name}-pair"))
     if isinstance(estimate, PatternPsf) and report.frames:
         chart, *fit = chart_figures(report.frames[0].planes[plane.name], estimate, name)
@@ -100,7 +100,15 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
             )
         )
     if plane.choice:
-        blocks += _choice(plane.choice)
+        rows = []
+        for trial in plane.choice:
+            mtf50 = ["—" if one is None else f"{one:.4f}" for one in trial.mtf50]
+            sizes = [f"{trial.uncertainty:.4f}", f"{trial.truncation:.4f}", f"{trial.band_edge:.3f}"]
+            rows.append([str(trial.s), str(trial.k), *mtf50, *sizes, sentence(trial.reason)])
+        head = ["s", "k", "MTF50 along rows", "MTF50 along columns", "uncertainty of the OTF",
+                "truncation by the support", "OTF at the band’s edge", "result"]  # fmt: skip
+        last = Note("The last line gives all numbers.")
+        blocks += [Heading("Choice of s and k"), Table(rows, head, "nnnnnnnr"), last]
     checks = [*_halves(plane), *_edges(plane), *_physics(plane.physics)]
     return [*blocks, Figures(checks)] if checks else blocks
 
@@ -137,11 +145,6 @@ def chart_figures(photograph: Plane, estimate: PatternPsf, name: str) -> list[Fi
         psf_figures.residual_figure(photograph.name, estimate, f"{name}-residual"),
         Figure(Table(rows, style="plain"), f"Diagnostics on which the verdict in {photograph.name} is based."),
     ]
-
-
-def _near_and_far(estimate: TwoPhotoPsf, frames: Sequence[RawFrame], name: str) -> tuple[Plane, Plane]:
-    near, far = (frames[i].planes[name] for i in ((1, 0) if estimate.swapped else (0, 1)))
-    return near, far
 
 
 def _outline(plane: Plane) -> Array:
@@ -182,17 +185,6 @@ def _budget(quality: Quality) -> list[Block]:
     )
     head = ["number", "value", *(TERMS[term] for term in terms), "together"]
     return [Heading("Uncertainty budget"), Table(rows, head, style="budget"), Note(note)]
-
-
-def _choice(trials: Sequence[Trial]) -> list[Block]:
-    rows = []
-    for trial in trials:
-        mtf50 = ["—" if one is None else f"{one:.4f}" for one in trial.mtf50]
-        sizes = [f"{trial.uncertainty:.4f}", f"{trial.truncation:.4f}", f"{trial.band_edge:.3f}"]
-        rows.append([str(trial.s), str(trial.k), *mtf50, *sizes, sentence(trial.reason)])
-    head = ["s", "k", "MTF50 along rows", "MTF50 along columns", "uncertainty of the OTF", "truncation by the support",
-            "OTF at the band’s edge", "result"]  # fmt: skip
-    return [Heading("Choice of s and k"), Table(rows, head, "nnnnnnnr"), Note("The last line gives all numbers.")]
 
 
 def _halves(plane: PlaneResult) -> list[Figure]:

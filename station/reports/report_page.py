@@ -99,8 +99,14 @@ def report_page(
         links = [html('<a href="{}"><code>{}</code></a>', file, file) for file in report.files]
         files = html("<p>{}</p>", Markup(", ").join(links))
         sections.append(Section("The files beside this page", [files], closing=True))
-    title, explored = f"{report.subject}: {report.headline}", explorer(report, spots)
-    return page(title, [*sections, _citation(report)], explored=explored)
+    version = report.software.get("version")
+    cited = (
+        f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
+        "photographs and parameters as under Provenance."
+    )
+    method = [f"The method: {report.method}."] if report.method else []
+    sections.append(Section("How to cite", [cited, *method], closing=True))
+    return page(f"{report.subject}: {report.headline}", sections, explored=explorer(report, spots))
 
 
 def _head(report: Report, summary: Sequence[Block]) -> Section:
@@ -187,15 +193,6 @@ def _provenance(report: Report) -> Section:
     blocks: list[Block] = [Table(rows, ["input", "exposure", "SHA-256"], "rrr")] if rows else []
     blocks += [Note(html("{}. ", given))] if given else []
     return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took], closing=len(rows) <= MAX_WHOLE_ROWS)
-
-
-def _citation(report: Report) -> Section:
-    version = report.software.get("version")
-    words = (
-        f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
-        "photographs and parameters as under Provenance."
-    )
-    return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
 
 
 def _curves(report: Report) -> list[str]:

@@ -1,6 +1,5 @@
 """The page of a sensor: the plots of EMVA 1288, periodic patterns and defect pixels."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,16 +20,6 @@ from station.results.plane_result import PlaneResult
 BLUE, ORANGE = ALONG["horizontal"], ALONG["vertical"]
 MIN_COUNT = 0.5
 """Pixels below which a logarithmic histogram ends."""
-
-
-def sensor_figures(result: SensorResult, patterns: Mapping[str, FixedPattern], plane: str) -> list[Figure]:
-    """All figures of a plane; `patterns` are those in the dark and under light."""
-    figures = [draw(result, plane) for draw in (_transfer, _response, _linearity, _snr)]
-    figures += [_dark(result, plane)] if len(result.curves.dark_exposure_s) > 1 else []
-    for which, pattern in patterns.items():
-        words = {"dark": "Dark", "light": "Response"}[which]
-        figures += [draw(pattern, f"{which}-{plane}", words) for draw in (_spectrogram, _histogram, _accumulated)]
-    return figures
 
 
 def _axes() -> Axes:
@@ -165,7 +154,11 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
     if result is None:
         return []
     patterns = {which: one for which, one in (("dark", result.dark), ("light", result.light)) if one is not None}
-    figures = sensor_figures(result, patterns, plane.name)
+    figures = [draw(result, plane.name) for draw in (_transfer, _response, _linearity, _snr)]
+    figures += [_dark(result, plane.name)] if len(result.curves.dark_exposure_s) > 1 else []
+    for which, pattern in patterns.items():
+        words = {"dark": "Dark", "light": "Response"}[which]
+        figures += [draw(pattern, f"{which}-{plane.name}", words) for draw in (_spectrogram, _histogram, _accumulated)]
     blocks: list[Block] = [Figures(figures[:SUMMARY_FIGURES], summary=True), Figures(figures[SUMMARY_FIGURES:])]
     if periods := [_period_words(period) for pattern in patterns.values() for period in pattern.periods]:
         blocks += [Heading("Periodic patterns"), Items(periods)]

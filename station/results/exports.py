@@ -61,7 +61,8 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
         ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
     ]  # fmt: skip
     first = primary_image(psf.h, [("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside])
-    return first + image_extension(sigma, [("EXTNAME", "UNCERTAINTY"), *grid])
+    cards = [("EXTNAME", "UNCERTAINTY"), *grid]
+    return first + _unit([("XTENSION", "IMAGE"), *_size(sigma), ("PCOUNT", 0), ("GCOUNT", 1), *cards], _bytes(sigma))
 
 
 def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
@@ -150,11 +151,6 @@ LONGEST_TEXT = 34
 def primary_image(data: Floats, cards: Cards) -> bytes:
     """An image as the file's first unit; float32 or float64 as the data are."""
     return _unit([("SIMPLE", True), *_size(data), *cards], _bytes(data))
-
-
-def image_extension(data: Floats, cards: Cards) -> bytes:
-    """An image as a further unit."""
-    return _unit([("XTENSION", "IMAGE"), *_size(data), ("PCOUNT", 0), ("GCOUNT", 1), *cards], _bytes(data))
 
 
 def table_of_one_cube(name: str, cube: npt.NDArray[np.float32], cards: Cards) -> bytes:

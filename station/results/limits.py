@@ -149,18 +149,12 @@ def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Sp
         meant = [Spot("", list(Place), record.numbers)]
         if limit.place not in (Place.ANYWHERE, record.place):
             meant = [Spot(f"the {limit.place}", ())]
-    for spot in meant:
-        for name in _present(limit, spot.numbers, pixels):
-            yield _of_number(record, limit, spot, name, pixels)
-
-
-def _present(limit: Limit, numbers: Mapping[str, Quantity], pixels: Pixels) -> list[str]:
-    """Which of a limit's numbers there are: along directions, or across an edge; else the first is named as missing."""
     names = limit.names(pixels)
     across = names[0].removesuffix(f"_{limit.directions[0]}") if limit.number in FAMILIES else names[0]
-    if across in numbers:
-        return [across]
-    return names if any(name in numbers for name in names) else [across]
+    for spot in meant:  # along directions, or across an edge; else the first is named as missing
+        along = across not in spot.numbers and any(name in spot.numbers for name in names)
+        for name in names if along else [across]:
+            yield _of_number(record, limit, spot, name, pixels)
 
 
 def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels: Pixels) -> Judgement:

@@ -43,7 +43,13 @@ def read_result(folder: Path) -> Measurement:
     if BY_PLANE not in record and "verdict" in record:  # a refusal, or a record of an earlier version
         key, entries = "result", {"result": {**_mapping(record.get(key)), "verdict": record["verdict"]}}
         entries["result"] |= {one: record[one] for one in PARSED if one in record}
-    if not entries or not isinstance(entries, dict) or not all(_is_plane(*item) for item in entries.items()):
+    if (
+        not entries
+        or not isinstance(entries, dict)
+        or not all(
+            name.isalnum() and len(name) <= MAX_PLANE_NAME and isinstance(one, dict) for name, one in entries.items()
+        )
+    ):
         raise BadInput(f"{folder / RECORD} names no planes", _AGAIN)
     planes = tuple(_plane(folder, name, entry) for name, entry in entries.items())
     more = {name: value for name, value in record.items() if name not in (*NOT_ENTRIES, key)}
@@ -89,10 +95,6 @@ def _mapping(value: object) -> dict[str, Any]:
 
 def _list(value: object) -> list[Any]:
     return value if isinstance(value, list) else []
-
-
-def _is_plane(name: str, entry: object) -> bool:
-    return name.isalnum() and len(name) <= MAX_PLANE_NAME and isinstance(entry, dict)
 
 
 def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:

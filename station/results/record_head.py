@@ -113,8 +113,13 @@ ENVIRONMENT = "environment"
 def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, Any]] | None:
     """The conditions over these photographs: by probe and quantity, mean and range; None without a probe. The
     uncertainty is the largest that the probe states for a reading."""
+    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for snapshot in snapshots:
+        for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
+            for name, quantity in quantities.items():
+                grouped.setdefault((str(probe), str(name)), []).append(quantity)
     entries: dict[str, dict[str, Any]] = {}
-    for probe, name, readings in _readings(snapshots):
+    for (probe, name), readings in grouped.items():
         values = [checked_number(reading["value"], f"`value` of {name}") for reading in readings]
         stated = [checked_number(u, f"`uncertainty` of {name}") for reading in readings
                   if (u := reading.get("uncertainty")) is not None]  # fmt: skip
@@ -123,15 +128,6 @@ def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str
             "uncertainty": max(stated, default=None), "min": min(values), "max": max(values), "n": len(values),
         }  # fmt: skip
     return entries or None
-
-
-def _readings(snapshots: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, list[Mapping[str, Any]]]]:
-    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for snapshot in snapshots:
-        for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
-            for name, quantity in quantities.items():
-                grouped.setdefault((str(probe), str(name)), []).append(quantity)
-    return [(*key, readings) for key, readings in grouped.items()]
 
 
 def temperature_during(snapshot: Mapping[str, Any]) -> float | None:

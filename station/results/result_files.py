@@ -101,7 +101,8 @@ class ResultFolder:
         for name in staged:
             disk.settle(self.staging / name)
         older = own_hashes(self.path)
-        self._note({**older, **{name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}})
+        both = older | {name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}
+        (self.path / PUBLISHING).write_text(json_text({"files": both}))
         (self.path / RECORD).unlink(missing_ok=True)
         folders = {self.path / name.parent for name in staged}
         for folder in folders:
@@ -137,9 +138,6 @@ class ResultFolder:
             return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
 
-    def _note(self, files: Mapping[str, Sequence[str]]) -> None:
-        (self.path / PUBLISHING).write_text(json_text({"files": {name: list(file) for name, file in files.items()}}))
-
 
 def own_hashes(folder: Path) -> dict[str, list[str]]:
     """The hashes that the files of a result may have: by its record, and by one that was being published."""
@@ -147,7 +145,8 @@ def own_hashes(folder: Path) -> dict[str, list[str]]:
     for record in (json_object(folder / RECORD), json_object(folder / PUBLISHING)):
         files = record.get("files")
         for name, digests in files.items() if isinstance(files, dict) else ():
-            if isinstance(digests, str | list) and _is_inside(str(name)):
+            inside = name and not name.startswith("/") and ".." not in Path(name).parts
+            if isinstance(digests, str | list) and inside:
                 hashes.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
     return hashes
 
@@ -159,11 +158,6 @@ def json_object(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return value if isinstance(value, dict) else {}
-
-
-def _is_inside(name: str) -> bool:
-    """Whether a file's name in a record leads nowhere else."""
-    return bool(name) and not name.startswith("/") and ".." not in Path(name).parts
 
 
 _RESULT_FILE = re.compile(

@@ -190,7 +190,8 @@ class Index:
             camera, lens = self._name("cameras", state.camera), self._name("lenses", state.lens)
             counting = len(state.results[-1].shots) if state.results else len(state.counting())
             verdict = state.results[-1].verdict if state.results else ""
-            about = (encodable(state.plan), _utc(state.began), state.ended or "", len(state.shots), counting, verdict)
+            began = encodable(state.began).replace("Z", "+00:00")  # sortable; journals are written in UTC
+            about = (encodable(state.plan), began, state.ended or "", len(state.shots), counting, verdict)
             row = (name, stamp, camera, lens, *about, encodable(damage))
         session = self._database.execute(f"INSERT INTO sessions VALUES (NULL, {', '.join('?' * 11)})", row).lastrowid
         if state is not None:
@@ -255,11 +256,6 @@ def _stat(path: Path) -> os.stat_result | None:
         return path.lstat()
     except OSError:
         return None
-
-
-def _utc(moment: str) -> str:
-    """ISO 8601 in sortable form; journals are written in UTC."""
-    return encodable(moment).replace("Z", "+00:00")
 
 
 def _where(wanted: Filter) -> tuple[str, list[str]]:

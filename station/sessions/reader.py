@@ -41,11 +41,6 @@ class SessionRecord:
     gap: Gap
 
     @property
-    def has_head(self) -> bool:
-        """Whether it was ever opened by a version that writes the journal's head."""
-        return _has_head(self.contents)
-
-    @property
     def oddities(self) -> tuple[str, ...]:
         """Irregularities of the journal, as text."""
         torn = "the last line of the journal was not whole and did not count" if self.contents.torn else ""
@@ -189,8 +184,10 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
     _sweep(session.folder)
     if record.gap.lines:
         session.note("cut", lines=record.gap.lines)
-    elif record.has_head and not record.oddities:
-        _discard_unconfirmed(session)
+    elif _has_head(record.contents) and not record.oddities:  # the journal is complete: these were never confirmed
+        for relative in unknown_files(session.folder, session.state):
+            if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():
+                shutil.rmtree(session.folder / relative, ignore_errors=True)
     session.note("opened", process=os.getpid(), machine=machine(), head=HEAD)
     if torn := record.contents.torn:
         session.note("torn", bytes=len(torn), text=torn[:10_000].decode("utf-8", "replace"))
@@ -204,8 +201,7 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
         finish_adopting(session, session.state.adopting)
     if wrong := damaged_results(session.folder, session.state):
         session.notice(f"{', '.join(wrong)}: missing or changed; bring them back from a copy")
-    _give_up_awaited(session)
-    _name_unfinished(session)
+    _repeat_unfinished(session)
     unknown = unknown_files(session.folder, session.state)
     for relative in unknown:
         path = session.folder / relative
@@ -226,49 +222,14 @@ def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
         session.take_in(shot, source)
         session.notice(f"shot {shot.number} had been announced but not adopted; it is now in the session")
         return
-    _say_and_give_up(
-        session,
-        f"shot {shot.number} had been announced but not adopted, and {source} is missing or changed: "
-        "it will be taken again",
-        shot=shot.number,
-    )
+    words = f"shot {shot.number} had been announced but not adopted, and {source} is missing or changed: "
+    _say_and_give_up(session, words + "it will be taken again", shot=shot.number)
 
 
 def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)
-
-
-def _give_up_awaited(session: OpenSession) -> None:
-    awaited = session.state.awaited
-    if awaited is None:
-        return
-    _say_and_give_up(
-        session,
-        f"an exposure for {awaited.purpose} ({awaited.step}) was requested, but its photograph is not in the session: "
-        "it will be taken again",
-        step=awaited.step,
-        purpose=awaited.purpose,
-    )
-
-
-def _name_unfinished(session: OpenSession) -> None:
-    step = session.state.step
-    others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
-    say = (
-        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so "
-        "far, trials will be taken again"
-    )
-    if step and others and say not in session.state.notices:
-        session.notice(say)
-
-
-def _discard_unconfirmed(session: OpenSession) -> None:
-    """Remove results that were never confirmed, which is certain only if the journal is known to be complete."""
-    for relative in unknown_files(session.folder, session.state):
-        if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():
-            shutil.rmtree(session.folder / relative, ignore_errors=True)
 
 
 def _sweep(folder: Path) -> None:
@@ -280,3 +241,20 @@ def _sweep(folder: Path) -> None:
             shutil.rmtree(unfinished, ignore_errors=True)
             with contextlib.suppress(OSError):  # it is not empty
                 unfinished.parent.rmdir()
+
+
+def _repeat_unfinished(session: OpenSession) -> None:
+    if awaited := session.state.awaited:
+        words = (
+            f"an exposure for {awaited.purpose} ({awaited.step}) was requested, but its photograph is not in the "
+            "session: it will be taken again"
+        )
+        _say_and_give_up(session, words, step=awaited.step, purpose=awaited.purpose)
+    step = session.state.step
+    others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
+    say = (
+        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so "
+        "far, trials will be taken again"
+    )
+    if step and others and say not in session.state.notices:
+        session.notice(say)

@@ -299,17 +299,14 @@ class Session:
             if standing is not None and (standing.step, standing.files) == (step, files):
                 shutil.rmtree(folder)
                 return standing
-            if (same := self._unconfirmed_with(files)) is not None:
+            known = {self.folder / result.folder for result in self.state.results}
+            if same := next((path for path in self.leftovers if path not in known and holds_all(path, files)), None):
                 shutil.rmtree(folder)
                 folder = same
             about_files = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
             self.note("derived", **about_files, verdict=verdict, machine=machine(), **about)
             self.write_sums()
             return self.state.results[-1]
-
-    def _unconfirmed_with(self, files: Mapping[str, str]) -> Path | None:
-        known = {self.folder / result.folder for result in self.state.results}
-        return next((path for path in self.leftovers if path not in known and holds_all(path, files)), None)
 
     def wire_folder(self) -> Path:
         """Create the folder of this opening's transcripts. Raises WriteFailed."""

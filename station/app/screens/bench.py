@@ -115,7 +115,8 @@ class BenchScreen(StationScreen):
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
         known: Sequence[DeviceRow] = self.app.rows  # type: ignore[attr-defined]
-        rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
+        conditions = self.app.conditions  # type: ignore[attr-defined]
+        rows = [row_in_words(row, conditions.get(row.name, row.condition), glyphs.good, glyphs.bad) for row in known]
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else self._without()])))
         lines = [f"Manual moves, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
@@ -131,9 +132,6 @@ class BenchScreen(StationScreen):
 
     def _without(self) -> str:
         return str(self.app.why_no_bench)  # type: ignore[attr-defined]
-
-    def _condition(self, row: DeviceRow) -> Condition:
-        return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
     def _show_wire(self) -> None:
         part, bench = self.query_one("#wire", Part), self.bench
@@ -167,12 +165,13 @@ class BenchScreen(StationScreen):
             self._do("", _home)
             return
         names = ", ".join(axis.name for axis in self._axes)
-        question = f"Homing: {names} each move to a switch. Is the way clear? F12 stops."
-        self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), self._home_or_not)
 
-    def _home_or_not(self, answer: int | None) -> None:
-        if answer == 0:
-            self._do("Homing: keep clear of all moving parts.", _home)
+        def decided(answer: int | None) -> None:
+            if answer == 0:
+                self._do("Homing: keep clear of all moving parts.", _home)
+
+        question = f"Homing: {names} each move to a switch. Is the way clear? F12 stops."
+        self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), decided)
 
     @on(JogBack)
     def jog_back(self) -> None:

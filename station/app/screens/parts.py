@@ -241,6 +241,9 @@ class AnswerBox(Vertical):
         if not self.open and event.character is not None and event.character in NUMBER_CHARACTERS:
             self._ahead = (*self._ahead[-20:], event)
 
+    def _note_shown(self) -> None:
+        self._shown_s = Message().time
+
     def ask(self, ask: Ask) -> None:
         from station.guide.answers import words
 
@@ -268,9 +271,6 @@ class AnswerBox(Vertical):
                 lines = (f"clear: press Enter to {consent.start}; F12 stops", NOT_NOW)
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
             choices.set_lines(lines, at, by_enter_alone=consent is not None)
-
-    def _note_shown(self) -> None:
-        self._shown_s = Message().time
 
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
         self._ask, self._offers = None, list(offers.values())

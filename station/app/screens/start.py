@@ -97,19 +97,16 @@ class StartScreen(StationScreen):
 
     def show_kept(self, kept: Sequence[SessionSummary]) -> None:
         self._kept = sorted(kept, key=lambda one: one.ended == "finished")
-        if kept:
-            self._propose(kept[0].camera, kept[0].lens)
+        if kept:  # propose camera and lens of the last session, unless something else was typed
+            names = kept[0].camera, kept[0].lens
+            for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
+                box = self.query_one(f"#{part}", Input)
+                if box.value == usual:
+                    box.value = last
+                    box.action_select_all()
+            self._names = names
         self.query_one("#old").display = bool(self._kept)
         self.query_one("#kept", Choices).set_lines([kept_in_words(one) for one in self._kept])
-
-    def _propose(self, *names: str) -> None:
-        """Propose camera and lens of the last session, unless something else was typed."""
-        for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
-            box = self.query_one(f"#{part}", Input)
-            if box.value == usual:
-                box.value = last
-                box.action_select_all()
-        self._names = (names[0], names[1])
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.focus_next()

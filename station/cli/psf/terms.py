@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,7 +13,6 @@ from station.cli.terminal.inherited import inherited
 if TYPE_CHECKING:
     from station.reports.certificate_details import CertificateDetails
     from station.results.terms import Terms
-    from station.results.units import Unit
 
 DETAILS = click.option(
     "--certificate-details", type=PATH, metavar="FILE",
@@ -73,14 +71,6 @@ config_option = inherited(
 )  # fmt: skip
 
 
-def chosen_unit(name: str | None, config: Path | None) -> Unit:
-    """The requested unit, else that of `config` or station.toml. Raises BadParameter for an unknown one."""
-    from station.results.specification_file import preferred_unit
-    from station.results.units import Unit
-
-    return preferred_unit(config) if name is None else Unit(name.lower())
-
-
 specification_option = inherited(
     "--specification", type=PATH, help="Limits that the numbers are compared with, in TOML."
 )
@@ -95,10 +85,11 @@ terms_options = options(unit_option, config_option, at_option, specification_opt
 def terms_of(options: dict[str, Any]) -> Terms:
     """The terms of the options, which are removed from them. Raises BadParameter for an invalid specification."""
     from station.results.limits import Specification
-    from station.results.specification_file import read_specification
+    from station.results.specification_file import preferred_unit, read_specification
     from station.results.terms import Terms
-    from station.results.units import Frequency
+    from station.results.units import Frequency, Unit
 
-    unit, file = chosen_unit(options.pop("unit", None), options.pop("config", None)), options.pop("specification")
+    name, config, file = options.pop("unit", None), options.pop("config", None), options.pop("specification")
+    unit = preferred_unit(config) if name is None else Unit(name.lower())
     at = tuple(Frequency(value, unit) for value in options.pop("at", ()))
     return Terms(unit, at, read_specification(file) if file else Specification())

@@ -23,7 +23,6 @@ from station.common.errors import log
 if TYPE_CHECKING:
     from station.guide.recompute import RecomputedResult
     from station.sessions.reader import SessionRecord
-    from station.sessions.state import SessionShot
 
 
 @command("show", strict=True, as_json=True)
@@ -73,7 +72,11 @@ def _words(record: SessionRecord) -> str:
     if state.facts:
         parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
     if state.shots:
-        parts.append(columns([SHOT_HEADING, *(_shot_row(shot) for shot in state.shots)]))
+        counts = {True: "yes", False: "no", None: "not judged"}
+        shots = (
+            (str(one.number), one.path, one.step, one.purpose, counts[one.counts], one.reason) for one in state.shots
+        )
+        parts.append(columns([SHOT_HEADING, *shots]))
     if state.results:
         rows = [
             (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
@@ -83,11 +86,6 @@ def _words(record: SessionRecord) -> str:
 
 
 SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
-
-
-def _shot_row(shot: SessionShot) -> tuple[str, ...]:
-    counts = {True: "yes", False: "no", None: "not judged"}[shot.counts]
-    return str(shot.number), shot.path, shot.step, shot.purpose, counts, shot.reason
 
 
 def _value(fact: object) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 
 from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80, SENSITIVITY_AT_5
-from procedures.numerics.arrays import Array
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.stability import HALF, THRESHOLDS, stability_of
@@ -158,7 +157,10 @@ def planes(setting: Setting) -> RowValues:
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
     estimates = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
     radius = {name: estimate.quality.numbers[ENCIRCLED_ENERGY_80].value for name, estimate in estimates.items()}
-    lean = {name: _lean(estimate.psf.h) for name, estimate in estimates.items()}
+    f, lean = DIAGONAL_AT / np.sqrt(2), dict[str, float]()
+    for name, estimate in estimates.items():  # the MTF along one diagonal minus that along the other
+        there, across = (np.abs(cameras.spectrum(estimate.psf.h, cameras.S, f, sign * f)) for sign in (1, -1))
+        lean[name] = float(np.mean(there - across))
     figures = (
         pictures("planes-psf", [(name, estimate.psf.h) for name, estimate in estimates.items()], cmap="viridis"),
         cameras.mtf_curves(
@@ -176,13 +178,6 @@ def planes(setting: Setting) -> RowValues:
     return RowValues(measured, figures)
 
 
-def _lean(h: Array) -> float:
-    """MTF along one diagonal minus that along the other."""
-    f = DIAGONAL_AT / np.sqrt(2)
-    there, across = (np.abs(cameras.spectrum(h, cameras.S, f, sign * f)) for sign in (1, -1))
-    return float(np.mean(there - across))
-
-
 def places(setting: Setting) -> RowValues:
     """PSFs far from the middle of the frame are larger and more asymmetrical."""
     lens = {"coma_um": 0.10, "astigmatism_um": 0.10, "field_curvature_um": 0.06, "spherical_um": 0.02}
@@ -193,18 +188,16 @@ def places(setting: Setting) -> RowValues:
         shot = cameras.photograph_chart(camera, _chart(), i, at=at)  # type: ignore[arg-type]
         psf[name] = cameras.estimated(cameras.plane_of(shot), _chart())
     radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in psf.items()}
-    odd = {name: _asymmetry(one.psf.h) for name, one in psf.items()}
+    odd = {  # the difference between the PSF and itself rotated by half a turn
+        name: float(np.linalg.norm(one.psf.h - one.psf.h[::-1, ::-1]) / np.linalg.norm(one.psf.h))
+        for name, one in psf.items()
+    }
     figure = pictures("places", [(name, one.psf.h) for name, one in psf.items()], columns=3, cmap="viridis")
     measured = (
         *(radius[name] / radius["centre"] for name in ("edge", "corner")),
         *(odd[name] / odd["centre"] for name in ("edge", "corner")),
     )
     return RowValues(measured, (figure,))
-
-
-def _asymmetry(h: Array) -> float:
-    """Norm of the difference between the PSF and itself rotated by half a turn, over its norm."""
-    return float(np.linalg.norm(h - h[::-1, ::-1]) / np.linalg.norm(h))
 
 
 SLOPE, SHAKE_PX = 0.1, 0.1

@@ -36,10 +36,6 @@ def _mean_gamma(r: int, window: patterns.Window, seeds: range, samples_per_cell:
     return float(np.mean([patterns.gamma_of(view, S, r, window) for view in views]))
 
 
-def _drawn_gamma(draw: patterns.Drawing, r: int, window: patterns.Window) -> float:
-    return patterns.gamma_of(patterns.of_drawing(draw, patterns.side(window, S, r), S), S, r, window)
-
-
 OTHERS: dict[str, patterns.Drawing] = {
     "slanted edge": patterns.slanted_edge,
     "disc of arcs": patterns.disc(DISC_PX),
@@ -70,7 +66,10 @@ def gamma_table(setting: Setting) -> RowValues:
     windows = [table_window(r) for r in SUPPORTS]
     bounds = [gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
     noise = [_mean_gamma(r, w, range(20 if setting.full else 3)) for r, w in zip(SUPPORTS, windows, strict=True)]
-    joshi = [_drawn_gamma(patterns.disc(DISC_PX), r, w) for r, w in zip(SUPPORTS, windows, strict=True)]
+    joshi = [
+        patterns.gamma_of(patterns.of_drawing(patterns.disc(DISC_PX), patterns.side(window, S, r), S), S, r, window)
+        for r, window in zip(SUPPORTS, windows, strict=True)
+    ]
     figure = curves(
         "gamma-table",
         [

@@ -109,20 +109,17 @@ def rays_kappa(setting: Setting) -> RowValues:
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
     error = np.array([10 ** (-psnr(estimate, truth) / 10) for estimate in estimates])
     best = int(np.argmin(error))
+    rows, columns = truth.mean.shape[:2]
+    detail = np.s_[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
     figures = (
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _detail(shown(estimates[i]))) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", shown(estimates[i])[detail]) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
-
-
-def _detail(picture: Array) -> Array:
-    rows, columns = picture.shape[:2]
-    return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
 
 
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
@@ -130,7 +127,10 @@ def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
-    wide = {scales: _wide_noise(estimate, truth.mean) for scales, estimate in estimates.items()}
+    wide = {}
+    for scales, estimate in estimates.items():
+        error = np.clip(estimate, 0, 1) - np.clip(truth.mean, 0, 1)
+        wide[scales] = float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
     middle, across = len(truth.mean) // 2, np.arange(truth.mean.shape[1])
     line = {f"scales: {scales}": estimate[middle].mean(axis=-1) for scales, estimate in estimates.items()}
     figures = (
@@ -145,11 +145,6 @@ def rays_scales(setting: Setting) -> RowValues:
     )
     gain = psnr(estimates[3], truth) - psnr(estimates[1], truth)
     return RowValues((wide[3] / wide[1], gain), figures)
-
-
-def _wide_noise(picture: Array, truth: Array) -> float:
-    error = np.clip(picture, 0, 1) - np.clip(truth, 0, 1)
-    return float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
 
 
 OCTAVES = 2.0

@@ -29,11 +29,6 @@ TILE_PX = 55.0
 F = cameras.FREQUENCIES
 
 
-def _discs(x: Array, y: Array) -> Array:
-    px, py = x % TILE_PX - TILE_PX / 2, y % TILE_PX - TILE_PX / 2
-    return np.where(np.hypot(px, py) < 20.0, 0.0, 1.0)
-
-
 def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
     """The non-negative kernel (k, k) that minimises ||A h - v||^2 + weight ||grad h||^2.
 
@@ -100,7 +95,12 @@ def simulated_rivals(setting: Setting) -> RowValues:
     truth = np.asarray(np.outer(line, line) / line.sum() ** 2)
     rng = np.random.default_rng(9)
     noise = view(patterns.bernoulli(patterns.side(NOISE_REGION, S, K), SAMPLES_PER_CELL, rng, cells=256), NOISE_REGION)
-    arcs = view(patterns.of_drawing(_discs, patterns.side(WHOLE, S, K), S), WHOLE)
+
+    def discs(x: Array, y: Array) -> Array:
+        px, py = x % TILE_PX - TILE_PX / 2, y % TILE_PX - TILE_PX / 2
+        return np.where(np.hypot(px, py) < 20.0, 0.0, 1.0)
+
+    arcs = view(patterns.of_drawing(discs, patterns.side(WHOLE, S, K), S), WHOLE)
     kernels: dict[str, list[Array]] = {name: [] for name in ("noise pattern", *LEVELS)}
     sweep = []
     for _ in range(30 if setting.full else 8):

@@ -1,7 +1,7 @@
 """A row: something published, the values computed for it, and what the paper claims of them as ranges of values."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
@@ -168,16 +168,17 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
     given = dict(table)
     compute = getattr(import_module(f"{__package__}.{given.pop('module')}"), name.replace("-", "_"))
     each, needs = given.pop("each", ()), tuple(given.pop("needs", ()))
-    checks = tuple(read_check(one) for entry in given.pop("checks") for one in _one_by_one(entry, each))
+    entries: list[Mapping[str, Any]] = []
+    for entry in given.pop("checks"):
+        published, quantity = entry["published"], entry["quantity"]
+        if isinstance(published, str):
+            entries.append(entry)
+            continue
+        for case, number in zip(each, published, strict=True):
+            entries.append({**entry, "quantity": f"{quantity}, {case}", "published": number})
+    checks = tuple(map(read_check, entries))
     title, order = compute.__doc__.removesuffix("."), getattr(compute, "order", None)
     return Row(name, title=title, checks=checks, needs=needs, compute=compute, order=order, **given)
-
-
-def _one_by_one(entry: Mapping[str, Any], each: Sequence[str]) -> list[Mapping[str, Any]]:
-    if isinstance(entry["published"], str):
-        return [entry]
-    cases = zip(each, entry["published"], strict=True)
-    return [{**entry, "quantity": f"{entry['quantity']}, {case}", "published": number} for case, number in cases]
 
 
 def read_check(entry: Mapping[str, Any]) -> ClaimCheck:

@@ -72,18 +72,18 @@ def two_photo_simulated(setting: Setting) -> RowValues:
     return RowValues((error, apart), figures)
 
 
-def _up_to_band(s: int, mtf: Array) -> Curve:
-    inside = s / 2 >= F
-    return Curve(f"{s}×", F[inside], mtf[inside])
-
-
 def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     estimates = {s: estimated(pair, s) for s in SUPPORT}
     mtf = {s: cameras.mtf_down(estimate.psf.h, s) for s, estimate in estimates.items()}
     apart = [float(np.abs(mtf[s] - mtf[4])[end >= F].max()) for s, end in COMMON.items()]
     figures = (
         pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=4, cmap="viridis"),
-        curves(f"{name}-mtf", [_up_to_band(s, one) for s, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
+        curves(
+            f"{name}-mtf",
+            [Curve(f"{s}×", F[s / 2 >= F], one[s / 2 >= F]) for s, one in mtf.items()],
+            x=CYCLES,
+            y="MTF, vertical",
+        ),
     )
     return RowValues(tuple(apart), figures)
 

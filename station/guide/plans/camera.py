@@ -68,7 +68,11 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     known_facts = facts_as(WholeCameraFacts, facts)
     others = {*known_facts.lit, *known_facts.flats, *known_facts.turned}
     places = subset(frames, lambda mark: mark not in others)
-    flats = upright_or_turned(known_facts, facts)
+    flats = {  # taken with the panel upright, or turned as confirmed
+        mark
+        for mark, quarters in known_facts.flats.items()
+        if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")
+    }
     sensor_frames, flat_frames, turned = (
         subset(frames, marks.__contains__) for marks in (known_facts.lit, flats, known_facts.turned)
     )
@@ -117,15 +121,6 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     uses = [f"{', '.join(models)}: {USED}"] if models else []
     uses += [f"{name}: {NOT_USED}: {reason}" for name, reason in reasons.items()]
     return answer, models, "; ".join(uses)
-
-
-def upright_or_turned(known_facts: WholeCameraFacts, facts: Facts) -> set[str]:
-    """The marks of the flats taken with the panel upright, or turned as confirmed."""
-    return {
-        mark
-        for mark, quarters in known_facts.flats.items()
-        if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")
-    }
 
 
 def vignetting_of(frames: Sequence[RawFrame], whole: FieldResult) -> Outcome[Flats]:

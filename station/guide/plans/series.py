@@ -72,8 +72,12 @@ class SeriesPsf:
 
 def aperture_plan() -> Plan:
     """One photograph at each aperture."""
+
+    def five_stops(facts: Facts) -> str:
+        return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * _aperture(facts)][:5])
+
     ask = Ask(
-        "apertures", "At which f-numbers?", "text", proposed=lambda facts: _stops_from(_aperture(facts)),
+        "apertures", "At which f-numbers?", "text", proposed=five_stops,
         check=lambda answer, facts: _f_numbers(answer),
     )  # fmt: skip
     tour = Tour(lambda facts: [_aperture_stop(number) for number in _f_numbers(facts["apertures"])])
@@ -106,11 +110,6 @@ def _plan(name: str, title: str, setting: str, requests: tuple[Ask | Tour, ...])
         ),
         facts=PatternFacts,
     )
-
-
-def _stops_from(f_number: float) -> str:
-    """Five whole stops from an aperture on: "2.8 4 5.6 8 11"."""
-    return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * f_number][:5])
 
 
 def _f_numbers(answer: Fact) -> list[float]:

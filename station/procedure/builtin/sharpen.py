@@ -74,6 +74,8 @@ class Sharpen(Procedure[SharpenSettings]):
         if len(frames) == 1 and settings.field is None:
             with suppress(ProcedureError):
                 settings = replace_settings(settings, field=profile_for(frames[0].exposure))
+        way: str
+        why: tuple[str, ...]
         more: Mapping[str, Any] = {}
         if settings.way in (FIELD, FINER) and settings.field is not None:
             way, why = settings.way, (f"--way {settings.way} was given",)

@@ -86,8 +86,30 @@ class AlpacaDevice:
         self.devices = devices
         self.clients = ConnectedClients(self._connect)
         self.polls = served.threads(POLLS, f"{kind} {number}")
-        self.gets = {**self._common_gets(), **self.readable()}
-        self.puts = {**self._common_puts(), **self.writable()}
+        self.gets: dict[str, Member] = {
+            "connected": lambda given: given.client() in self.clients,
+            "connecting": lambda given: self.clients.connecting(given.client()),
+            "description": constant(f"{self.name} of the calibration station's bench"),
+            "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
+            "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
+            "driverversion": constant(program_version()),
+            "interfaceversion": constant(self.interface_version),
+            "name": constant(self.name),
+            "supportedactions": lambda given: [*self.actions, STOP],
+            **self.readable(),
+        }
+        self.puts: dict[str, Member] = {
+            "action": self._act,
+            "connect": lambda given: self.clients.begin(given.client()),
+            "connected": self._set_connected,
+            "disconnect": lambda given: self.clients.remove(given.client()),
+            **absent("commandblind", "commandbool", "commandstring"),
+            **self.writable(),
+        }
+
+    def _set_connected(self, given: Parameters) -> None:
+        change = self.clients.add if given.flag("Connected") else self.clients.remove
+        change(given.client())
 
     def readable(self) -> Mapping[str, Member]:
         """Members of its kind that are read."""
@@ -116,28 +138,6 @@ class AlpacaDevice:
             raise AlpacaError(NOT_CONNECTED, f"{self.name} is not connected; put Connected = True first")
         return table[member](given)
 
-    def _common_gets(self) -> dict[str, Member]:
-        return {
-            "connected": lambda given: given.client() in self.clients,
-            "connecting": lambda given: self.clients.connecting(given.client()),
-            "description": constant(f"{self.name} of the calibration station's bench"),
-            "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
-            "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
-            "driverversion": constant(program_version()),
-            "interfaceversion": constant(self.interface_version),
-            "name": constant(self.name),
-            "supportedactions": lambda given: [*self.actions, STOP],
-        }
-
-    def _common_puts(self) -> dict[str, Member]:
-        return {
-            "action": self._act,
-            "connect": lambda given: self.clients.begin(given.client()),
-            "connected": self._set_connected,
-            "disconnect": lambda given: self.clients.remove(given.client()),
-            **absent("commandblind", "commandbool", "commandstring"),
-        }
-
     def _act(self, given: Parameters) -> str:
         if is_stop("action", given):
             self.served.stop()
@@ -148,10 +148,6 @@ class AlpacaDevice:
             offered = ", ".join((*self.actions, STOP))
             raise AlpacaError(ACTION_NOT_IMPLEMENTED, f"there is no action {name!r}; there are {offered}")
         return known[name.lower()](words)
-
-    def _set_connected(self, given: Parameters) -> None:
-        change = self.clients.add if given.flag("Connected") else self.clients.remove
-        change(given.client())
 
     def _connect(self) -> None:
         """Connect missing devices. Raises InUse, DeviceError."""
