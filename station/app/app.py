@@ -19,24 +19,8 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input, OptionList
 
+from station.app import commands
 from station.app.bars import DeviceBar, KeyLine
-from station.app.commands import (
-    BY_NAME,
-    EVERYWHERE,
-    Command,
-    CommandsByName,
-    EndRun,
-    Leave,
-    NewSession,
-    ShowBench,
-    ShowFocus,
-    ShowGuide,
-    ShowHelp,
-    ShowPalette,
-    ShowResults,
-    StopEverything,
-    bindings,
-)
 from station.app.screens.dialogs import Choose, Help
 from station.app.screens.parts import StationScreen
 from station.app.screens.start import StartScreen
@@ -89,8 +73,8 @@ class StationApp(WorkingApp):
 
     TITLE = "Calibration station"
     ENABLE_COMMAND_PALETTE = False  # ours is opened by a command
-    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
-    BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
+    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {commands.CommandsByName}
+    BINDINGS: ClassVar[list[BindingType]] = commands.bindings(commands.EVERYWHERE)
     DEFAULT_MODE = GUIDE
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny"), (60, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     VERTICAL_BREAKPOINTS = [(0, "-low"), (15, "-high")]  # noqa: RUF012
@@ -117,40 +101,45 @@ class StationApp(WorkingApp):
         if not (isinstance(error, NoMatches) and self.return_code is not None):
             super()._handle_exception(error)
 
-    def offered(self) -> list[type[Command]]:
+    def offered(self) -> list[type[commands.Command]]:
         """The available commands: first the way back to the guide, then the screen's and those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
-        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowFocus: FOCUS, ShowResults: RESULTS}
-        away = [command for command in EVERYWHERE if modes.get(command) != self.current_mode]
+        modes = {
+            commands.ShowGuide: GUIDE,
+            commands.ShowBench: BENCH,
+            commands.ShowFocus: FOCUS,
+            commands.ShowResults: RESULTS,
+        }
+        away = [command for command in commands.EVERYWHERE if modes.get(command) != self.current_mode]
         if all(self.running(name) is None for name in ("run", "by hand", "focus")):
-            away.remove(EndRun)
+            away.remove(commands.EndRun)
         stop, help_, *others = away
-        back = [command for command in others if command is ShowGuide]
+        back = [command for command in others if command is commands.ShowGuide]
         return [stop, help_, *back, *here, *(command for command in others if command not in back)]
 
     async def action_command(self, name: str) -> None:
-        command = BY_NAME[name]
-        if command is StopEverything:
+        command = commands.BY_NAME[name]
+        if command is commands.StopEverything:
             self.stop_everything()
         elif command in self.offered() or command.urgent:
             self.front.post_message(command())
         else:
             self.notify(self.bench_taken or "That command is not available now.", markup=False)
 
-    @on(ShowGuide)
+    @on(commands.ShowGuide)
     def _show_guide(self) -> None:
         self._show_mode(GUIDE)
 
-    @on(ShowBench)
+    @on(commands.ShowBench)
     def _show_bench(self) -> None:
         self._show_mode(BENCH)
 
-    @on(ShowFocus)
+    @on(commands.ShowFocus)
     def _show_focus(self) -> None:
         self._show_mode(FOCUS)
 
-    @on(ShowResults)
+    @on(commands.ShowResults)
     def _show_results(self) -> None:
         self._show_mode(RESULTS)
 
@@ -161,16 +150,16 @@ class StationApp(WorkingApp):
         else:
             self.switch_mode(mode)
 
-    @on(ShowHelp)
+    @on(commands.ShowHelp)
     def _show_help(self) -> None:
         self.push_screen(Help(self.offered(), self.front.question_help()))
 
-    @on(ShowPalette)
+    @on(commands.ShowPalette)
     def _show_palette(self) -> None:
         if not isinstance(self.screen, CommandPalette):
             self.push_screen(Palette())
 
-    @on(NewSession)
+    @on(commands.NewSession)
     def _new_session(self) -> None:
         if self._guide is not None and self.front is self._guide:
             self._guide = self._session = None
@@ -178,7 +167,7 @@ class StationApp(WorkingApp):
             self.pop_screen()
             self._start("sessions", self.lab.kept)
 
-    @on(Leave)
+    @on(commands.Leave)
     def _leave(self) -> None:
         if self.running("run") is None and self.running("by hand") is None:
             self.exit(0)

@@ -11,24 +11,9 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal
 
+from station.app import commands
 from station.app.background import Finished
 from station.app.bars import brief
-from station.app.commands import (
-    BENCH,
-    AxisAfter,
-    AxisBefore,
-    Brighter,
-    Command,
-    Connect,
-    Darker,
-    HomeStages,
-    JogBack,
-    JogForward,
-    NextWire,
-    StepLarger,
-    StepSmaller,
-    bindings,
-)
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import StationScreen
 from station.app.widgets import Part, lines_of, literal
@@ -61,8 +46,8 @@ class MovableAxis:
 class BenchScreen(StationScreen):
     """Manual control of the bench."""
 
-    COMMANDS_HERE = BENCH
-    BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
+    COMMANDS_HERE = commands.BENCH
+    BINDINGS: ClassVar[list[BindingType]] = commands.bindings(commands.BENCH)
 
     def __init__(self) -> None:
         super().__init__()
@@ -85,9 +70,9 @@ class BenchScreen(StationScreen):
         self.set_interval(WIRE_EVERY_S, self._show_wire)
         self._show()
 
-    def can(self, command: type[Command]) -> bool:
+    def can(self, command: type[commands.Command]) -> bool:
         """No commands without a bench; only display during a run."""
-        if command is NextWire:
+        if command is commands.NextWire:
             return self.bench is not None
         return self.bench is not None and not self.app.bench_taken  # type: ignore[attr-defined]
 
@@ -155,11 +140,11 @@ class BenchScreen(StationScreen):
             self._say(words)
             self.app.by_hand(lambda: work(bench))  # type: ignore[attr-defined]
 
-    @on(Connect)
+    @on(commands.Connect)
     def connect(self) -> None:
         self._do("Connecting every device.", lambda bench: bench.rows())
 
-    @on(HomeStages)
+    @on(commands.HomeStages)
     def home(self) -> None:
         if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
             self._do("", _home)
@@ -173,11 +158,11 @@ class BenchScreen(StationScreen):
         question = f"Homing: {names} each move to a switch. Is the way clear? F12 stops."
         self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), decided)
 
-    @on(JogBack)
+    @on(commands.JogBack)
     def jog_back(self) -> None:
         self._jog(-STEPS[self._step])
 
-    @on(JogForward)
+    @on(commands.JogForward)
     def jog_forward(self) -> None:
         self._jog(STEPS[self._step])
 
@@ -186,31 +171,31 @@ class BenchScreen(StationScreen):
             axis = self._axes[self._axis]
             self._do(f"Moving {axis.name} by {by:g} {axis.unit}.", lambda bench: _jog(bench, axis, by))
 
-    @on(AxisBefore)
+    @on(commands.AxisBefore)
     def axis_before(self) -> None:
         self._axis = max(0, self._axis - 1)
         self._show()
 
-    @on(AxisAfter)
+    @on(commands.AxisAfter)
     def axis_after(self) -> None:
         self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
         self._show()
 
-    @on(StepSmaller)
+    @on(commands.StepSmaller)
     def step_smaller(self) -> None:
         self._step = max(0, self._step - 1)
         self._show()
 
-    @on(StepLarger)
+    @on(commands.StepLarger)
     def step_larger(self) -> None:
         self._step = min(self._step + 1, len(STEPS) - 1)
         self._show()
 
-    @on(Darker)
+    @on(commands.Darker)
     def darker(self) -> None:
         self._do("Dimming.", lambda bench: _light(bench, -LIGHT_STEP))
 
-    @on(Brighter)
+    @on(commands.Brighter)
     def brighter(self) -> None:
         """Brighten the lamp; one that is dark asks first."""
         if self.bench is None or self.app.bench_taken or "light" not in self.bench.devices or self.bench.light.level():  # type: ignore[attr-defined]
@@ -223,7 +208,7 @@ class BenchScreen(StationScreen):
         if answer == 0:
             self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
 
-    @on(NextWire)
+    @on(commands.NextWire)
     def next_wire(self) -> None:
         self._wire += 1
         self._show_wire()

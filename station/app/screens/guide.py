@@ -34,21 +34,8 @@ from station.app.widgets import (
 )
 from station.bench.axis_text import axis_words
 from station.drawing.diagrams import drawn, trend
+from station.guide import frontend
 from station.guide.coach import DOWN, LEFT, RIGHT, UP, way_words, ways
-from station.guide.frontend import (
-    MOVE,
-    DiagramEvent,
-    GoalEvent,
-    Matched,
-    ProblemEvent,
-    ProgressEvent,
-    Result,
-    RunBegan,
-    RunEnded,
-    ScanEvent,
-    StepBegan,
-    StepEnded,
-)
 from station.guide.line_frontend import plane_words
 
 if TYPE_CHECKING:
@@ -80,7 +67,7 @@ class GuideScreen(StationScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._began: RunBegan | None = None
+        self._began: frontend.RunBegan | None = None
         self._done: dict[str, str] = {}
         self._now: str | None = None
         self._stopped = False
@@ -152,14 +139,14 @@ class GuideScreen(StationScreen):
         raise TypeError(f"unknown event: {entry!r}")
 
     @show.register
-    def _(self, began: RunBegan) -> None:
+    def _(self, began: frontend.RunBegan) -> None:
         self._began, self._now, self._stopped = began, None, False
         self._done = {name: began.gave.get(name, "") for name in began.done}
         self.query_one("#trouble", Part).say("")
         self._show_rail()
 
     @show.register
-    def _(self, began: StepBegan) -> None:
+    def _(self, began: frontend.StepBegan) -> None:
         self._now = began.step.name
         steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
         before = steps[: steps.index(began.step.name)] if began.step.name in steps else steps
@@ -178,14 +165,14 @@ class GuideScreen(StationScreen):
         self._show_rail()
 
     @show.register
-    def _(self, ended: StepEnded) -> None:
+    def _(self, ended: frontend.StepEnded) -> None:
         self._now = None
         self._done.pop(ended.step.name, None)  # to the end
         self._done[ended.step.name] = ended.gave
         self._show_rail()
 
     @show.register
-    def _(self, doing: ProgressEvent) -> None:
+    def _(self, doing: frontend.ProgressEvent) -> None:
         self.query_one(ProgressLine).show(doing)
         self._doing_last = doing.lasts
         if not self.answers.open:
@@ -211,21 +198,21 @@ class GuideScreen(StationScreen):
             self.answers.show_sentence(AT_WORK if preview.hold_s is not None else preview.advice.say or AT_WORK)
 
     @show.register
-    def _(self, event: GoalEvent) -> None:
+    def _(self, event: frontend.GoalEvent) -> None:
         self.query_one("#goal", Part).say(self.glyphs.spelt(event.goal.say))
 
     @show.register
-    def _(self, matched: Matched) -> None:
+    def _(self, matched: frontend.Matched) -> None:
         self.app.bell()
         self._end_coach()
         self.answers.show_sentence("Taking the photograph.")
 
     @show.register
-    def _(self, curve: ScanEvent) -> None:
+    def _(self, curve: frontend.ScanEvent) -> None:
         self._show_curve(trend(curve.places, curve.scores, f"{curve.quantity} over {axis_words(curve.axis)}"))
 
     @show.register
-    def _(self, event: DiagramEvent) -> None:
+    def _(self, event: frontend.DiagramEvent) -> None:
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
@@ -235,12 +222,12 @@ class GuideScreen(StationScreen):
         self._show_curve(None if event.diagram.drawing else partial(drawn, event.diagram))
 
     @show.register
-    def _(self, problem: ProblemEvent) -> None:
+    def _(self, problem: frontend.ProblemEvent) -> None:
         self._doing_last = False
         self._complain(problem.reason, problem.remedy)
 
     @show.register
-    def _(self, result: Result) -> None:
+    def _(self, result: frontend.Result) -> None:
         self._doing_last = False
         planes = [f"{name}: {verdict_words(plane.verdict, self.glyphs)}" for name, plane in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
@@ -258,7 +245,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, question: Question) -> None:
         progress = self.query_one(ProgressLine)
-        if self._doing_last and question.ask.key != MOVE:  # a note for this question
+        if self._doing_last and question.ask.key != frontend.MOVE:  # a note for this question
             progress.hold()
         else:
             progress.show(None)
@@ -266,7 +253,7 @@ class GuideScreen(StationScreen):
         self._doing_last = False
 
     @show.register
-    def _(self, ended: RunEnded) -> None:
+    def _(self, ended: frontend.RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
         report += f" The certificate is {ended.certificate.name} in the same folder." if ended.certificate else ""
         finished = ended.how == "finished"
@@ -323,7 +310,7 @@ class GuideScreen(StationScreen):
         self.remove_class("-verdict")
         self._show_values(())
 
-    def _show_sharpness(self, result: Result) -> None:
+    def _show_sharpness(self, result: frontend.Result) -> None:
         from procedures.outcome import ProcedureError  # imported here: the first screen needs neither
         from station.results.reader import read_picture
 
