@@ -44,24 +44,8 @@ from station.common.durable_files import (
     write_errors,
 )
 from station.common.toml_text import toml_text
+from station.sessions import layout
 from station.sessions.journal import Contents, Journal, JournalLine, machine
-from station.sessions.layout import (
-    CONFIG,
-    DERIVED,
-    FOLDERS,
-    JOURNAL,
-    SCHEMA,
-    SUMS,
-    WIRE,
-    Lock,
-    check_layout,
-    copied,
-    free_original,
-    inside,
-    own,
-    read_config,
-    safe_name,
-)
 from station.sessions.reader import SessionRecord, finish_adopting, read_session, recover, sums, verify
 from station.sessions.state import DerivedResult, SessionShot, SessionState, after
 
@@ -78,7 +62,7 @@ def utc_now() -> datetime:
 class Session:
     """An open session; made by `create` or `open`. Thread-safe."""
 
-    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
+    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: layout.Lock) -> None:
         self.folder = record.folder
         self.config = record.config
         self.clock = clock
@@ -86,7 +70,7 @@ class Session:
         self._disk = disk
         self._lock = lock
         self._guard = threading.RLock()
-        self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
+        self._journal = Journal(self.folder / layout.JOURNAL, record.contents, disk)
         self._state = record.state
         self._open = True
         self._wires: Path | None = None
@@ -110,9 +94,9 @@ class Session:
         """
         disk = disk or Disk()
         began = today()
-        head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
+        head = {"schema": layout.SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
         first = JournalLine(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
-        names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
+        names = (layout.safe_name(camera, "camera"), layout.safe_name(lens, "lens"), layout.safe_name(plan, "plan"))
         with write_errors(root):
             root.mkdir(parents=True, exist_ok=True)
             sweep(root, ".creating-")
@@ -141,8 +125,8 @@ class Session:
 
         without : numbers of shots whose photographs are permanently lost; they no longer count.
         """
-        check_layout(folder)
-        lock = Lock(folder)
+        layout.check_layout(folder)
+        lock = layout.Lock(folder)
         try:
             record = read_session(folder)
             session = cls(record, clock, today, disk or Disk(), lock)
@@ -164,7 +148,7 @@ class Session:
                 self._open = False
                 if self._wires is not None:
                     with suppress(WriteFailed, OSError):  # the disk is full: the files stay, but are not verified later
-                        self.note("wired", folder=f"{WIRE}/{self._wires.name}", files=hashes_in(self._wires))
+                        self.note("wired", folder=f"{layout.WIRE}/{self._wires.name}", files=hashes_in(self._wires))
                 self._journal.close()
                 self._lock.release()
 
@@ -193,7 +177,7 @@ class Session:
     def give(self, files: Sequence[Path]) -> tuple[str, ...]:
         """Keep copies of files referred to by an answer; returns their paths. Raises WriteFailed, ContentChanged."""
         with self._guard:
-            hashes = copied(self.folder, files, self._disk)
+            hashes = layout.copied(self.folder, files, self._disk)
             self.note("given", source=str(files[0].absolute()), files=hashes)
             self.write_sums()
             return tuple(hashes)
@@ -234,7 +218,7 @@ class Session:
                 pending = None
             if pending is None:
                 number = self.state.next_number
-                path = free_original(self.folder, number, exposure.path.name, exposure.sha256)
+                path = layout.free_original(self.folder, number, exposure.path.name, exposure.sha256)
                 record = {**asdict(exposure), "path": exposure.path.absolute()}
                 file = (path, exposure.sha256, exposure.size_bytes)
                 pending = self._announce(SessionShot(number, *file, purpose, step, exposure=record, snapshot=snapshot))
@@ -258,12 +242,12 @@ class Session:
 
     def original(self, shot: SessionShot) -> Path:
         """The path of its photograph. Raises Damaged if it is missing."""
-        return inside(self.folder, shot.path)
+        return layout.inside(self.folder, shot.path)
 
     def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
         """Copy an announced photograph, under a free name, and confirm it. Raises ContentChanged, WriteFailed."""
         if os.path.lexists(self.folder / shot.path) and not holds(self.folder / shot.path, shot.sha256):
-            path = free_original(self.folder, shot.number, source.name, shot.sha256)
+            path = layout.free_original(self.folder, shot.number, source.name, shot.sha256)
             shot = self._announce(replace(shot, path=path))
         target = self.folder / shot.path
         if holds(target, shot.sha256):
@@ -279,7 +263,7 @@ class Session:
     def result_folder(self) -> Path:
         """The folder of the next result; `keep_result` confirms it. Raises Damaged if it is a link."""
         names = [Path(result.folder).name for result in self.state.results] + [path.name for path in self.leftovers]
-        return own(self.folder / DERIVED / str(max(map(int, names), default=0) + 1))
+        return layout.own(self.folder / layout.DERIVED / str(max(map(int, names), default=0) + 1))
 
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> DerivedResult:
         """Confirm the files in `result_folder()` as the result of a step, computed from these shots.
@@ -303,7 +287,12 @@ class Session:
             if same := next((path for path in self.leftovers if path not in known and holds_all(path, files)), None):
                 shutil.rmtree(folder)
                 folder = same
-            about_files = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
+            about_files = {
+                "folder": f"{layout.DERIVED}/{folder.name}",
+                "files": files,
+                "shots": list(shots),
+                "step": step,
+            }
             self.note("derived", **about_files, verdict=verdict, machine=machine(), **about)
             self.write_sums()
             return self.state.results[-1]
@@ -311,7 +300,7 @@ class Session:
     def wire_folder(self) -> Path:
         """Create the folder of this opening's transcripts. Raises WriteFailed."""
         number = sum(line.event == "opened" for line in self._journal.lines)
-        folder = own(self.folder / WIRE / f"{number:03d}")
+        folder = layout.own(self.folder / layout.WIRE / f"{number:03d}")
         with write_errors(folder):
             folder.mkdir(exist_ok=True)
         self._wires = folder
@@ -329,7 +318,7 @@ class Session:
     def write_sums(self) -> None:
         """Write the hashes for `sha256sum --check`; postponed if the disk is full."""
         text = sums(self.folder, self.state)
-        path = self.folder / SUMS
+        path = self.folder / layout.SUMS
         try:
             if not path.is_symlink() and path.is_file() and path.read_bytes() == text:
                 return
@@ -340,13 +329,13 @@ class Session:
 
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
     """Write everything that a session needs, durably."""
-    for name in FOLDERS:
+    for name in layout.FOLDERS:
         with write_errors(folder / name):
             (folder / name).mkdir()
-    for name, data in ((CONFIG, config), (JOURNAL, b"")):
+    for name, data in ((layout.CONFIG, config), (layout.JOURNAL, b"")):
         disk.write_whole(folder / name, data)
-    _, first_sum = read_config(folder)
-    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
+    _, first_sum = layout.read_config(folder)
+    journal = Journal(folder / layout.JOURNAL, Contents((), first_sum, 0), disk)
     try:
         journal.append(first.event, first.at, first.clock_s, first.data)
     finally:
