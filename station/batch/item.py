@@ -169,7 +169,6 @@ class ChangedMeanwhile(Exception):
 
 
 def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, place: ResultFolder) -> ItemRow:
-    """Measure an item and write its result; `row` states its files."""
     start, batch = time.perf_counter(), job.procedure
     procedure = batch.procedure
     paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths

@@ -273,7 +273,6 @@ def _send(pipe: Connection[Any, Any], outgoing: SimpleQueue[bytes | None]) -> No
 
 
 def _serve(pipe: Connection[Any, Any], allowance: Allowance) -> None:
-    """Main loop of a worker: one item after the other, until an empty message."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:

@@ -126,7 +126,6 @@ def _stored(out: Path) -> Iterator[StoredRows]:
 
 
 def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
-    """Write the files of the batch; returns the record's text."""
     out, units = batch.job.out, batch.tally.units
     writers: dict[str, Callable[[Path], object]] = {
         LINES: rows.write_sorted,

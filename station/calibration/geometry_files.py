@@ -138,7 +138,6 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
 
 
 def _points(geometry: Geometry) -> npt.NDArray[np.float64]:
-    """Every point: view, node, x, y, variance of x, covariance, variance of y."""
     views = [one.view for one in geometry.views]
     return np.concatenate([
         np.column_stack([np.full(len(view), i), view.index, view.points, view.covariance.reshape(-1, 4)[:, [0, 1, 3]]])

@@ -97,7 +97,6 @@ def _check_iso(record: Mapping[str, Any], source: str, iso: float | None) -> Non
 
 
 def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
-    """The noise spectrum next to the record; None where it was not measured, or its file is missing."""
     from procedures.reading.arrays import read_npy
     from procedures.sensor.spectrograms import LEAST_SIDE, NoisePower
 
@@ -117,7 +116,6 @@ def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
 
 
 def _models(record: Mapping[str, Any]) -> dict[str, SensorModel]:
-    """The models of a record's planes; refused planes have none."""
     planes = record.get("planes", {})
     return {name: _model(plane["model"]) for name, plane in planes.items() if "model" in plane}
 

@@ -89,7 +89,6 @@ def _differ(apertures: Sequence[float | None]) -> bool:
 
 
 def _ratios(apertures: Sequence[float | None], ratio: Sequence[float]) -> tuple[float, ...]:
-    """Blur of each later photograph over that of the first."""
     if ratio:
         return tuple(ratio)
     first, *others = apertures

@@ -116,7 +116,6 @@ class ListCommand(StationCommand):
 
 
 def _option(one: ModelField) -> Any:
-    """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
     if one.kind is bool and one.default is None:

@@ -166,7 +166,6 @@ def _field(name: str, hint: Any, default: Any, required: bool) -> ModelField:
 
 
 def _bare(hint: Any) -> Any:
-    """A hint without its annotation and None."""
     if typing.get_origin(hint) is Annotated:
         return _bare(typing.get_args(hint)[0])
     if typing.get_origin(hint) in UNIONS:
@@ -175,7 +174,6 @@ def _bare(hint: Any) -> Any:
 
 
 def _word(hint: Any) -> str:
-    """The text of a number that may also be "auto"."""
     parts = typing.get_args(hint) if typing.get_origin(hint) in UNIONS else ()
     texts = [arg for part in parts if typing.get_origin(part) is Literal for arg in typing.get_args(part)]
     return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""

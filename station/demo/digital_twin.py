@@ -100,7 +100,6 @@ def _effects(
 
 
 def _optics(mtf50: float) -> Optics:
-    """A Gaussian that has this MTF50 with the pixels."""
     sigma = max((GAUSSIAN_AT_HALF / mtf50) ** 2 - PIXEL_SIGMA**2, 0.01) ** 0.5
     return Optics((GaussianBlur(sigma), PixelAperture()), PITCH_UM)
 

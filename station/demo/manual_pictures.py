@@ -124,7 +124,6 @@ def _written(name: str, measurement: Measurement, out: Path) -> str:
 
 
 def _grey(path: Path, light: npt.NDArray[np.floating[Any]]) -> Path:
-    """A grey picture of 16 bits; 1 is white."""
     cv2.imwrite(str(path), np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16))
     return path
 

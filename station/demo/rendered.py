@@ -120,7 +120,6 @@ def rendered_demo(
 def _render(
     folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
 ) -> Rendered:
-    """Render one scene and write its files."""
     scene, camera = SCENES[name](plan.rows, plan.columns)
     stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
     film, reference = (

@@ -86,7 +86,6 @@ class PhotographRecorder:
         return preview_of(self.rig.expose()), facts
 
     def _settled(self) -> VibrationLevel | None:
-        """Wait until the rig has settled; without the IMU if it fails."""
         self.talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()

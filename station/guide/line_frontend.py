@@ -45,7 +45,6 @@ class LineOperator:
         """Whether it waits for a line; an interruption then ends the run at once."""
 
     def _line(self, text: str) -> None:
-        """Write a line; repeated lines are written once."""
         if text != self._last_line:
             self._last_line = text
             self._write.write(text + "\n")
@@ -168,7 +167,6 @@ class LineOperator:
                 self._line(f"   {error}")
 
     def _answer_line(self, question: str) -> str:
-        """The next line of stdin, "" at its end."""
         self.asking = True
         try:
             with suppress(OSError):

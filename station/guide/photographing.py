@@ -158,7 +158,6 @@ class PhotographRequests:
         self._talk.notify(FrameEvent(frame.planes[name], advice, hold_s))
 
     def _action(self, advice: Advice, frame: RawFrame) -> AdviceAction:
-        """How the advice is carried out: by the bench or the camera's cable where possible, else by hand."""
         if advice.good:
             return AdviceAction(advice)
         exposure_s = frame.exposure.exposure_s

@@ -111,7 +111,6 @@ class Run:
         self._session.acknowledge_notices()
 
     def _report(self) -> Path | None:
-        """The session's report, written at the end; None without a result."""
         if not self._session.state.results:
             return None
         from station.guide.session_report import REPORTED, session_page  # imported here: it draws, a slow import
@@ -194,7 +193,6 @@ class Run:
         self._talk.take_up()
 
     def _next(self) -> plans.Step | None:
-        """The first incomplete step; unwanted steps before the last completed one are skipped."""
         steps, done = self.plan.steps, self._session.state.done
         last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
         left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._applies(step)))

@@ -64,7 +64,6 @@ def session_page(folder: Path, result: SessionResult | None = None) -> str:
 
 
 def _with_result(folder: Path) -> SessionRecord:
-    """The session's record. Raises Refused without a result."""
     record = read_session(folder)
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")

@@ -149,7 +149,6 @@ class StationLab:
         return self._run(session, operator)
 
     def _check_bench(self, folder: Path) -> None:
-        """Raises BadParameter where the session began on another bench."""
         from station.bench.device_models import bench_differences
         from station.sessions.layout import read_config
 
@@ -207,7 +206,6 @@ class StationLab:
                 delete_session(session.folder)
 
     def _one_run(self) -> None:
-        """Raises BadParameter while a run uses the bench."""
         if self._running is not None and not self._running.over.is_set():
             raise BadParameter("the bench is in use by another run", "end that run first")
 

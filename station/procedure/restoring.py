@@ -100,13 +100,11 @@ def restored(
 
 
 def _encoding(frames: Sequence[RawFrame]) -> dict[str, Any]:
-    """Tone curves of developed pictures; empty for linear samples of a sensor."""
     names = dict.fromkeys(frame.development.curve.name for frame in frames if frame.development)
     return {"encoding": " and ".join(names)} if names else {}
 
 
 def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFrame]) -> RawFrame:
-    """A photograph of the same planes. Raises BadInput where it cannot be compared with them."""
     names = list(frames[0].planes)
     plane = names[0] if len(names) == 1 else "all"
     truth = msgspec.structs.replace(settings, plane=plane).read(path)
@@ -115,7 +113,6 @@ def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFra
 
 
 def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
-    """Report every round of the descent as its share of the work."""
     share = 100 // (settings.parameters.scheme.rounds + 1)
 
     def report(done: JointRound) -> None:
@@ -155,7 +152,6 @@ def _source(
 
 
 def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
-    """Exposure times in seconds, as given, or as recorded in the files."""
     return _repeated(settings.exposure_s, len(frames)) or [frame.exposure.exposure_s for frame in frames]
 
 
@@ -234,7 +230,6 @@ def _distances(
     restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting,
     settings: RestoreSettings,
 ) -> Distances:  # fmt: skip
-    """Depth in metres."""
     z = np.stack(photographs)
     aligned = register(z, trust_of(z), masks).z
     spread = depth_spread(restoration, list(aligned), masks)

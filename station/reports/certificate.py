@@ -168,7 +168,6 @@ def _coloured(verdict: str, words: str) -> str:
 
 
 def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
-    """Limits and judgements, those that are not met first; what exceeds the room is counted."""
     limits = [(plane.name, one) for plane in planes for one in comparison(plane).in_short]
     limits.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
     words = [f"{name}: {one.words}" for name, one in limits[:MAX_LIMITS]]
@@ -224,7 +223,6 @@ def _footnote(report: Report) -> str:
 
 
 def _shots(report: Report) -> list[list[str]]:
-    """Photographs with their hashes; what exceeds the room is counted."""
     rest = len(report.shots) - MAX_SHOTS
     names = ["/".join(shot.file.split("/")[-2 if shot.file.endswith(RECORD) else -1 :]) for shot in report.shots]
     rows = [[name, f"SHA-256 {shot.sha256}"] for name, shot in zip(names, report.shots[:MAX_SHOTS], strict=False)]

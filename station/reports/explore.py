@@ -80,7 +80,6 @@ def _pitch_um(report: Report) -> float | None:
 
 
 def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | None) -> dict[str, Any]:
-    """The plane in cycles per pixel."""
     height = min(spots.shape) if spots else None
     if report.frames and plane.name in report.frames[0].planes:
         height = pixels_of(report.frames[0])[plane.name].height

@@ -101,7 +101,6 @@ def pair_figure(near: Plane, outline: Array, name: str) -> Figure:
 
 
 def _draw_psf(axes: Axes, psf: Psf, samples: Array, title: str, **looks: Any) -> Any:
-    """Samples of a PSF over pixels of the plane, with a colour bar below, which is returned."""
     half = (psf.k / 2) / psf.s
     ticks = (-2, 0, 2) if half >= 2 else (-1, 0, 1)
     bar = picture(axes, samples, extent=(-half, half, half, -half), bar=BELOW, **looks)

@@ -51,7 +51,6 @@ def _strip(pictures: Sequence[tuple[str, Linear]]) -> Figures:
 
 
 def _strips(row: RenderRow | StripRow) -> Iterator[Sequence[tuple[str, Linear]]]:
-    """The strips of a row; of a render the whole picture, then the same pictures close up."""
     if isinstance(row, StripRow):
         yield from row.strips
         return

@@ -134,7 +134,6 @@ def _large(verdict: str, words: str) -> Markup:
 
 
 def _main_numbers(report: Report) -> list[Block]:
-    """The numbers that are stated with the verdict: large for a single plane, else a table."""
     names = [name for one in report.planes for name in (*one.numbers, *one.values)]
     numbers = in_group(Group.LINE, names)
     more = [one for one in in_group(Group.HEADLINE, names) if one not in numbers]
@@ -196,7 +195,6 @@ def _provenance(report: Report) -> Section:
 
 
 def _curves(report: Report) -> list[str]:
-    """Names of the curves, which are functions of the first column."""
     names = (name for plane in report.planes for name in list(plane.curves)[1:] if not name.endswith("_uncertainty"))
     return list(dict.fromkeys(names))
 

@@ -31,7 +31,6 @@ def _light_label(result: SensorResult) -> dict[str, Any]:
 
 
 def _transfer(result: SensorResult, plane: str) -> Figure:
-    """Variance less dark over signal, the line whose slope is K, and saturation."""
     axes, transfer = _axes(), result.transfer
     signal, excess, used = result.curves.signal[0], result.curves.excess[0], transfer.fitted
     end = np.array([0, signal[transfer.saturation]])
@@ -64,7 +63,6 @@ def _linearity(result: SensorResult, plane: str) -> Figure:
 
 
 def _snr(result: SensorResult, plane: str) -> Figure:
-    """SNR measured, of the linear model, with non-uniformity, and of photons alone; both axes logarithmic."""
     axes, light = _axes(), result.curves.light[0]
     used = slice(0, result.transfer.saturation + 1)
     model = np.geomspace(max(light[0] / 30, 1e-12), light[used][-1], 120)
@@ -95,7 +93,6 @@ def _dark(result: SensorResult, plane: str) -> Figure:
 
 
 def _spectrogram(pattern: FixedPattern, place: str, words: str) -> Figure:
-    """Spectrograms along rows and columns, the floor of temporal noise, and significant periods."""
     axes = _axes()
     for one in pattern.spectrograms:
         axes.semilogy(one.frequencies[1:], one.amplitude[1:], lw=0.8, color=ALONG[one.direction], label=one.direction)
@@ -125,7 +122,6 @@ def _histogram(pattern: FixedPattern, place: str, words: str) -> Figure:
 
 
 def _accumulated(pattern: FixedPattern, place: str, words: str) -> Figure:
-    """Share of the pixels that deviate at least so far."""
     axes, shown = _axes(), pattern.defects.histogram
     order, all_pixels = np.argsort(np.abs(shown.centres)), shown.counts.sum()
     share = 100 * np.cumsum(shown.counts[order][::-1])[::-1] / all_pixels

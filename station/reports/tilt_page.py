@@ -29,7 +29,6 @@ def tilt_page(report: Report) -> str:
 
 
 def _surface_figure(tilt: Tilt) -> Figure:
-    """Measured heights over the frame, and the fitted surface."""
     sensor, (width, height) = tilt.sensor, tilt.sensor.size_mm
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, STEPS), np.linspace(-height / 2, height / 2, STEPS))
     mean, measured = float(sensor.plane[0]), sensor.heights_um - sensor.plane[0]

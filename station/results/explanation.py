@@ -186,7 +186,6 @@ def _saved(term: str) -> float:
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
-    """The budget of a number of a plane; empty if it has none."""
     entry: Any = plane.details.get(name)
     several: Any = plane.details.get(BUDGETS, {})
     budget = entry.get("budget") if isinstance(entry, dict) else several.get(name) or _mean_budget(plane, name)

@@ -303,7 +303,6 @@ def damage(folder: Path) -> tuple[str, ...]:
 
 
 def _record(folder: Path) -> dict[str, Any] | None:
-    """The record; None if it has changed."""
     try:
         data = read_own(folder / RECORD)
         record: dict[str, Any] = json.loads(data)

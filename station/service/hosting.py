@@ -179,7 +179,6 @@ class LimitedConnection(H11Protocol):
             self._deadline = None
 
     def _disconnect(self) -> None:
-        """End the connection at once; it no longer counts."""
         self._cancel_deadline()
         self.connections.discard(self)
         self.transport.abort()

@@ -205,7 +205,6 @@ class Index:
         return number
 
     def _opened(self, where: str) -> sqlite3.Connection:
-        """The database, with its tables. Raises sqlite3.DatabaseError."""
         database = sqlite3.connect(where, timeout=self.TIMEOUT_S)
         self._database = database
         database.execute("PRAGMA foreign_keys = ON")
@@ -284,7 +283,6 @@ def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
 
 
 def _number(value: Any) -> float | None:
-    """A finite number, else None."""
     return float(value) if isinstance(value, int | float) and abs(value) < LARGEST else None
 
 

@@ -252,7 +252,6 @@ def _altered(name: str, number: int, what: str) -> Damaged:
 
 
 def _read(text: bytes) -> JournalLine | None:
-    """The line, None if it is not complete."""
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))

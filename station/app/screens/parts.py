@@ -324,7 +324,6 @@ def _consent(ask: Ask) -> Consent | None:
 
 
 def _wanted(ask: Ask) -> str:
-    """Checks before a consent; unit and limits of a number: " (50 to 2000 mm)"."""
     if consent := _consent(ask):
         return f" {consent.check}"
     if ask.kind != "number":

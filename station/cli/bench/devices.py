@@ -252,7 +252,6 @@ def _stage_table(driver: str | None, port: str | None, device: str | None, confi
 def _tried(
     table: Mapping[str, Any], place: Path | None, operations: int, seed: int, *, quiet: bool
 ) -> tuple[list[TrialResult], dict[str, Any]]:
-    """The results of all trials, and their record; `place` is the folder of a real stage's station.toml."""
     from station.bench.conform import at_port, at_twin
     from station.bench.conform import conform as findings_of
     from station.common.durable_files import temporary_folder

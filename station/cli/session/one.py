@@ -185,7 +185,6 @@ def _report_recomputed(one: RecomputedResult) -> None:
 
 
 def _numbers(result: RecomputedResult) -> list[str]:
-    """Changes of the numbers relative to their uncertainties."""
     if not result.numbers:
         return []
     if not result.moved:

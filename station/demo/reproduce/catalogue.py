@@ -77,7 +77,6 @@ def fetch(folder: Path, files: Sequence[PublishedFile], *, threads: int = 1, pro
 
 
 def _render(folder: Path, *, name: str, samples: int, threads: int) -> None:
-    """Write a film of the closed room."""
     film = Film.blank(FILM_SIDE, FILM_SIDE)
     cast(*SCENES["room"](FILM_SIDE, FILM_SIDE), samples, film.add, seed=samples, threads=threads)
     write_film(film, folder / name)

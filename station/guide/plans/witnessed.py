@@ -136,8 +136,6 @@ def _long(frame: RawFrame, facts: Facts) -> Advice:
 
 
 def _exposed(wanted: tuple[float, float], what: str) -> Callable[[RawFrame, Facts], Advice]:
-    """Check of the exposure time, relative to the long exposure."""
-
     def check(frame: RawFrame, facts: Facts) -> Advice:
         exposure_s = frame.exposure.exposure_s
         if exposure_s is None or EXPOSURE not in facts:

@@ -141,7 +141,6 @@ def _explorer(sharp: Array, metres: Array, setting: CameraSetting) -> "Scripted"
 
 
 def _image(picture: Array) -> Array:
-    """A picture (C, H, W) as (H, W), or (H, W, 3)."""
     return picture[0] if len(picture) == 1 else np.moveaxis(picture, 0, -1)
 
 

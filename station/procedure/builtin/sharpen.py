@@ -132,5 +132,4 @@ def _taken(
 
 
 def _rank(measurement: Measurement) -> int:
-    """0 for a measurement that passes, 2 if a plane is refused."""
     return max(plane.verdict.rank for plane in measurement.planes)

@@ -139,7 +139,6 @@ class BenchCamera(AlpacaDevice):
         return 0
 
     def _shown_part(self) -> Mosaic:
-        """The numbers of the requested subframe. Raises AlpacaError if there is no image."""
         if not self._image_ready():
             raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
         levels = self._last.image.levels
@@ -149,7 +148,6 @@ class BenchCamera(AlpacaDevice):
         return levels[y : y + rows, x : x + columns]
 
     def _wanted(self, number: str, size: int) -> int:
-        """The requested extent along a side of this size."""
         return self._part.get(number, size)
 
     def _check_part(self, levels: Mosaic) -> None:
