@@ -12,7 +12,7 @@ from drivers.errors import DeviceError, EmergencyStopped
 from drivers.interfaces import ExposedFile, ImuBlock
 from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
-from station.guide.active_devices import ActiveDevices, Snapshot
+from station.guide.active_devices import ActiveDevices
 from station.guide.coach import preview_of
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import ProblemEvent, Stopped
@@ -110,7 +110,7 @@ class PhotographRecorder:
                 self.talk.notify(
                     ProblemEvent(f"the {name} does not answer: {snapshot.silent[name]}", "check it; the run continues")
                 )
-            moment.update(record(snapshot, vibration))
+            moment.update(snapshot.record(), **({} if vibration is None else vibration._asdict()))
             self.talk.doing("exposing")
             self.rig.announce(number)
             if not moving:
@@ -194,11 +194,3 @@ def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, An
             **({} if block.clock is None else {"clock": asdict(block.clock)}),
         }
     }
-
-
-def record(snapshot: Snapshot, vibration: VibrationLevel | None) -> dict[str, Any]:
-    """The state at an exposure as stored in the session."""
-    state = snapshot.record()
-    if vibration is not None:
-        state |= vibration._asdict()
-    return state

@@ -197,12 +197,12 @@ class PhotographRequests:
                 facts.update(now)
                 return frame
 
-            return until_held(preview, lambda frame: check(frame, facts), self._show, self._held, ended)
+            def held(advice: Advice) -> bool:
+                return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
+
+            return until_held(preview, lambda frame: check(frame, facts), self._show, held, ended)
 
         return coach
-
-    def _held(self, advice: Advice) -> bool:
-        return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
 
     def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
         self._talk.by_hand(advice, why, coach)

@@ -193,18 +193,15 @@ class Run:
         self._talk.take_up()
 
     def _next(self) -> plans.Step | None:
-        steps, done = self.plan.steps, self._session.state.done
+        steps, done, facts = self.plan.steps, self._session.state.done, self._talk.facts
         last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
-        left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._applies(step)))
+        left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or step.when(facts)))
         return next(left, None)
-
-    def _applies(self, step: plans.Step) -> bool:
-        return step.when(self._talk.facts)
 
     def _carry_out(self, step: plans.Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
-        wanted = self._applies(step)
+        wanted = step.when(self._talk.facts)
         if wanted:
             self._talk.notify(frontend.StepBegan(step))
         try:

@@ -12,10 +12,9 @@ import numpy as np
 
 from procedures.field.field_file import read_field
 from procedures.numbers import S_OVER_T
-from procedures.numerics.arrays import Array
 from procedures.outcome import Refused, Verdict
 from procedures.pattern_psf.combine import CombinedPsf
-from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
+from procedures.pattern_psf.drift import chart_series, slope_of
 from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
@@ -251,18 +250,16 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     kelvins = None if None in readings else np.array(readings, np.float64)
     if kelvins is not None and np.ptp(kelvins) < SMALLEST_CHANGE_K:
         kelvins = None
-    return [line for name, one in series.items() if (line := _line(name, one, hours, kelvins)) is not None]
-
-
-def _line(name: str, series: DriftSeries, hours: Array | None, kelvins: Array | None) -> DriftLine | None:
-    per_hour, per_kelvin = (None if x is None else slope_of(x, series) for x in (hours, kelvins))
-    if per_hour is None and per_kelvin is None:
-        return None
-    return DriftLine(name, _words(per_hour, f"{series.unit}/h"), _words(per_kelvin, f"{series.unit}/K"))
-
-
-def _words(slope: Slope | None, unit: str) -> str:
-    return "—" if slope is None else f"{stated(slope.value, slope.uncertainty)} {unit}"
+    lines = []
+    for name, one in series.items():
+        slopes = [None if x is None else slope_of(x, one) for x in (hours, kelvins)]
+        if any(slopes):
+            per_hour, per_kelvin = (
+                "—" if slope is None else f"{stated(slope.value, slope.uncertainty)} {one.unit}/{per}"
+                for slope, per in zip(slopes, "hK", strict=True)
+            )
+            lines.append(DriftLine(name, per_hour, per_kelvin))
+    return lines
 
 
 def _place(shot: SessionShot) -> tuple[tuple[str, float], ...]:
