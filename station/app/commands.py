@@ -94,19 +94,15 @@ ShowFocus = _command(
     "ShowFocus", "Live focus: sharpness of every new photograph, and which way to turn the ring.", "f7", "focus"
 )
 
-
 EVERYWHERE: tuple[type[Command], ...] = (
     StopEverything, ShowHelp, ShowGuide, ShowBench, ShowResults, EndRun, ShowPalette, Leave, ShowFocus,
 )  # fmt: skip
-
 
 GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", "f5", "go on")
 StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", "f6", "step back")
 NewSession = _command("NewSession", "Back to the first screen: begin a new session or continue another.", "f8", "new")
 
-
 GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
-
 
 Connect = _command("Connect", "Connect every device, and show the answers.", "c", "connect", shown="C")
 HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", "h", "home", shown="H")
@@ -129,12 +125,10 @@ Darker = _command("Darker", "Dim the lamp by a tenth of its full power.", "d", s
 Brighter = _command("Brighter", "Brighten the lamp by a tenth of its full power.", "b", "light", shown="B", pair="D/B")
 NextWire = _command("NextWire", "Show the traffic on the wire of the next device.", "w", "wire", shown="W")
 
-
 BENCH: tuple[type[Command], ...] = (
     Connect, HomeStages, JogBack, JogForward, AxisBefore, AxisAfter,
     StepSmaller, StepLarger, Darker, Brighter, NextWire,
 )  # fmt: skip
-
 
 TurnNear = _command(
     "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", "left,minus", shown="Left"
@@ -149,9 +143,7 @@ TurnFar = _command(
 )
 EndFocus = _command("EndFocus", "End live focus, or return to the choice of the source.", "escape", "end", shown="Esc")
 
-
 FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
-
 
 NextPlane = _command("NextPlane", "Show the next colour plane.", "p", "plane", shown="P")
 Compare = _command(
@@ -162,7 +154,6 @@ Compare = _command(
     shown="C",
 )
 Reload = _command("Reload", "Search the disk for results again.", "r", "look again", shown="R")
-
 
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -65,8 +64,9 @@ def calibrate(
             if plane.name in sensor.noise:
                 result = replace(result, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
-                report = partial(_of_plane, progress, plane.name)
-                physical = estimate_physics(outcome.value.psf, limit(plane), plane.pitch, report)
+                physical = estimate_physics(
+                    outcome.value.psf, limit(plane), plane.pitch, lambda words: progress(f"{plane.name}: {words}", 0)
+                )
                 result = replace(result, physics=physical)
         return replace(result, duration_s=time.perf_counter() - start)
 
@@ -108,10 +108,6 @@ def _of_wall(
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return estimate_psf_of_wall([frame.planes[name] for frame in frames], parameters, diffraction)
-
-
-def _of_plane(progress: Progress, name: str, words: str) -> None:
-    progress(f"{name}: {words}", 0)
 
 
 def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:

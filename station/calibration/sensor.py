@@ -95,16 +95,17 @@ def measure_sensor(
     count = len(missed) + sum(len(shot.paths) for shot in shots)
     check_any(excluded, count)
     light = any(shot.photons is not None for shot in shots)
-    planes = [
-        SensorPlane(
-            name,
-            for_want(_characterised(of, photons_known=light), excluded, count),
-            of.shape,
-            of.step,
-            _noise_power(of),
-        )
-        for name, of in gathered.items()
-    ]
+    planes = []
+    for name, of in gathered.items():
+        dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
+        darks, lights = _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light)
+        recording = SensorRecording(darks, lights, light, dark, flat)
+        outcome = for_want(characterise(recording, np.random.default_rng(SEED)), excluded, count)
+        noise = None
+        if dark is not None and flat is not None:  # of the first pictures of the flat stack
+            noise = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
+            noise = None if noise is None else replace(noise, signal=flat.mean - dark.mean)
+        planes.append(SensorPlane(name, outcome, of.shape, of.step, noise))
     first = exposures[0] if exposures else Exposure()
     return SensorFiles(tuple(inputs), first.camera, first.iso, planes, excluded)
 
@@ -181,23 +182,6 @@ def _step(numbers: Numbers) -> float:
     if len(values) < 3 or not np.array_equal(values, np.rint(values)):
         return 1.0
     return float(np.gcd.reduce(np.diff(values).astype(np.int64)))
-
-
-def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
-    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
-    recording = SensorRecording(
-        _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light), photons_known, dark, flat
-    )
-    return characterise(recording, np.random.default_rng(SEED))
-
-
-def _noise_power(of: _Gathered) -> NoisePower | None:
-    """Noise spectrum of the first pictures of the flat stack; None without a dark stack."""
-    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
-    if dark is None or flat is None:
-        return None
-    power = next(spectrum for spectrum, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
-    return None if power is None else replace(power, signal=flat.mean - dark.mean)
 
 
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:

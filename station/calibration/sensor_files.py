@@ -1,7 +1,7 @@
 """The measurement of a sensor: numbers, tables, and a summary as XML."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -22,7 +22,6 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
-from procedures.sensor.defects import IntervalNumber
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.information import input_snr, linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
@@ -168,21 +167,16 @@ def summary_xml(result: SensorFiles) -> bytes:
             ElementTree.SubElement(of, "reason").text = plane.outcome.reason
             continue
         for section, beginnings in SECTIONS.items():
-            _add_section(
-                of, section, {n: q for n, q in plane.outcome.value.numbers.items() if n.startswith(beginnings)}
-            )
+            part = ElementTree.SubElement(of, section)
+            for quantity, number in plane.outcome.value.numbers.items():
+                if quantity.startswith(beginnings):
+                    item = ElementTree.SubElement(part, quantity)
+                    texts = {
+                        "unit": number.unit, "value": f"{number.value:.9g}", "uncertainty": f"{number.uncertainty:.6g}",
+                        "low": f"{number.low:.9g}", "high": f"{number.high:.9g}", "method": number.method,
+                    }  # fmt: skip
+                    for name, text in texts.items():
+                        ElementTree.SubElement(item, name).text = text
     ElementTree.indent(top, " ")
     data: bytes = ElementTree.tostring(top, encoding="utf-8", xml_declaration=True)
     return data + b"\n"
-
-
-def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, IntervalNumber]) -> None:
-    section = ElementTree.SubElement(parent, name)
-    for quantity, number in numbers.items():
-        item = ElementTree.SubElement(section, quantity)
-        parts = {
-            "unit": number.unit, "value": f"{number.value:.9g}", "uncertainty": f"{number.uncertainty:.6g}",
-            "low": f"{number.low:.9g}", "high": f"{number.high:.9g}", "method": number.method,
-        }  # fmt: skip
-        for part, value in parts.items():
-            ElementTree.SubElement(item, part).text = value

@@ -46,8 +46,7 @@ WHY: Mapping[str, str] = {
     "near_mm": "The near photograph serves as the sharp one, since its detail is larger in the frame.",
     "ratio": "A larger ratio makes the near photograph sharper relative to the far one, but covers less of the wall.",
     "farther": "More distances make the result more certain, and show whether it holds at each of them.",
-    "focused_near": "Each distance needs its own focus.",
-    "focused_far": "Each distance needs its own focus.",
+    **dict.fromkeys(("focused_near", "focused_far"), "Each distance needs its own focus."),
     "light": "A panel gives the sensor's noise and the vignetting in the same session.",
     "panel": "Close to the lens the panel is evenly bright over the whole frame.",
     "covered": "Dark pictures show offset and noise without light.",
@@ -67,9 +66,9 @@ WHY: Mapping[str, str] = {
     "motion_shape": "A recorded or measured motion is more reliable than one that is searched for.",
     "scene": "Whatever moves between the photographs is restored wrongly.",
     "max_w": "A larger limit takes longer; a smaller one cuts the blur of near objects.",
-    "first_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
-    "second_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
-    "third_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
+    **dict.fromkeys(
+        ("first_f_number", "second_f_number", "third_f_number"), "The ratio of the f-numbers is the ratio of the blurs."
+    ),
     "lens_f_number": "It gives the size of the defocus that is added to the motions.",
     "focus_m": "The depth in metres follows from the plane of focus.",
     "shape": "The shape of the aperture is the shape of the blur of a point out of focus.",

@@ -100,7 +100,12 @@ class LiveFocus:
 
     def measure(self, frame: LiveFrame) -> FocusReading:
         """Measure a photograph, or give the reason why it cannot be measured."""
-        sharpness = self._measure(frame.plane)
+        plane, near = frame.plane, None if self._last is None else self._last.sighting
+        sharpness = (
+            plane.of_value(None)
+            if plane.value is None
+            else measure_sharpness(plane.value, self.chart, self.parameters, near)
+        )
         self._last = sharpness.value or self._last
         number = float(len(self._scores) + 1) if self.equal_steps else math.nan
         mtf50 = None if sharpness.value is None else sharpness.value.mtf50
@@ -119,12 +124,6 @@ class LiveFocus:
             turn.way,
             tuple(self._places),
         )
-
-    def _measure(self, plane: Outcome[Plane]) -> Outcome[Sharpness]:
-        if plane.value is None:
-            return plane.of_value(None)
-        near = None if self._last is None else self._last.sighting
-        return measure_sharpness(plane.value, self.chart, self.parameters, near)
 
 
 @dataclass(frozen=True)

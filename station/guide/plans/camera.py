@@ -26,7 +26,7 @@ from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
 from station.procedure.schema import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
@@ -187,46 +187,30 @@ SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
 def _written(
     folder: ResultFolder, whole: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
-    writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
     for name, part in whole.parts.items():
         page = ""
         if part.value is not None:
+            page = "numbers.csv" if name == VIGNETTING else "report.html"
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
-                page = f"{name}/{writers[name](inside, part, whole.reference, frames, replace(head, procedure=name))}"
+                measured = _measured(part, whole.reference, frames, replace(head, procedure=name))
+                if name != VIGNETTING:
+                    inside.write(page, procedure_named(name).page(measured))
+                write_measurement(inside, measured)
+            page = f"{name}/{page}"
         yield name, PartBeside(part.verdict, part.reason, part.remedy, page, whole.used.get(name, ""))
 
 
-def _write_sensor(
-    folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    files: SensorFiles = one.result()
-    measured = sensor_measurement(files, _of_inputs(head, {file.sha256 for file in files.files}))
-    folder.write("report.html", procedure_named("sensor").page(measured))
-    write_measurement(folder, measured)
-    return "report.html"
-
-
-def _write_vignetting(
-    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    flats: Flats = outcome.result()
-    inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
-    flats = replace(flats, inputs=tuple((Path(file.path), file.sha256) for file in inputs))
-    write_measurement(folder, vignetting_measurement(flats))
-    return "numbers.csv"
-
-
-def _write_geometry(
-    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    camera: Geometry = outcome.result()
-    sources = {view.view.source for view in camera.views}
+def _measured(outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    value: SensorFiles | Flats | Geometry = outcome.result()
+    if isinstance(value, SensorFiles):
+        return sensor_measurement(value, _of_inputs(head, {file.sha256 for file in value.files}))
+    if isinstance(value, Flats):
+        inputs = _of_inputs(head, {sha256 for _, sha256 in value.inputs}).input
+        return vignetting_measurement(replace(value, inputs=tuple((Path(file.path), file.sha256) for file in inputs)))
+    sources = {view.view.source for view in value.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    result = PlaneResult.of_outcome(plane, outcome, estimate=camera, numbers=camera.numbers())
-    measured = geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
-    folder.write("report.html", procedure_named("geometry").page(measured))
-    write_measurement(folder, measured)
-    return "report.html"
+    result = PlaneResult.of_outcome(plane, outcome, estimate=value, numbers=value.numbers())
+    return geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
 
 
 def _of_inputs(head: RecordHead, hashes: set[str]) -> RecordHead:

@@ -1,6 +1,6 @@
 """The guided plan of any procedure that measures photographs: settings as questions, photographs, measurement."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -169,13 +169,10 @@ def estimate(
         measured = Measurement(
             procedure.schema, RecordHead(procedure.record_name), tuple(planes), results_key=procedure.results_key
         )
-    parameters = {**measured.head.parameters, **_files(procedure, given)}
+    files = {one.name: given[one.name] for one in _asked(procedure) if one.kind is Path and one.name in given}
+    parameters = {**measured.head.parameters, **files}
     measured = replace(measured, head=replace(measured.head, parameters=parameters))
     return {plane.name: plane.outcome(measured) for plane in measured.planes}
-
-
-def _files(procedure: Procedure[Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    return {one.name: given[one.name] for one in _asked(procedure) if one.kind is Path and one.name in given}
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
