@@ -5,7 +5,7 @@ docstring's first line is the text of help and palette.
 """
 
 import inspect
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, ClassVar, Protocol, cast
 
@@ -180,18 +180,13 @@ class CommandsByName(Provider):
 
     async def discover(self) -> Hits:
         for command in self._source.offered():
-            yield DiscoveryHit(Content(command.title()), self._give(command), help=_help(command))
+            give = partial(self._source.action_command, command.__name__)
+            yield DiscoveryHit(Content(command.title()), give, help=f"{command.key_name()}  {command.help()}")
 
     async def search(self, query: str) -> Hits:
         matcher = self.matcher(query)
         for command in self._source.offered():
             score = matcher.match(command.title())
             if score > 0:
-                yield Hit(score, matcher.highlight(command.title()), self._give(command), help=_help(command))
-
-    def _give(self, command: type[Command]) -> Callable[[], Awaitable[None]]:
-        return partial(self._source.action_command, command.__name__)
-
-
-def _help(command: type[Command]) -> str:
-    return f"{command.key_name()}  {command.help()}"
+                give, words = partial(self._source.action_command, command.__name__), matcher.highlight(command.title())
+                yield Hit(score, words, give, help=f"{command.key_name()}  {command.help()}")

@@ -205,13 +205,8 @@ class Bench:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The devices' tables of a station.toml, every value checked; empty if it sets only a unit.
-
-    Raises
-    ------
-    BadConfiguration
-        Names the line of the error.
-    """
+    """The devices' tables of a station.toml, every value checked; empty if it sets only a unit. Raises BadConfiguration
+    that names the line of the error."""
     if not path.exists():
         raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
     try:

@@ -195,13 +195,10 @@ def series_table(points: Sequence[Point]) -> bytes:
             "photographs"]  # fmt: skip
     rows = [
         [
-            point.plane, point.number, *(_cell(value) for value in vars(point.setting).values()), f"{point.value:.9g}",
-            f"{point.uncertainty:.9g}", point.unit, str(point.photographs),
+            point.plane, point.number,
+            *("" if value is None else f"{value:.9g}" for value in vars(point.setting).values()),
+            f"{point.value:.9g}", f"{point.uncertainty:.9g}", point.unit, str(point.photographs),
         ]
         for point in points
     ]  # fmt: skip
     return csv_bytes([head, *rows])
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.9g}"

@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import h11
@@ -77,10 +78,7 @@ class Hosting:
             timeout_graceful_shutdown=ENDED_S, http=LimitedConnection, backlog=ACCEPTED_AT_ONCE,
         )  # fmt: skip
         self._server = Server(config)
-        self._thread = threading.Thread(target=self._serve, name="server", daemon=True)
-
-    def _serve(self) -> None:
-        self._server.run(sockets=[self.listening])
+        self._thread = threading.Thread(target=partial(self._server.run, [self.listening]), name="server", daemon=True)
 
     @property
     def port(self) -> int:

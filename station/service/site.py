@@ -19,7 +19,6 @@ from starlette.routing import Mount, Route
 from drivers.errors import DeviceError
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.durable_files import read_own, sha256_of
-from station.guide.workspace import StationLab
 from station.results.result_files import RECORD
 from station.service.access import API, COOKIE, STOP, Gate
 from station.service.alpaca.server import AlpacaServer
@@ -73,10 +72,6 @@ class Control:
             Route(STOP, self.stop, methods=["POST", "PUT"]),
         ]
 
-    @property
-    def _lab(self) -> StationLab:
-        return self.served.lab
-
     def status(self, request: Request) -> Response:
         return answer(self.served.status())
 
@@ -88,7 +83,7 @@ class Control:
         return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 
     def plans(self, request: Request) -> Response:
-        return answer({"plans": dict(self._lab.plans())})
+        return answer({"plans": dict(self.served.lab.plans())})
 
     def run(self, request: Request) -> Response:
         """The run started last."""
@@ -98,7 +93,7 @@ class Control:
         return answer(run_record(status))
 
     async def start(self, request: Request) -> Response:
-        order = read_order(await json_of(request), self._lab.names)
+        order = read_order(await json_of(request), self.served.lab.names)
         await asyncio.to_thread(self.served.runs.start, order)
         status = self.served.runs.status
         assert status is not None

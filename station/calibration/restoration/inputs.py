@@ -54,17 +54,17 @@ def read_poses(path: Path) -> Poses:
 
 def _table(path: Path, columns: Sequence[str]) -> Array:
     lines = read_rows(path, f"give a CSV file of {','.join(columns)}")
-    rows = [(n, row) for n, row in enumerate(lines, start=1) if _counts(row)]
+    rows = [
+        (n, row)
+        for n, row in enumerate(lines, start=1)
+        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
+    ]
     names = [name.strip() for name in rows[0][1]] if rows else []
     lacking = [name for name in columns if name not in names]
     if lacking:
         raise BadInput(f"{path} has no column {', '.join(lacking)}", f"name them in its first row: {','.join(columns)}")
     at = [names.index(name) for name in columns]
     return np.array([_numbers(path, n, row, at) for n, row in rows[1:]], dtype=np.float64).reshape(-1, len(columns))
-
-
-def _counts(row: list[str]) -> bool:
-    return any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
 
 
 def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:

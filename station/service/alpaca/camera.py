@@ -16,7 +16,6 @@ from station.service.alpaca.protocol import (
     AlpacaError,
     Mosaic,
     Parameters,
-    SensorImage,
     first_red,
     sensor_image,
 )
@@ -30,9 +29,9 @@ MONOCHROME, RGGB = 0, 2
 
 @dataclass(frozen=True)
 class Taken:
-    """A photograph: its sensor image, its record, its start."""
+    """A photograph: its numbers as on the sensor, its record, its start."""
 
-    image: SensorImage
+    levels: Mosaic
     frame: RawFrame
     exposure: ExposedFile
     began: datetime
@@ -99,7 +98,7 @@ class BenchCamera(AlpacaDevice):
             message = f"Duration must be between 0 and {LONGEST_S:g} s; got {duration_s:g}"
             raise AlpacaError(INVALID_VALUE, message)
         if self._taken is not None:
-            self._check_part(self._taken.image.levels)
+            self._check_part(self._taken.levels)
         ready = self._ready
         if not self._task.running:  # before it begins: another client may abort it at once
             self._ready, self._aborted = False, False
@@ -116,7 +115,7 @@ class BenchCamera(AlpacaDevice):
         frame = read_frame(exposure.path)
         self._taken = Taken(sensor_image(list(frame.planes.values())), frame, exposure, began)
         self.served.picture.show(frame.planes[default_plane(exposure.path)])
-        self._check_part(self._taken.image.levels)
+        self._check_part(self._taken.levels)
         self._ready = not self._aborted
 
     def _abort(self) -> None:
@@ -141,7 +140,7 @@ class BenchCamera(AlpacaDevice):
     def _shown_part(self) -> Mosaic:
         if not self._image_ready():
             raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
-        levels = self._last.image.levels
+        levels = self._last.levels
         self._check_part(levels)
         x, y = self._part["startx"], self._part["starty"]
         rows, columns = self._wanted("numy", levels.shape[0]), self._wanted("numx", levels.shape[1])

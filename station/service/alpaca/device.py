@@ -5,10 +5,10 @@ import uuid
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from drivers.interfaces import Device
+from station.common.versions import software
 from station.service.alpaca.clients import ConnectedClients
 from station.service.alpaca.protocol import (
     ACTION_NOT_IMPLEMENTED,
@@ -92,7 +92,7 @@ class AlpacaDevice:
             "description": constant(f"{self.name} of the calibration station's bench"),
             "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
             "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
-            "driverversion": constant(program_version()),
+            "driverversion": constant(software()["version"] or "0"),
             "interfaceversion": constant(self.interface_version),
             "name": constant(self.name),
             "supportedactions": lambda given: [*self.actions, STOP],
@@ -164,12 +164,13 @@ class Task:
         self._served = served
         self._thread: threading.Thread | None = None
         self.failure: Exception | None = None
-        self._halted = False
+        self.halted = False
+        """Whether the last operation was ended on request."""
         self._halting: Future[None] | None = None
 
     def halt(self, stop: Callable[[], None]) -> None:
         """End the operation by `stop`, which continues in the background after HALT_S. Raises what it does."""
-        self._halted = True
+        self.halted = True
         self._halting = self._served.stopper.submit(self._stop_until_ended, stop)
         with suppress(TimeoutError):
             self._halting.result(HALT_S)
@@ -185,11 +186,6 @@ class Task:
                 return
 
     @property
-    def was_halted(self) -> bool:
-        """Whether the last operation was ended on request."""
-        return self._halted
-
-    @property
     def running(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
@@ -200,7 +196,7 @@ class Task:
 
     def begin(self, what: str, work: Callable[[], None]) -> None:
         """Start an operation in the background, after one that was halted. Raises InUse during another one."""
-        if self._halted and self._thread is not None:
+        if self.halted and self._thread is not None:
             self._thread.join(HALTED_S)
         if self._halting is not None:
             wait((self._halting,), HALTED_S)
@@ -212,18 +208,10 @@ class Task:
                     self._served.bench.check_stops(stops)
                 work()
             except Exception as error:  # reported to the clients that poll
-                self.failure = None if self._halted else error
+                self.failure = None if self.halted else error
 
-        self.failure, self._halted = None, False
+        self.failure, self.halted = None, False
         self._thread = self._served.tenancy.begin(what, run)
-
-
-def program_version() -> str:
-    """Version of this program."""
-    try:
-        return version("calibration-station")
-    except PackageNotFoundError:
-        return "0"
 
 
 def refuse_operation(message: str) -> AlpacaError:

@@ -126,17 +126,7 @@ INT32, UINT16 = 2, 8
 """Element types of the standard: of the numbers, and of their transmission."""
 
 
-@dataclass(frozen=True)
-class SensorImage:
-    """The numbers of a full sensor (rows, columns), its white level, and its first red pixel (x, y). `red` is None for
-    a monochrome sensor."""
-
-    levels: Mosaic
-    white: int
-    red: tuple[int, int] | None
-
-
-def sensor_image(planes: Sequence[Plane]) -> SensorImage:
+def sensor_image(planes: Sequence[Plane]) -> Mosaic:
     """Reassemble the planes of a photograph to the sensor's mosaic."""
     form = frame_format(planes)
     mosaic = np.zeros((form.rows, form.columns), np.uint16)
@@ -146,7 +136,7 @@ def sensor_image(planes: Sequence[Plane]) -> SensorImage:
         mosaic[y :: plane.pitch, x :: plane.pitch] = np.clip(np.rint(scaled), 0, np.iinfo(np.uint16).max).astype(
             np.uint16
         )
-    return SensorImage(mosaic, form.white, first_red(form))
+    return mosaic
 
 
 def first_red(form: FrameFormat) -> tuple[int, int] | None:
@@ -155,12 +145,6 @@ def first_red(form: FrameFormat) -> tuple[int, int] | None:
         return None
     y, x = divmod(form.cfa.index("R"), 2)
     return x, y
-
-
-def nested(levels: Mosaic) -> list[list[int]]:
-    """The numbers as nested lists, by column."""
-    columns: list[list[int]] = levels.T.tolist()
-    return columns
 
 
 def image_bytes(levels: Mosaic, client: int, server: int) -> bytes:

@@ -13,13 +13,14 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from drivers.interfaces import Stage
+from station.common.versions import software
 from station.service.access import RIGHTS, STOP_ONLY, refused, token_required
 from station.service.alpaca.camera import BenchCamera
 from station.service.alpaca.clients import ClientList
 from station.service.alpaca.conditions import ProbeConditions
-from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
+from station.service.alpaca.device import AlpacaDevice, is_stop
 from station.service.alpaca.focuser import AxisFocuser
-from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Parameters, as_alpaca, image_bytes, nested
+from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Parameters, as_alpaca, image_bytes
 from station.service.alpaca.switch import BenchSwitch, lines_of
 from station.service.answers import body_of
 from station.service.bench_state import ServedBench
@@ -96,7 +97,7 @@ class AlpacaServer:
             if isinstance(value, np.ndarray):
                 if as_bytes:
                     return Response(image_bytes(value, client, next(self._transactions)), media_type=BYTES)
-                return self._framed(client, Type=INT32, Rank=2, Value=nested(value))
+                return self._framed(client, Type=INT32, Rank=2, Value=value.T.tolist())
             return self._framed(client, **({} if value is None else {"Value": value}))
 
         threads = self._served.stopper if stops else device.polls
@@ -130,7 +131,7 @@ class AlpacaServer:
 DESCRIPTION = {
     "ServerName": "Calibration station",
     "Manufacturer": "Calibration station",
-    "ManufacturerVersion": program_version(),
+    "ManufacturerVersion": software()["version"] or "0",
     "Location": "",
 }
 
