@@ -26,7 +26,7 @@ from station.calibration.folder_photographs import Item
 from station.common.durable_files import holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
-from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text
+from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text, unwritable
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
@@ -254,9 +254,3 @@ def _sweep(out: Path) -> None:
         shutil.rmtree(unfinished, ignore_errors=True)
         if not any(unfinished.parent.iterdir()):
             unfinished.parent.rmdir()
-
-
-def unwritable(out: Path, error: OSError) -> BadParameter:
-    """The error of a folder that cannot be written."""
-    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
-    return BadParameter(reason, "name another folder with --out, or make room")

@@ -159,36 +159,25 @@ class BenchScreen(StationScreen):
         self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), decided)
 
     @on(commands.JogBack)
-    def jog_back(self) -> None:
-        self._jog(-STEPS[self._step])
-
     @on(commands.JogForward)
-    def jog_forward(self) -> None:
-        self._jog(STEPS[self._step])
-
-    def _jog(self, by: float) -> None:
+    def jog(self, message: commands.Command) -> None:
         if self._axes:
             axis = self._axes[self._axis]
+            by = STEPS[self._step] if isinstance(message, commands.JogForward) else -STEPS[self._step]
             self._do(f"Moving {axis.name} by {by:g} {axis.unit}.", lambda bench: _jog(bench, axis, by))
 
     @on(commands.AxisBefore)
-    def axis_before(self) -> None:
-        self._axis = max(0, self._axis - 1)
-        self._show()
-
     @on(commands.AxisAfter)
-    def axis_after(self) -> None:
-        self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
+    def choose_axis(self, message: commands.Command) -> None:
+        by = 1 if isinstance(message, commands.AxisAfter) else -1
+        self._axis = max(0, min(self._axis + by, len(self._axes) - 1))
         self._show()
 
     @on(commands.StepSmaller)
-    def step_smaller(self) -> None:
-        self._step = max(0, self._step - 1)
-        self._show()
-
     @on(commands.StepLarger)
-    def step_larger(self) -> None:
-        self._step = min(self._step + 1, len(STEPS) - 1)
+    def choose_step(self, message: commands.Command) -> None:
+        by = 1 if isinstance(message, commands.StepLarger) else -1
+        self._step = max(0, min(self._step + by, len(STEPS) - 1))
         self._show()
 
     @on(commands.Darker)

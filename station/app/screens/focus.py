@@ -171,12 +171,9 @@ class FocusScreen(StationScreen):
         self._turns.put(None)
 
     @on(TurnNear)
-    def turn_near(self) -> None:
-        self._turns.put(-1.0)
-
     @on(TurnFar)
-    def turn_far(self) -> None:
-        self._turns.put(1.0)
+    def turn(self, message: Command) -> None:
+        self._turns.put(1.0 if isinstance(message, TurnFar) else -1.0)
 
     @on(EndRun)
     @on(EndFocus)
