@@ -92,18 +92,14 @@ def problem_of(error: Exception) -> Problem:
 
 
 Look = Callable[[], "Sequence[DeviceState]"]
+EVERY_S = 0.5
 
 
 class Watcher:
     """Polls the devices' conditions in a thread of its own, and calls `on_change` when one has changed."""
 
-    def __init__(
-        self,
-        look: Callable[[], Sequence[DeviceState]],
-        on_change: Callable[[Sequence[DeviceState]], None],
-        every_s: float = 0.5,
-    ) -> None:
-        self._look, self._on_change, self._every_s = look, on_change, every_s
+    def __init__(self, look: Look, on_change: Callable[[Sequence[DeviceState]], None]) -> None:
+        self._look, self._on_change = look, on_change
         self._end = threading.Event()
         threading.Thread(target=self._run, name="watcher", daemon=True).start()
 
@@ -117,4 +113,4 @@ class Watcher:
             if states != last:
                 last = states
                 self._on_change(states)
-            self._end.wait(self._every_s)
+            self._end.wait(EVERY_S)

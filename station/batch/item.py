@@ -231,16 +231,9 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
     """The settings that the camera recorded, without those that it did not."""
-    entries = {
-        "camera": exposure.camera,
-        "lens": exposure.lens,
-        "exposure_s": exposure.exposure_s,
-        "f_number": exposure.f_number,
-        "iso": exposure.iso,
-        "focal_length_mm": exposure.focal_length_mm,
-        "focus_distance_mm": exposure.subject_distance_mm,
-        "captured_at": exposure.captured_at,
-    }
+    names = ("camera", "lens", "exposure_s", "f_number", "iso", "focal_length_mm")
+    entries = {name: getattr(exposure, name) for name in names}
+    entries |= {"focus_distance_mm": exposure.subject_distance_mm, "captured_at": exposure.captured_at}
     return {name: encodable(value) if isinstance(value, str) else value for name, value in entries.items() if value}
 
 

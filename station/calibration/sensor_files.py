@@ -7,19 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.numbers import (
-    DARK_CURRENT,
-    DSNU,
-    DYNAMIC_RANGE,
-    INVERSE_GAIN,
-    PRNU,
-    QUANTUM_EFFICIENCY,
-    RESPONSIVITY,
-    SENSITIVITY_THRESHOLD,
-    SNR_MAX,
-    SYSTEM_GAIN,
-    TEMPORAL_DARK_NOISE,
-)
+from procedures import numbers as names
 from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
@@ -34,11 +22,11 @@ from station.results.result_files import npy, number_record
 
 SCHEMA = "station/sensor/1"
 SECTIONS = {
-    "sensitivity": (QUANTUM_EFFICIENCY, SYSTEM_GAIN, INVERSE_GAIN, RESPONSIVITY, TEMPORAL_DARK_NOISE,
-                    SENSITIVITY_THRESHOLD, "saturation", SNR_MAX, DYNAMIC_RANGE),
+    "sensitivity": (names.QUANTUM_EFFICIENCY, names.SYSTEM_GAIN, names.INVERSE_GAIN, names.RESPONSIVITY,
+                    names.TEMPORAL_DARK_NOISE, names.SENSITIVITY_THRESHOLD, "saturation", names.SNR_MAX, names.DYNAMIC_RANGE),
     "linearity": ("linearity",),
-    DARK_CURRENT: (DARK_CURRENT,),
-    "spatial": (DSNU, PRNU),
+    names.DARK_CURRENT: (names.DARK_CURRENT,),
+    "spatial": (names.DSNU, names.PRNU),
     "defect_pixel": ("defect_pixels",),
     "general": ("general",),
 }  # fmt: skip
@@ -68,7 +56,7 @@ def _plane(plane: SensorPlane) -> PlaneResult:
     result = plane.outcome.value
     if result is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
-    joint, gain = gain_and_noise(result.transfer), result.numbers[SYSTEM_GAIN]
+    joint, gain = gain_and_noise(result.transfer), result.numbers[names.SYSTEM_GAIN]
     curvature = min(result.transfer.gain_bent, gain.uncertainty)  # of the response, which a line neglects
     budget = {"noise": (gain.uncertainty**2 - curvature**2) ** 0.5, "curvature": curvature}
     details: dict[str, Any] = {
@@ -77,7 +65,7 @@ def _plane(plane: SensorPlane) -> PlaneResult:
             "names": list(joint.NAMES), "values": joint.values.tolist(),
             "covariance": joint.covariance.tolist(),
         },
-        SYSTEM_GAIN: number_record(gain) | {"budget": budget},
+        names.SYSTEM_GAIN: number_record(gain) | {"budget": budget},
         "rows": plane.shape[0],
         "columns": plane.shape[1],
         "diagnostics": {"light_spread": result.curves.light_spread, "gain_bent": result.transfer.gain_bent},

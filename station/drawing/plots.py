@@ -44,16 +44,14 @@ def plot_axes(width_in: float = 3.2, height_in: float = 2.5, rim_in: Sequence[fl
     return axes  # type: ignore[no-any-return]
 
 
-def frame_axes(
-    width_in: float, shape: tuple[int, int], rim_in: Sequence[float] = (0.08, 0.08, 0.42, 0.08), *, margin: float = 0.01
-) -> Axes:
+def frame_axes(width_in: float, shape: tuple[int, int], rim_in: Sequence[float] = (0.08, 0.08, 0.42, 0.08)) -> Axes:
     """Axes over a frame of (rows, columns) pixels, with its outline and without ticks, y downwards."""
     rows, columns = shape
     left, right, bottom, top = rim_in
     height = (width_in - left - right) * min(rows / columns, 1.5) + bottom + top
     axes = plot_axes(width_in, height, rim_in)
     axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
-    x, y = margin * columns, margin * rows
+    x, y = 0.01 * columns, 0.01 * rows
     bare(axes, xlim=(-x, columns + x), ylim=(rows + y, -y), aspect="equal")
     return axes
 

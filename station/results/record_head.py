@@ -62,11 +62,7 @@ class RecordHead:
             "parameters": dict(self.parameters),
             "arguments": None if self.arguments is None else list(self.arguments),
             "settings": None if self.settings is None else dict(self.settings),
-            "specification": self.specification,
-            "batch": self.batch,
-            "field": self.field,
-            "environment": self.environment,
-            "duration_s": self.duration_s,
+            **{name: getattr(self, name) for name in ("specification", "batch", "field", "environment", "duration_s")},
         }
         return {name: value for name, value in entries.items() if value is not None}
 
