@@ -23,7 +23,8 @@ from station.results.result_files import npy, number_record
 SCHEMA = "station/sensor/1"
 SECTIONS = {
     "sensitivity": (names.QUANTUM_EFFICIENCY, names.SYSTEM_GAIN, names.INVERSE_GAIN, names.RESPONSIVITY,
-                    names.TEMPORAL_DARK_NOISE, names.SENSITIVITY_THRESHOLD, "saturation", names.SNR_MAX, names.DYNAMIC_RANGE),
+                    names.TEMPORAL_DARK_NOISE, names.SENSITIVITY_THRESHOLD, "saturation", names.SNR_MAX,
+                    names.DYNAMIC_RANGE),
     "linearity": ("linearity",),
     names.DARK_CURRENT: (names.DARK_CURRENT,),
     "spatial": (names.DSNU, names.PRNU),

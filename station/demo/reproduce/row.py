@@ -47,22 +47,6 @@ class ClaimCheck:
     high: float = math.inf
     unit: str = ""
 
-    @classmethod
-    def printed(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number: the values that round to its last digit."""
-        value, half = float(published), half_digit(published)
-        return cls(quantity, published, value - half, value + half, unit)
-
-    @classmethod
-    def at_most(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number of which smaller values are as good: an error."""
-        return cls(quantity, published, -math.inf, float(published) + half_digit(published), unit)
-
-    @classmethod
-    def at_least(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number of which larger values are as good: a gain."""
-        return cls(quantity, published, float(published) - half_digit(published), math.inf, unit)
-
     def agrees(self, value: float) -> bool:
         """Whether the value is within the claim; a value that is not finite is not."""
         return math.isfinite(value) and self.low <= value <= self.high
@@ -184,8 +168,9 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
 def read_check(entry: Mapping[str, Any]) -> ClaimCheck:
     """The check of an entry: a range of values, or a printed number read with its rounding."""
     given = dict(entry)
-    read = given.pop("read", "")
-    if not read:
-        return ClaimCheck(**given)
-    printed = {"printed": ClaimCheck.printed, "at most": ClaimCheck.at_most, "at least": ClaimCheck.at_least}
-    return printed[read](**given)
+    if read := given.pop("read", ""):
+        value, half = float(given["published"]), half_digit(given["published"])
+        low, high = {"low": value - half}, {"high": value + half}
+        # of an error smaller values are as good, of a gain larger ones
+        given |= {"printed": low | high, "at most": high, "at least": low}[read]
+    return ClaimCheck(**given)

@@ -168,10 +168,7 @@ def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:
 def _entry(result: RowResult) -> dict[str, Any]:
     row = result.row
     return {
-        "name": row.name,
-        "chapter": row.chapter,
-        "place": row.place,
-        "title": row.title,
+        **{name: getattr(row, name) for name in ("name", "chapter", "place", "title")},
         "state": str(result.state),
         "reason": result.reason,
         "remark": result.computed.remark,
@@ -179,9 +176,7 @@ def _entry(result: RowResult) -> dict[str, Any]:
         "setup": row.setup,
         "checks": [
             {
-                "quantity": check.quantity,
-                "unit": check.unit,
-                "published": check.published,
+                **{name: getattr(check, name) for name in ("quantity", "unit", "published")},
                 "ours": value,
                 "low": check.low,
                 "high": check.high,
