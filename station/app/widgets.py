@@ -347,7 +347,9 @@ class ProgressLine(Part):
 def left_of(first: ProgressEvent, doing: ProgressEvent, took_s: float) -> float | None:
     """Remaining time extrapolated from `first` to `doing`; None where unknown."""
     parts = doing.done - first.done
-    return None if parts <= 0 or doing.total <= 0 else took_s / parts * (doing.total - doing.done)
+    if doing.left_s is not None or parts <= 0 or doing.total <= 0:
+        return doing.left_s
+    return took_s / parts * (doing.total - doing.done)
 
 
 def progress_in_words(doing: ProgressEvent, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:

@@ -67,13 +67,14 @@ class StepEnded:
 class ProgressEvent:
     """The current activity, as a phrase ("homing the rail", "waiting until the rig is still", "exposing").
 
-    `done` of `total` where the work has countable parts. An event that `lasts` is a note that stays visible with the
-    next question, such as the path of the file to print.
+    `done` of `total` where the work has countable parts, and the remaining seconds where they are known. An event that
+    `lasts` is a note that stays visible with the next question, such as the path of the file to print.
     """
 
     say: str
     done: int = 0
     total: int = 0
+    left_s: float | None = None
     lasts: bool = False
 
 

@@ -83,7 +83,8 @@ class LineOperator:
     @_write_event.register
     def _(self, event: frontend.ProgressEvent) -> None:
         count = f" ({event.done} of {event.total})" if event.total else ""
-        line = f"   {event.say}{count}"
+        left = f", {event.left_s:.0f} s left" if event.left_s is not None else ""
+        line = f"   {event.say}{count}{left}"
         if line not in self._reported:  # repeated activities of a step are written once
             self._reported.add(line)
             self._line(line)

@@ -134,8 +134,11 @@ def test_the_time_left_follows_from_the_parts_done():
     assert left_of(began, began, 0.0) is None
     assert left_of(began, now, 10.0) == pytest.approx(30.0)
     assert "about 25 s left" in progress_in_words(now, 5.0, 30.0, UNICODE)
-    assert "about 1 min 10 s left" in progress_in_words(now, 5.0, 75.0, UNICODE)
     assert "2 of 8" in progress_in_words(now, 5.0, None, UNICODE)
+
+
+def test_a_given_time_is_counted_down():
+    assert "about 1 min 10 s left" in progress_in_words(ProgressEvent("homing", left_s=75.0), 5.0, 75.0, UNICODE)
 
 
 def test_the_devices_line_ends_between_devices():
