@@ -88,18 +88,16 @@ class Disk:
 
     def settle(self, path: Path) -> None:
         """Make a file written elsewhere, and its name, durable. Raises OSError."""
-        descriptor = self.open(path, os.O_RDONLY)
-        try:
-            self.sync(descriptor)
-        finally:
-            os.close(descriptor)
+        self._sync_at(path)
         self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
         """Make a folder's names, behind a link too, durable where folders can be opened. Raises OSError."""
-        if os.name == "nt":
-            return
-        descriptor = self.open(Path(os.path.realpath(folder)), os.O_RDONLY)
+        if os.name != "nt":
+            self._sync_at(Path(os.path.realpath(folder)))
+
+    def _sync_at(self, path: Path) -> None:
+        descriptor = self.open(path, os.O_RDONLY)
         try:
             self.sync(descriptor)
         finally:
@@ -277,7 +275,7 @@ def hold(folder: Path) -> int | None:
         import fcntl
     except ImportError:  # Windows
         return None
-    descriptor = os.open(folder, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    descriptor = os.open(folder, os.O_RDONLY | _NO_FOLLOW)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -166,10 +166,7 @@ def _spread(axes: Any, edge: EdgeMtf) -> None:
 
 
 def _transfer(axes: Any, edge: EdgeMtf, unit: str, factor: float) -> None:
-    f = edge.frequencies * factor
-    band = CONFIDENT * edge.uncertainty
-    axes.fill_between(f, edge.mtf - band, edge.mtf + band, color=INK, alpha=0.25, lw=0)
-    axes.plot(f, edge.mtf, color=INK, lw=1.2)
+    curve(axes, edge.frequencies * factor, edge.mtf, edge.uncertainty, width=1.2)
     axes.axvline(0.5 * factor, color=FAINT, lw=0.7)
     axes.set(xlim=(0, factor), ylim=(0, 1.05), xlabel=unit)
     if EDGE_MTF50 in edge.numbers:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -52,9 +52,6 @@ from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
-if TYPE_CHECKING:
-    from procedures.restoration.joint.result import Restoration
-
 MIN_DETERMINED = 0.3
 """Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
 
@@ -75,7 +72,12 @@ def restored(
     for one in _measured(spec):
         progress(f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded", 0)
     blur = blur_of(spec, photographs, lambda motion: progress(_finding(motion), 0))
-    outcome = blur.restored(photographs, settings.parameters, _by_rounds(settings, progress))
+    share = 100 // (settings.parameters.scheme.rounds + 1)
+
+    def report(done: JointRound) -> None:
+        progress(f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255", share)
+
+    outcome = blur.restored(photographs, settings.parameters, report)
     if is_mosaic(frames[0].planes) and outcome.value is not None:
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
@@ -110,15 +112,6 @@ def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFra
     truth = msgspec.structs.replace(settings, plane=plane).read(path)
     check_ground_truth([frame.planes for frame in frames], truth.planes)
     return truth
-
-
-def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
-    share = 100 // (settings.parameters.scheme.rounds + 1)
-
-    def report(done: JointRound) -> None:
-        progress(f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255", share)
-
-    return report
 
 
 def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:

@@ -20,6 +20,7 @@ from procedures.reading.tiff_tags import ICC_PROFILE
 from procedures.restoration.joint.result import Restoration
 from station.calibration.camera_metadata import read_metadata
 from station.calibration.picture_files import write_tiff
+from station.drawing.pictures import encoded
 
 QUALITY = 97
 """Quality of JPEG, WebP and HEIC files that are written: their loss is below that of the files that are read."""
@@ -108,15 +109,9 @@ def _write(path: Path, data: bytes) -> None:
 
 def _png_16(development: Development, levels: npt.NDArray[np.float32]) -> bytes:
     """A PNG of 16 bits with profile and metadata, which OpenCV does not write."""
-    import cv2
-
-    samples = np.rint(np.moveaxis(levels, 0, -1)[..., ::-1] * 65535).astype(np.uint16)
-    done, data = cv2.imencode(".png", samples)
-    if not done:
-        raise RuntimeError("OpenCV could not encode PNG")
+    png = encoded(".png", np.rint(np.moveaxis(levels, 0, -1)[..., ::-1] * 65535).astype(np.uint16))
     chunks = {b"iCCP": b"ICC\0\0" + zlib.compress(development.icc)} if development.icc else {}
     chunks |= {b"eXIf": development.exif.removeprefix(b"Exif\0\0")} if development.exif else {}
-    png = bytes(data.tobytes())
     framed = (
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
         for kind, body in chunks.items()

@@ -17,6 +17,7 @@ from procedures.restoration.masks.camera_motion import FLIPPED, Poses, poses_at,
 from procedures.restoration.masks.psf_shapes import measured_field, measured_heights, measured_shape
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 from procedures.restoration.photograph_blur import Shape
+from station.results.exports import csv_columns
 
 Size = tuple[int, int]
 
@@ -81,16 +82,14 @@ def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
 def imu_table(imu: ImuRecord) -> bytes:
     """A record as `read_imu` takes it."""
     rows = np.column_stack([imu.time_s, imu.acceleration_m_s2, imu.rotation_rad_s])
-    lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return csv_columns(dict(zip(COLUMNS, rows.T, strict=True)), 7)
 
 
 def poses_table(poses: Poses, exposure_s: float) -> bytes:
     """Poses in the format of `read_poses`."""
     t = np.linspace(0, exposure_s, len(poses.position_m))
     rows = np.column_stack([t, poses.position_m * FLIPPED, poses.turn_rad * FLIPPED])
-    lines = [",".join(POSE_COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return csv_columns(dict(zip(POSE_COLUMNS, rows.T, strict=True)), 9)
 
 
 def poses_of_records(
