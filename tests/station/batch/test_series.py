@@ -10,7 +10,7 @@ import pytest
 from station.batch.item import ItemRow, PlaneRow
 from station.batch.procedure_file import read_procedure
 from station.calibration.series import Point, SeriesSetting, best_apertures, points_of, series_table, several
-from station.procedure.builtin.series import PROCEDURE
+from station.procedure.builtin.series import Series
 from station.reports.batches.series_page import series_page
 from tests.program import run
 
@@ -80,7 +80,7 @@ def test_photographs_of_another_lens_or_camera_are_named():
 
 def test_the_summary_of_a_series_is_its_table_and_page_and_the_best_aperture():
     rows = [row(4.0, 0.31), row(5.6, 0.33)]
-    found = PROCEDURE.summary(rows)
+    found = Series().summary(rows)
     assert list(found.files) == ["series.csv", "series.html"]
     assert found.files["series.csv"] == series_table(points_of(rows))
     assert found.lines[0].startswith("G1: best at f/5.6")
