@@ -221,7 +221,6 @@ class WitImu(StreamingImu[WitFrame]):
                 self._version = f"{frame.words[3] & 0xFFFF}"
 
     def _missing(self) -> int:
-        """Number of lost samples, from the gap in the device's time."""
         if self._before_s is None or self._device_s is None:
             return 0
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)

@@ -130,7 +130,6 @@ class AxisStage(ABC, Generic[E, A]):
         """Raises MoveFailed if these states cannot be those of axes that have homed."""
 
     def _homing_limit_s(self) -> float:
-        """Time limit of homing."""
         return 4 * max((t.high - t.low) / self._speed[name] for name, t in self._travel.items()) + 10
 
     def _duration_s(self, axis: A, way: float) -> float:

@@ -190,18 +190,15 @@ class StrigShutter(LineDevice[Transport[Event]]):
         """Clock offset from the fastest of a few round trips: its error is below half of that trip."""
         trips = []
         for _ in range(times):
-            asked_s, tag = self.clock.now_s(), self._next_tag()
+            # the number of the next question for the time, so that a late answer to another one is none
+            self._tag = (self._tag + 1) % 1000
+            asked_s, tag = self.clock.now_s(), (self._tag if self.version >= 4 else None)
             question = b"SYNC?\n" if tag is None else b"SYNC? %d\n" % tag
             box = self._transport.request(question, partial(_time_of, tag), REPLY_S)
             received_s = self.clock.now_s()
             trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6, received_s))
         trip_s, self._offset_s, self._synchronised_s = min(trips)
         self._within_s = trip_s / 2
-
-    def _next_tag(self) -> int | None:
-        """The number of the next question for the time, so that a late answer to another one is none."""
-        self._tag = (self._tag + 1) % 1000
-        return self._tag if self.version >= 4 else None
 
     def _hear(self, event: Event, host_s: float) -> None:
         if isinstance(event, Sample):

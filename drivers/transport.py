@@ -79,7 +79,18 @@ class SerialTransport(Generic[E]):
         self.close()
         self._lost = None
         try:
-            self._port = self._opened(resolve(self.address))
+            url = resolve(self.address)
+            port = serial.serial_for_url(url, do_not_open=True)
+            port.baudrate = self.baud
+            port.timeout = POLL_S
+            port.write_timeout = WRITE_S
+            if "://" not in url:
+                port.exclusive = True
+            for line, level in self._preset.items():
+                if level is not None:
+                    setattr(port, line, level)
+            port.open()
+            self._port = port
         except PORT_ERRORS as error:
             raise LineLost(
                 f"cannot open {self.address}: {error}",
@@ -90,19 +101,6 @@ class SerialTransport(Generic[E]):
             target=self._read, args=(self._port, self._new_parser(), listen), name=f"reader {self.address}", daemon=True
         )
         self._reader.start()
-
-    def _opened(self, url: str) -> Any:
-        port = serial.serial_for_url(url, do_not_open=True)
-        port.baudrate = self.baud
-        port.timeout = POLL_S
-        port.write_timeout = WRITE_S
-        if "://" not in url:
-            port.exclusive = True
-        for line, level in self._preset.items():
-            if level is not None:
-                setattr(port, line, level)
-        port.open()
-        return port
 
     @property
     def is_open(self) -> bool:
@@ -265,18 +263,15 @@ class SerialTransport(Generic[E]):
             if self._lost is not None:
                 return
             if data:
-                self._deliver(data, parser, listen)
-
-    def _deliver(self, data: bytes, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
-        received_s = self.clock.now_s()
-        self.transcript.record(received_s, "<", data)
-        with self._news:
-            self.bytes_received += len(data)
-            for event in parser.feed(data):
-                listen(event, received_s)
-                if self._claim is not None:
-                    self._claim(event)
-            self._news.notify_all()
+                received_s = self.clock.now_s()
+                self.transcript.record(received_s, "<", data)
+                with self._news:
+                    self.bytes_received += len(data)
+                    for event in parser.feed(data):
+                        listen(event, received_s)
+                        if self._claim is not None:
+                            self._claim(event)
+                    self._news.notify_all()
 
     def _gone(self, error: Exception) -> LineLost:
         return LineLost(

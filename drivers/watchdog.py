@@ -78,7 +78,11 @@ class StrigWatchdog(BoxDevice):
         """
         with self._lock:
             if not self._holding:
-                self._enable()
+                self._require()
+                self._box.command("ENABLE 1")
+                self._box.motion.pop(RELEASE, None)  # of an earlier release
+                self._holding = True
+                self._keeper = self._begin(self._keep)
             self._moving += 1
         try:
             self._beat()
@@ -86,13 +90,6 @@ class StrigWatchdog(BoxDevice):
         finally:
             with self._lock:
                 self._moving -= 1
-
-    def _enable(self) -> None:
-        self._require()
-        self._box.command("ENABLE 1")
-        self._box.motion.pop(RELEASE, None)  # of an earlier release
-        self._holding = True
-        self._keeper = self._begin(self._keep)
 
     def _beat(self) -> None:
         with self._lock:  # a heartbeat with the long deadline must not follow the first one of a move

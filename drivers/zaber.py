@@ -155,18 +155,16 @@ class ZaberStage(AxisStage[Event, ZaberAxis]):
         """The axis' state. Raises what its flag reports."""
         status = self._status(axis)
         if not (status.busy and status.flag in UNREFERENCED):
-            self._check_flag(axis, status.flag)
+            flag = status.flag
+            reason, remedy = FLAGS.get(flag, (f"flag {flag}", "see the device's manual"))
+            if flag.startswith("F"):
+                error = Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag)
+                self.trust.lose(error)
+                raise error
+            if flag in (*UNREFERENCED, "WL", "WM"):
+                self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
+                self.trust.require()
         return self._state_of(axis, status)
-
-    def _check_flag(self, axis: ZaberAxis, flag: str) -> None:
-        reason, remedy = FLAGS.get(flag, (f"flag {flag}", "see the device's manual"))
-        if flag.startswith("F"):
-            error = Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag)
-            self.trust.lose(error)
-            raise error
-        if flag in (*UNREFERENCED, "WL", "WM"):
-            self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
-            self.trust.require()
 
     def _begin_homing(self, axis: ZaberAxis, allowed: Callable[[], None]) -> None:
         self._query(axis.device, axis.axis, "warnings clear")

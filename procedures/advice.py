@@ -70,7 +70,6 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
 
 
 def _change(stops: float, finding: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
-    """Advice to change the exposure by this number of stops."""
     seconds = exposure.exposure_s
     if seconds is None:
         more = "more" if stops > 0 else "less"
@@ -98,7 +97,6 @@ def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], 
 
 
 def _noted(exposure: Exposure) -> dict[str, Fact]:
-    """The camera's metadata of the shot, as facts."""
     names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm", "pixel_pitch_um")
     metadata = asdict(exposure)
     return {name: metadata[name] for name in names if metadata[name] is not None}

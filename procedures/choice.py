@@ -244,7 +244,12 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
     of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
     curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
     for term, change in modes.items():
-        moved = _moved_samples(psf, quality.frequencies, change)
+        # change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f
+        image = psf.extended()
+        grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
+        filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, quality.frequencies, change), image.shape)
+        rim = (len(image) - psf.k) // 2
+        moved = np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
         for way, mtf in curves.items():
             of_curves[way][term] = np.hypot(of_curves[way].get(term, 0.0), mtf * change)
         for name, terms in budgets.items():
@@ -274,15 +279,6 @@ def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change:
         frequency, way = at_frequency
         return float(np.interp(frequency, f, curves[way] * change))
     return float(quality.gradients[name][: len(moved)] @ moved)
-
-
-def _moved_samples(psf: Psf, f: Array, change: Array) -> Array:
-    """Change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f."""
-    image = psf.extended()
-    grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
-    filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, f, change), image.shape)
-    rim = (len(image) - psf.k) // 2
-    return np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
 
 
 def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:

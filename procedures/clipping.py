@@ -138,7 +138,6 @@ class SensorModel:
         )
 
     def _slope(self, straight: Array) -> Array:
-        """Slope of the response relative to that without light."""
         x = straight / self.signal_at_saturation
         return np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
 

@@ -54,19 +54,15 @@ def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes
         curve = named_curve(stated) if stated else _profiled(icc)
         bits = 8 * levels.dtype.itemsize
         development = Development(kind, curve or named_curve(SRGB), curve is None, bits, coding, icc, exif)
-        planes = _planes(levels, development)
+        # planes of levels (H, W, C), decoded; a step is that at half of white
+        white = np.float32((1 << development.bits) - 1)
+        step = float(development.curve.slope(np.array([0.5]))[0] / white)
+        planes = {
+            name: Plane(name, development.curve.decoded(np.ascontiguousarray(levels[..., c]) / white), step)
+            for c, name in enumerate(COLOURS[levels.shape[2]])
+        }
         exposure = read_exposure(BytesIO(data))
     return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, exposure, development=development)
-
-
-def _planes(levels: npt.NDArray[Any], development: Development) -> dict[str, Plane]:
-    """Planes of levels (H, W, C), decoded; a step is that at half of white."""
-    white = np.float32((1 << development.bits) - 1)
-    step = float(development.curve.slope(np.array([0.5]))[0] / white)
-    return {
-        name: Plane(name, development.curve.decoded(np.ascontiguousarray(levels[..., c]) / white), step)
-        for c, name in enumerate(COLOURS[levels.shape[2]])
-    }
 
 
 def _profiled(icc: bytes) -> ToneCurve | None:
@@ -85,7 +81,6 @@ USUAL_CODING = 0.01
 
 
 def _format(data: bytes, path: Path) -> str:
-    """The format by the file's first bytes; RAW where it is no other."""
     if data.startswith(b"\xff\xd8\xff"):
         return "JPEG"
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":

@@ -543,7 +543,6 @@ def dropped(kind: type[Any], changed: Collection[str], known: Collection[str]) -
 
 
 def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
-    """Type and metadata of each field by name."""
     hints = get_type_hints(kind)
     return {one.name: (_plain(hints[one.name]), one.metadata) for one in fields(kind)}
 
@@ -553,7 +552,6 @@ def _plain(hint: Any) -> Any:
 
 
 def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:
-    """A fact converted to its type. Raises BadParameter."""
     if wanted in (float, int) and isinstance(value, float | int) and not isinstance(value, bool):
         if math.isfinite(value) and (wanted is float or value == int(value)):
             return float(value) if wanted is float else int(value)

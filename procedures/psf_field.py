@@ -259,7 +259,6 @@ class PsfField:
 
     @cached_property
     def _tail_products(self) -> Array:
-        """Inner products of the tail's shapes, (q, q)."""
         kernels = tail_kernels(self.k)[: self.q]
         return np.asarray(np.tensordot(kernels, kernels, axes=([1, 2], [1, 2])))
 
@@ -411,7 +410,6 @@ class SpaceVariantBlur:
 
     @cached_property
     def _images(self) -> list[Array]:
-        """Base and components, support and tail, (K, K) each."""
         return [extended(p, self.field.k) for p in (self.field.base, *self.field.components)]
 
     @cached_property

@@ -35,13 +35,16 @@ def about_origin(psf: Psf, origin: Origin, numbers: Callable[[Psf], list[DrawnNu
     results = []
     for i, one in enumerate(moved):
         slope = np.array([(more[i].value - less[i].value) / (2 * STEP_PX) for more, less in ways])
-        gradient = _pulled_back(psf, point, one.gradient) + slope @ by_parameters
+        # gradient by the PSF's parameters of a number whose gradient by those of the displaced PSF is given
+        Ax, Ay = (_between(psf, float(x)) for x in point)
+        n = psf.k**2
+        pulled_back = np.concatenate([(Ay.T @ one.gradient[:n].reshape(psf.k, psf.k) @ Ax).ravel(), one.gradient[n:]])
+        gradient = pulled_back + slope @ by_parameters
         results.append(replace(one, method=_method(one, origin), gradient=gradient))
     return results
 
 
 def _method(number: DrawnNumber, origin: Origin) -> str:
-    """The number's method with the words of its origin."""
     words, method = WORDS.get(origin, ""), number.method
     if "the centre" in method and words:
         return method.replace("the centre", words)
@@ -63,13 +66,6 @@ def _about(psf: Psf, point: Array) -> Psf:
     """The PSF with a point (x, y) as its centre; the covariance and the tail, which are smooth there, stay."""
     Ax, Ay = (_between(psf, float(x)) for x in point)
     return Psf(Ay @ psf.h @ Ax.T, psf.s, psf.covariance, psf.tail)
-
-
-def _pulled_back(psf: Psf, point: Array, gradient: Array) -> Array:
-    """Gradient by the PSF's parameters of a number whose gradient by those of the displaced PSF is given."""
-    Ax, Ay = (_between(psf, float(x)) for x in point)
-    n = psf.k**2
-    return np.concatenate([(Ay.T @ gradient[:n].reshape(psf.k, psf.k) @ Ax).ravel(), gradient[n:]])
 
 
 def _centroid(psf: Psf) -> tuple[Array, Array]:

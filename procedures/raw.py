@@ -235,20 +235,16 @@ def _kind(path: Path, file: BinaryIO) -> str:
         return "png"
     if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
-    _refuse_by_name(path, head)
-    if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
-        raise BadInput(f"{path} must have the header of a RAW format; it has none", _DUMP)
-    return "raw"
-
-
-def _refuse_by_name(path: Path, head: bytes) -> None:
-    """Raise BadInput for formats without a linear plane."""
+    # raise BadInput for formats without a linear plane
     if head.startswith(b"\xff\xd8\xff"):
         raise BadInput(f"{path} is a JPEG, which is not linear in light", _EXPORT)
     if head[:2] in (b"P3", b"P6"):
         raise BadInput(f"{path} is a PPM with three colours; one linear plane is required", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
+    if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
+        raise BadInput(f"{path} must have the header of a RAW format; it has none", _DUMP)
+    return "raw"
 
 
 def _is_text(head: bytes) -> bool:
@@ -300,7 +296,8 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
     with captured_noise() as noise:
         try:
             with rawpy.imread(file) as raw:  # decodes on first access to the samples
-                _check_room(path, raw)
+                rows, columns = raw.sizes.raw_height, raw.sizes.raw_width
+                Room(str(path)).take(BYTES * rows * columns, f"{columns} x {rows} samples")
                 planes_and_exposure = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
         except rawpy.LibRawError as error:
             failure = error
@@ -342,11 +339,6 @@ BYTES = 4
 """Bytes of a sample in memory."""
 
 
-def _check_room(path: Path, raw: Any) -> None:
-    rows, columns = raw.sizes.raw_height, raw.sizes.raw_width
-    Room(str(path)).take(BYTES * rows * columns, f"{columns} x {rows} samples")
-
-
 def _libraw(rawpy: Any) -> str:
     return ".".join(str(n) for n in rawpy.libraw_version)
 
@@ -380,14 +372,12 @@ def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | N
 
 
 def _check_white(path: Path, raw: Any, black: npt.NDArray[np.float32]) -> None:
-    """Raise BadInput unless white lies above black."""
     if raw.white_level <= black.max():
         reason = f"{path} must have its white level above its black level {black.max():g}; it is {raw.white_level}"
         raise BadInput(reason, _COPY)
 
 
 def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
-    """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
     # LibRaw gives arbitrary answers for a DNG without a colour pattern
     if raw.num_colors == 1 or (tags and CFA_PATTERN not in tags):
         raise BadInput(f"{path} is from a monochrome sensor; a Bayer mosaic is required", _MONOCHROME)
@@ -450,7 +440,6 @@ def _scaled_plane(
     name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
     *, raw: bool = True,
 ) -> Plane:  # fmt: skip
-    """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)
     samples -= black

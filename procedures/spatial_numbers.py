@@ -115,7 +115,6 @@ def section_widths(psf: Psf) -> tuple[float, float]:
 
 
 def _width(psf: Psf, name: str, axis: int) -> DrawnNumber:
-    """Width along rows (axis 1) or columns (axis 0) as in `section_widths`, with its gradient."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
     used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
@@ -274,7 +273,6 @@ def name_of_circle(share: float) -> str:
 
 
 def _encircled(psf: Psf) -> list[DrawnNumber]:
-    """Radii of encircled energy of the band-limited PSF."""
     image, numbers = psf.extended(), []
     for share in CIRCLES:
         one, by_image = circle(psf, image, share), np.zeros_like(image)
@@ -300,7 +298,6 @@ def _moment_weight(psf: Psf) -> Array:
 
 
 def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
-    """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
     x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
     w = _moment_weight(psf)
     monomials = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]) * w[:, None]

@@ -67,7 +67,6 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
         return identity
 
     def _set(self, name: str, value: int) -> None:
-        """Set a number of the camera, and read it back. Raises DeviceError."""
         self._link.put(name.lower(), **{name: value})
         there = int(self._link.number_of(name.lower()))
         if there != value:
@@ -150,7 +149,6 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
         return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
     def _reported_exposure_s(self, duration_s: float) -> float:
-        """The exposure time reported by the camera, or else the requested one."""
         try:
             return self._link.number_of("lastexposureduration")
         except Rejected:

@@ -191,7 +191,6 @@ class MicroManagerCamera(CoreDevice, FrameCamera):
             self._set_gain(core, self._gain)
 
     def _set_gain(self, core: Any, gain: float) -> None:
-        """Set the gain, and read it back. Raises Rejected."""
         remedy = "write a gain that its property Gain takes, or remove it"
         with translated_errors(self.address, remedy):
             core.setProperty(self._label, "Gain", f"{gain:g}")

@@ -170,7 +170,6 @@ class MicroManagerStage(CoreDevice, ServedStage[str]):
 
 
 def _halted(core: Any, label: str) -> bool:
-    """Whether the device accepted a stop."""
     try:
         core.stop(label)
     except RuntimeError:

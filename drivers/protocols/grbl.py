@@ -5,7 +5,7 @@ Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core 
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
@@ -271,18 +271,16 @@ class Controls:
         seek, feed = self.positive(25, 500.0), self.positive(24, 25.0)
         slow_way = self.positive(43, 1.0) * SEARCH_AGAIN * self.positive(27, 1.0)
         minutes = 0.0
-        for together in self._homing_cycles(lengths):
+        # axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others
+        masks = [self.bits(44 + i) for i in range(6)]
+        masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
+        groups = [[i for i in lengths if mask >> i & 1] for mask in masks]
+        homing_cycles = [together for together in groups if together]
+        for together in homing_cycles:
             rate = min(self.positive(110 + i, seek) for i in together)
             longest = max(lengths[i] for i in together)
             minutes += 2 * SEARCH_AND_BACK * longest / min(seek, rate) + slow_way / min(feed, rate)
         return 10.0 + 60 * minutes
-
-    def _homing_cycles(self, axes: Iterable[int]) -> list[list[int]]:
-        """Axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others."""
-        masks = [self.bits(44 + i) for i in range(6)]
-        masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
-        groups = [[i for i in axes if mask >> i & 1] for mask in masks]
-        return [together for together in groups if together]
 
 
 @dataclass(frozen=True)

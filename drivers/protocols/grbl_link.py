@@ -114,7 +114,11 @@ class GrblLink:
                 identity = self._identify()
             self._settings, self._spaces = self._twice_alike(self._read_settings), {}
             if identity.model == "FluidNC":
-                self._read_configuration()
+                # FluidNC's own settings; its numbered ones are a subset for compatibility
+                letters = self.letters[: len(self.report().machine)]
+                values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
+                self._settings |= read_settings(letters, values.get)
+                self._spaces = read_spaces(letters, values.get)
         self._ready, self.trust.why = True, UNHOMED
         return identity
 
@@ -169,13 +173,6 @@ class GrblLink:
                 return now
             before = now
         raise NoAnswer(f"{self.address} reports different settings each time", "check the cable")
-
-    def _read_configuration(self) -> None:
-        """FluidNC's own settings; its numbered ones are a subset for compatibility."""
-        letters = self.letters[: len(self.report().machine)]
-        values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
-        self._settings |= read_settings(letters, values.get)
-        self._spaces = read_spaces(letters, values.get)
 
     def _item(self, path: str) -> str | None:
         try:

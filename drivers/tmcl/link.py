@@ -162,8 +162,6 @@ def stop_bytes(motors: Iterable[tuple[int, int]]) -> bytes:
 
 
 class _Library:
-    """The parts of pytrinamic in use."""
-
     def __init__(self) -> None:
         try:
             from pytrinamic.connections.tmcl_interface import TmclInterface

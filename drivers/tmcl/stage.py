@@ -144,17 +144,6 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
 
     # --- power-cycle detection
 
-    def _seal(self, allowed: Callable[[], None]) -> None:
-        """Write a number into every module, which a power cycle clears together with its position."""
-        self._seals.clear()
-        for module in self._modules:
-            number = 1 + secrets.randbelow(2**31 - 1)
-            try:
-                self._host(allowed).set_global_parameter(self._variable, VARIABLES, number, module)
-            except Rejected:  # it does not have this variable
-                continue
-            self._seals[module] = number
-
     def _check_seals(self) -> None:
         """Raises WasReset if a module has lost its number: its position is meaningless."""
         for module, number in self._seals.items():
@@ -168,7 +157,15 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
     def _begin_homing(self, axis: TmclAxis, allowed: Callable[[], None]) -> None:
         """Run the reference search configured in the module."""
         if axis is self._axes[0]:
-            self._seal(allowed)
+            # write a number into every module, which a power cycle clears together with its position
+            self._seals.clear()
+            for module in self._modules:
+                number = 1 + secrets.randbelow(2**31 - 1)
+                try:
+                    self._host(allowed).set_global_parameter(self._variable, VARIABLES, number, module)
+                except Rejected:  # it does not have this variable
+                    continue
+                self._seals[module] = number
         self._host(allowed, 1).reference_search(START, axis.motor, axis.module)
 
     def _homing_limit_s(self) -> float:

@@ -147,7 +147,6 @@ class Outgoing:
             self._turn.release()
 
     def _give(self, data: bytes, stops: int, allowed: Callable[[], None] = anything) -> bytes:
-        """The bytes that the port did not accept."""
         with self._wire:
             allowed()
             return _put(self._port, data) if self._stops == stops else b""
@@ -174,7 +173,6 @@ class Outgoing:
             return False
 
     def _drop_unsent(self) -> None:
-        """Discard what the port has buffered and not sent."""
         with suppress(Exception):  # a port that is gone, or one without a buffer
             self._port.reset_output_buffer()
 

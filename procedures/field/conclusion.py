@@ -135,7 +135,13 @@ def _plane_field(
     centre = interpolation.field.at((columns - 1) / 2, (rows - 1) / 2)
     diffraction = limit(plane)
     quality = with_modes(assess(centre, n=len(nodes), diffraction=diffraction, at=at), centre, mean_modes(charts))
-    checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
+    # check of the share of doubtful nodes, with the most frequent remedy
+    doubtful = [node for node in nodes if node.doubt]
+    remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
+    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
+    reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
+    doubtful_nodes = Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
+    checks = [*_checks(interpolation, maps), doubtful_nodes, *beyond_diffraction(quality, diffraction)]
     maps = tuple(_with_unseen(one, _unseen(quality)) for one in maps)
     numbers = _numbers(interpolation, maps)
     spread, subject = mean_budgets(charts), median_subject(charts)
@@ -158,15 +164,6 @@ def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Chec
         Check("coverage", enclosed, SMALL_SHARE, Verdict.DOUBTFUL, f"the nodes enclose {enclosed:.0%} of the frame",
               "photograph the chart nearer to the frame's corners too", least=True),
     ]  # fmt: skip
-
-
-def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
-    """Check of the share of doubtful nodes, with the most frequent remedy."""
-    doubtful = [node for node in nodes if node.doubt]
-    remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
-    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
-    reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
-    return Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
 
 
 def _unseen(quality: Quality) -> float:

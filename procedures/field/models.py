@@ -204,7 +204,6 @@ class AxialSymmetry:
         return D, weight, cho_factor(normal)
 
     def _solved(self, values: Array) -> Array:
-        """Least-squares unknowns from the nodes' coefficients (N, r)."""
         D, weight, factor = self._normal
         return np.asarray(cho_solve(factor, D.T @ (weight * values.ravel())))
 
@@ -242,12 +241,9 @@ def fit_axis(
     step = 0.01
     J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
     remainder = residual(best)
-    excess = max(float(remainder @ remainder) / max(len(remainder) - _unknowns(optic, degree), 1), 1.0)
-    return SymmetryAxis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
-
-
-def _unknowns(optic: Optic, degree: int) -> int:
-    """Number of determined unknowns: each harmonic contributes at most as many as there are components."""
+    # number of determined unknowns: each harmonic contributes at most as many as there are components
     r = len(optic.analysis)
     columns = (optic.harmonics(m)[0].shape[1] for j in range(1, degree + 1) for m in range(j, -1, -2))
-    return int(r + sum(min(r, n) for n in columns) // 2)
+    unknowns = int(r + sum(min(r, n) for n in columns) // 2)
+    excess = max(float(remainder @ remainder) / max(len(remainder) - unknowns, 1), 1.0)
+    return SymmetryAxis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))

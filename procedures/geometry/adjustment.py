@@ -329,7 +329,17 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
 
     Raises NotConverged if the minimum is not reached, Refused if the views do not determine the camera.
     """
-    return _concluded(adjusted(start, problem), problem)
+    state = adjusted(start, problem)
+    views, shape, system = problem.views, problem.shape, problem.system(state)
+    p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
+    inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
+    covariance = inverse[:known, :known]
+    chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
+    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
+    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
+    free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
+    freedom = count - POSE * len(views) - (p + q - held) - free
+    return Adjustment(problem, state, covariance, variance, chi_square, freedom)
 
 
 def adjusted(
@@ -416,19 +426,6 @@ def _inverse(S: Array) -> Array:
             "these views do not determine the camera", "tilt the chart by 20 degrees and more, and fill the frame"
         )
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
-
-
-def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
-    views, shape, system = problem.views, problem.shape, problem.system(state)
-    p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
-    inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
-    covariance = inverse[:known, :known]
-    chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
-    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
-    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
-    free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
-    freedom = count - POSE * len(views) - (p + q - held) - free
-    return Adjustment(problem, state, covariance, variance, chi_square, freedom)
 
 
 def _errors_variance(system: System, inverse: Array) -> Array:

@@ -111,21 +111,17 @@ def _resolve_tilts(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> 
 
 
 def _better(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Pose:
-    """A pose, or that of the opposite tilt where its residual is smaller."""
-    other = max(_flat_poses(camera, nodes, view), key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
+    # the two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014
+    board, points, turn = _normalised(camera, nodes, view)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
+    flat_poses = [pose for pose in poses if np.isfinite(pose.R).all() and np.isfinite(pose.t).all()]
+    other = max(flat_poses, key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
     return min(pose, other, key=lambda one: float(np.sum(_distances(camera, one, nodes, view) ** 2)))
 
 
 def _distances(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Array:
     return np.asarray(camera.project(pose.apply(nodes[view.index])) - view.points)
-
-
-def _flat_poses(camera: CameraModel, nodes: Array, view: ChartView) -> list[Pose]:
-    """The two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014."""
-    board, points, turn = _normalised(camera, nodes, view)
-    _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
-    poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
-    return [pose for pose in poses if np.isfinite(pose.R).all() and np.isfinite(pose.t).all()]
 
 
 def _first_pose(camera: CameraModel, nodes: Array, view: ChartView) -> Pose:
@@ -175,10 +171,6 @@ def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views:
 def _reconstruction(
     camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
 ) -> pycolmap.Reconstruction:
-    """pycolmap's scene: one camera, the nodes as points, an image per view.
-
-    Non-finite numbers are refused here: Ceres aborts the process on them.
-    """
     numbers = [
         camera.params,
         nodes,
@@ -222,7 +214,6 @@ def _problem(
 
 
 def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartView]) -> Bundle:
-    """Camera, poses and cost of pycolmap's scene."""
     camera = CameraModel.from_colmap(scene.cameras[1])
     rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
     poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]

@@ -212,7 +212,6 @@ class Geometry:
         )
 
     def _row_times(self) -> dict[str, Quantity]:
-        """Row time and readout time of a video."""
         if self.shutter is None:
             return {}
         method = f"displacement of the rows in {len(self.views)} frames of a moving chart"

@@ -164,7 +164,6 @@ def _widening(
 
 
 def _covered(camera: CameraModel, projected: Sequence[Array]) -> float:
-    """Share of the frame enclosed by the points of the views, each (n, 2)."""
     inside = np.clip(np.concatenate(projected), 0, np.array([camera.columns, camera.rows]) - 1)
     return hull_area(inside) / (camera.columns * camera.rows)
 
@@ -174,8 +173,15 @@ def _ranked(
     distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
     pixel: tuple[float, float] | None = None,
 ) -> list[NextView]:  # fmt: skip
-    """The feasible poses, ordered by the projection uncertainty after their photograph."""
-    A = _projection(camera, pixel)
+    rays = camera.rays(camera.frame_grid(*FRAME))
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    J = camera.by_params(rays).reshape(2 * len(rays), -1)
+    turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
+    rotation = np.linalg.lstsq(turns, J, rcond=None)[0]
+    if pixel is not None:
+        ray = camera.rays(np.array([pixel]))
+        J, turns = camera.by_params(ray)[0], by_pose(camera.by_points(ray), ray)[0, :, :3]
+    A = np.asarray(J - turns @ rotation)
     before = _rms(A, np.asarray(np.linalg.inv(information), dtype=np.float64))
     nodes, shape, sigma_px = thinned(nodes, shape, sigma_px)
     answers = []
@@ -211,7 +217,6 @@ def chart_at(
 
 
 def _sight(camera: CameraModel, at: tuple[float, float]) -> Array:
-    """Unit vector towards a place of the frame."""
     ray = camera.rays(np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]]))[0]
     return np.asarray(ray / np.linalg.norm(ray))
 
@@ -251,24 +256,7 @@ def view_derivatives(
     return G, by_pose(by_points, points).reshape(-1, POSE) / sigma_px
 
 
-def _projection(camera: CameraModel, pixel: tuple[float, float] | None = None) -> Array:
-    """Derivative (2 n, p) of the projection at infinity by the camera parameters, up to the best rotation.
-
-    Over the frame, or at one pixel.
-    """
-    rays = camera.rays(camera.frame_grid(*FRAME))
-    rays = rays[np.isfinite(rays).all(axis=1)]
-    J = camera.by_params(rays).reshape(2 * len(rays), -1)
-    turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
-    rotation = np.linalg.lstsq(turns, J, rcond=None)[0]
-    if pixel is not None:
-        ray = camera.rays(np.array([pixel]))
-        J, turns = camera.by_params(ray)[0], by_pose(camera.by_points(ray), ray)[0, :, :3]
-    return np.asarray(J - turns @ rotation)
-
-
 def _rms(A: Array, covariance: Array) -> float:
-    """Root mean square length of the projection error, in pixels."""
     p = A.shape[1]
     return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
 

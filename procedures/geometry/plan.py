@@ -293,7 +293,6 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
 
 
 def _plane_size(plane: Plane) -> tuple[str, tuple[int, int]]:
-    """Name of the plane, and columns and rows of the sensor."""
     rows, columns = plane.samples.shape
     return plane.name, (columns * plane.pitch, rows * plane.pitch)
 

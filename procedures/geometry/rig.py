@@ -143,9 +143,23 @@ def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) ->
         Depth on the first camera's axis whose uncertainty the proposed next view shall reduce.
     """
     times = _times(cameras)
-    placed, fit = _placed(cameras, times), concluded(_adjusted(cameras))
+    # all cameras, poses, and the one chart
+    nodes = cameras[0].nodes
+    views = [replace(view, camera=c) for c, camera in enumerate(cameras) for view in camera.views]
+    problem = AdjustmentProblem(nodes, views, shape_model(nodes))
+    poses = tuple(pose for camera in cameras for pose in camera.poses)
+    adjusted = adjust(problem.flat_state(CameraSet.of([camera.camera for camera in cameras]), poses), problem)
+    placed, fit = _placed(cameras, times), concluded(adjusted)
     rig = _rigid(fit, times, placed, max(camera.cell_uncertainty for camera in cameras), depth_mm)
-    return verdict_of([_rigidity(rig)], rig)
+    rigidity = Check(
+        "rigidity",
+        -stats.norm.ppf(rig.chance),
+        -stats.norm.ppf(UNLIKELY),
+        Verdict.DOUBTFUL,
+        f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
+        "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
+    )
+    return verdict_of([(rigidity)], rig)
 
 
 def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
@@ -196,19 +210,9 @@ def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> lis
     return [pose for pose in poses if pose is not None]
 
 
-def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
-    """All cameras, poses, and the one chart."""
-    nodes = cameras[0].nodes
-    views = [replace(view, camera=c) for c, camera in enumerate(cameras) for view in camera.views]
-    problem = AdjustmentProblem(nodes, views, shape_model(nodes))
-    poses = tuple(pose for camera in cameras for pose in camera.poses)
-    return adjust(problem.flat_state(CameraSet.of([camera.camera for camera in cameras]), poses), problem)
-
-
 def _rigid(
     fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float, depth_mm: float | None
 ) -> RigPoses:
-    """The rig from the poses of the chart in every view."""
     all_times = [time for one in times for time in one]
     used = [i for i, time in enumerate(all_times) if all_times.count(time) > 1]
     charts = list(dict.fromkeys(all_times[i] for i in used))
@@ -291,7 +295,6 @@ def _without_last(information: Array, known: int) -> Array:
 
 
 def _depth_spread(information: Array, depth: Array, scale_mm: float) -> float:
-    """Standard uncertainty of a depth, with that of the print's scale."""
     return float(np.hypot(np.sqrt(depth @ np.linalg.solve(information, depth)), scale_mm))
 
 
@@ -315,24 +318,12 @@ def _depth_derivative(
 
 
 def _firsts(of: list[int], poses: list[Pose], where: list[int], count: int) -> list[tuple[int, Pose]]:
-    """Camera and pose of the first view of every chart."""
     return [(of[i], poses[i]) for i in (where.index(board) for board in range(count))]
 
 
 def _board(camera: Pose, pose: Pose) -> Pose:
     """Pose of a chart in the first camera's frame, from that in another camera's."""
     return _compose(_inverse(camera), pose)
-
-
-def _rigidity(rig: RigPoses) -> Check:
-    return Check(
-        "rigidity",
-        -stats.norm.ppf(rig.chance),
-        -stats.norm.ppf(UNLIKELY),
-        Verdict.DOUBTFUL,
-        f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
-        "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
-    )
 
 
 def _compose(second: Pose, first: Pose) -> Pose:
@@ -352,6 +343,5 @@ def _transport(camera: Pose) -> Array:
 
 
 def _change(start: Pose, end: Pose) -> Array:
-    """The change (6,) from one pose to another."""
     turn = end.R @ start.R.T
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), end.t - turn @ start.t])

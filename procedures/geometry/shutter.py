@@ -139,7 +139,6 @@ def _times(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
 
 @lru_cache(maxsize=2)
 def _weights(problem: MovingProblem) -> CubicSpline:
-    """Weights of the poses of all views over time."""
     times = [view.time_s for view in problem.views]
     return CubicSpline(times, np.eye(len(times)))
 

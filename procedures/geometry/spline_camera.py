@@ -118,14 +118,12 @@ class SplineCamera(CameraModel):
         return self._displaced(places)[0]
 
     def _displaced(self, places: Array) -> tuple[Array, Array]:
-        """Displacement (n, 2), and derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
         moved, stretched = np.empty_like(places), np.empty((len(places), 2, 2))
         spline_at(places, self._last, self._controls, moved, stretched)
         return moved, stretched
 
     @property
     def _last(self) -> Array:
-        """The last pixel of the frame, (x, y)."""
         return np.array([self.columns - 1.0, self.rows - 1.0])
 
     @property

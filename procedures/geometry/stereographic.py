@@ -100,7 +100,6 @@ def _bent(params: Array, s: Array, q: Array) -> Array:
 
 
 def _by_flat(params: Array, s: Array, q: Array) -> Array:
-    """Derivative (n, 2, 2) of `_bent` by the coordinates."""
     (x, y), (p1, p2, s1, s2, s3, s4, p3, p4) = s.T, params[RADIAL.stop :]
     u, v = p1 + p3 * q, p2 + p4 * q
     more = 2 * np.stack([2 * p3 * x * y + p4 * (q + 2 * x * x), p3 * (q + 2 * y * y) + 2 * p4 * x * y])
@@ -129,6 +128,5 @@ def _factor(params: Array, q: Array) -> Array:
 
 
 def _slope(params: Array, q: Array) -> Array:
-    """Derivative of the factor by q."""
     k1, k2, k3, k4 = params[RADIAL]
     return np.asarray(k1 + q * (2 * k2 + q * (3 * k3 + q * 4 * k4)))

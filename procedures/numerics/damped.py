@@ -153,7 +153,6 @@ def _sum(residual: Array) -> float:
 
 
 def _step(model: Linearisation, damping: float) -> Array:
-    """The damped step, NaN where the system is singular."""
     try:
         return model.solve(model.gradient, damping)
     except LinAlgError:
@@ -161,13 +160,11 @@ def _step(model: Linearisation, damping: float) -> Array:
 
 
 def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
-    """Whether the predicted decrease or the relative length of a step is negligible."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
     return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
 
 def _predicted(model: Linearisation, step: Array, damping: float) -> float:
-    """Decrease of the sum of squares by a step if the model were linear."""
     return float(step @ (model.gradient + damping * model.scale * step))
 
 

@@ -117,7 +117,13 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     grid : (3, 3) float64
         Pixels (x, y) of the image -> grid points of the coefficients.
     """
-    framed = _faded(image)
+    # the image with a mirrored rim that fades to zero outwards
+    framed = np.pad(image, RIM, mode="symmetric")
+    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(RIM) + 0.5) / RIM)).astype(np.float32)
+    framed[:RIM] *= fade[:, None]
+    framed[-RIM:] *= fade[::-1, None]
+    framed[:, :RIM] *= fade
+    framed[:, -RIM:] *= fade[::-1]
     spectrum = transforms.rfft2(framed, [transforms.next_fast_len(n) for n in framed.shape])
     rows, columns = len(spectrum), transforms.next_fast_len(framed.shape[1])
     reach_x, reach_y = np.minimum(band * np.abs(np.linalg.inv(J)).sum(axis=0), 0.5)
@@ -139,19 +145,7 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     )
 
 
-def _faded(image: Array32) -> Array32:
-    """The image with a mirrored rim that fades to zero outwards."""
-    framed = np.pad(image, RIM, mode="symmetric")
-    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(RIM) + 0.5) / RIM)).astype(np.float32)
-    framed[:RIM] *= fade[:, None]
-    framed[-RIM:] *= fade[::-1, None]
-    framed[:, :RIM] *= fade
-    framed[:, -RIM:] *= fade[::-1]
-    return framed
-
-
 def _prefilter(f: Array) -> Array:
-    """Spectrum of the cubic spline prefilter, at f cycles per grid point."""
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 

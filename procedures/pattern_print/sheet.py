@@ -24,7 +24,6 @@ from procedures.pattern import (
     CELLS,
     EDGE_END,
     GOOD_S_OVER_T,
-    Cells,
     Chart,
     edge_areas,
     triangles,
@@ -243,20 +242,17 @@ def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
     ruler_x, ruler_y = panel.at(9, PANEL_HEIGHT_MM)
     y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
     _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
+    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
+    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
+    head = Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
     return (
-        _head(panel, titles)
+        head
         + printing
         + photographing
         + _distances(panel, noise_mm)
         + _explanation(panel, noise_mm)
         + rulers(ruler_x, ruler_y - 6.2)
     )
-
-
-def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
-    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
-    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
-    return Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
 
 
 def numbered(
@@ -279,7 +275,6 @@ def _paragraph(panel: Panel, x: float, y: float, words: str, width: float) -> li
 
 
 def _columns() -> list[float]:
-    """Right edges of the table's columns of numbers."""
     count = len(distance.SENSORS)
     return [RIGHT_END - COLUMN * (count - 1 - i) for i in range(count)]
 
@@ -389,7 +384,12 @@ def outline(chart: Chart) -> list[Loop]:
     Each is a list of (x, y) in cells, integers, without repetition of the first point. Black lies to the right of every
     edge, y down, so that the non-zero and the even-odd rule agree. Outlines meet in corners, never in edges.
     """
-    edges = _square_edges(_black_squares(chart.cells))
+    # cells and black blocks on the grid of the whole chart, (320, 320)
+    black = np.zeros((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.bool_)
+    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = chart.cells == 0
+    for column, row in BLACK_BLOCKS:
+        black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
+    edges = _square_edges(black)
     for start, end in _triangle_edges():
         if (*end, *start) in edges:
             edges.remove((*end, *start))
@@ -399,17 +399,7 @@ def outline(chart: Chart) -> list[Loop]:
     return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
 
 
-def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:
-    """Cells and black blocks on the grid of the whole chart, (320, 320)."""
-    black = np.zeros((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.bool_)
-    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = cells == 0
-    for column, row in BLACK_BLOCKS:
-        black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
-    return black
-
-
 def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
-    """Unit edges between black and white squares."""
     step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
     step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
     y, x = np.nonzero(step_down)
@@ -440,23 +430,19 @@ def _chained(edges: set[Edge]) -> list[Loop]:
     loops = []
     for first in list(ends):
         while ends[first]:
-            loops.append(_one_loop(first, ends))
+            loop = [first, ends[first].pop()]
+            while loop[-1] != first:
+                choices = ends[loop[-1]]
+                before, here = loop[-2:]
+                if len(choices) == 1:
+                    loop.append(choices.pop())
+                    continue
+                # where two squares meet in a corner, the sharpest right turn stays on the same square
+                following = max(choices, key=lambda after: _turn(before, here, after))
+                choices.remove(following)
+                loop.append(following)
+            loops.append(loop[:-1])
     return loops
-
-
-def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
-    loop = [first, ends[first].pop()]
-    while loop[-1] != first:
-        choices = ends[loop[-1]]
-        before, here = loop[-2:]
-        if len(choices) == 1:
-            loop.append(choices.pop())
-            continue
-        # where two squares meet in a corner, the sharpest right turn stays on the same square
-        following = max(choices, key=lambda after: _turn(before, here, after))
-        choices.remove(following)
-        loop.append(following)
-    return loop[:-1]
 
 
 def _turn(before: Vertex, here: Vertex, after: Vertex) -> float:

@@ -86,7 +86,6 @@ def _box(tiling: Tiling, tile: SheetTile) -> Box:
 
 
 def _marks(box: Box, tile: SheetTile) -> Drawing:
-    """Crosses on the seams, and the label of those to be cut."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
     strokes = _crosses([left] * on_left + [right] * on_right, (top, bottom), upright=True)
@@ -110,7 +109,6 @@ def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) ->
 
 
 def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing:
-    """Label of sheet and chart, in the band below the cells."""
     x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
     rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size
     lines = (
@@ -139,6 +137,11 @@ def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
     scale = min(LARGEST_TYPE, across / PANEL_WIDTH_MM, along / (HEIGHT_MM + PANEL_HEIGHT_MM))
     x = (width - PANEL_WIDTH_MM * scale) / 2
     below = Panel(x, height - EDGE_MM - PANEL_HEIGHT_MM * scale, scale)
+    panel = Panel(x, EDGE_MM, scale)
+    sheets = "1 sheet" if len(tiling.tiles) == 1 else f"{len(tiling.tiles)} sheets"
+    heading = panel.text(LEFT, 9, f"Assembly of {sheets} of {tiling.paper.name}", TITLE_TYPE, bold=True)
+    _, steps = numbered(panel, TOP_MM + HEADING, "Joining", _steps(tiling), RIGHT, RIGHT_END)
+    above = Drawing(texts=(heading,)) + _plan(panel, tiling) + steps
     return Sheet(
         paper=tiling.paper.name,
         width_mm=width,
@@ -146,17 +149,9 @@ def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
         size=tiling.size,
         corner_mm=(0.0, 0.0),
         black=[],
-        caption=_above(Panel(x, EDGE_MM, scale), tiling)
-        + caption(below, titles(source, tiling.size), tiling.size.noise_mm),
+        caption=above + caption(below, titles(source, tiling.size), tiling.size.noise_mm),
         title=title(source, tiling.size),
     )
-
-
-def _above(panel: Panel, tiling: Tiling) -> Drawing:
-    sheets = "1 sheet" if len(tiling.tiles) == 1 else f"{len(tiling.tiles)} sheets"
-    heading = panel.text(LEFT, 9, f"Assembly of {sheets} of {tiling.paper.name}", TITLE_TYPE, bold=True)
-    _, steps = numbered(panel, TOP_MM + HEADING, "Joining", _steps(tiling), RIGHT, RIGHT_END)
-    return Drawing(texts=(heading,)) + _plan(panel, tiling) + steps
 
 
 def _steps(tiling: Tiling) -> tuple[str, ...]:
@@ -182,7 +177,6 @@ def _steps(tiling: Tiling) -> tuple[str, ...]:
 
 
 def _plan(panel: Panel, tiling: Tiling) -> Drawing:
-    """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
     unit = SIDE_MM / DRAWN_CELLS
 
     def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> PrintedLine:

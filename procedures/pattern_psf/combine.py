@@ -181,7 +181,6 @@ def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
 
 
 def _agreement(combined: CombinedPsf) -> list[Check]:
-    """Checks of the shots' agreement."""
     distances = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
     reason = (
         f"the shots disagree: chi-square is {combined.chi_square:.2f} per degree of freedom, and shot "

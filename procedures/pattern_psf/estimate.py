@@ -303,7 +303,6 @@ def _solve(
     diffraction: Diffraction | None = None,
     sensor: SensorModel | None = None,
 ) -> _Solved:
-    """The joint fit; raises Refused."""
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
@@ -365,7 +364,6 @@ class _Attempt:
 
 
 def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
-    """Subpixel positions of the chart's marks, and the map fitted to them."""
     if sighting is None:
         sighting = find_chart(samples)
     else:
@@ -392,7 +390,6 @@ def _fit(
     k: int,
     known: _Known,
 ) -> tuple[ChartFit, ExcludedSamples]:
-    """Joint fit, and the samples excluded from it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     whole = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
@@ -432,7 +429,6 @@ def _result(
     corners: Array,
     diffraction: Diffraction | None,
 ) -> PatternPsf:
-    """Assemble the reported values from the final fit."""
     fit, psf, o = final.fit, final.solution.psf, final.fit.observation
     return PatternPsf(
         psf=psf,

@@ -1,7 +1,6 @@
 """gamma as a function of s/t for the operator's lens: sentence, table and curve."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +27,17 @@ def gamma_diagram(
     diffraction : if given, its cutoff is compared with the band of s
     """
     curve = gamma_curve(s, k)
-    sentences = [_comparison(curve, optics, s, k, aim)]
+    # sentence on gamma at the target and at other distances
+    (best,) = gamma_curve(s, k, (aim,))
+    comparisons = (
+        f"{view.gamma / best.gamma:.1f} times as much at {view.s_over_t:g} ({_distance(optics, view.s_over_t, s)})"
+        for view in (*gamma_curve(s, k, COMPARED_RATIOS), curve[-1])
+    )
+    comparison = (
+        f"At s/t {aim:g} ({_distance(optics, aim, s)}) the noise amplification gamma is {best.gamma:.2f}; "
+        f"it is {', '.join(comparisons)}."
+    )
+    sentences = [(comparison)]
     if diffraction is not None:
         sentences.append(_band(diffraction, s))
         if diffraction.cutoff > s / 2:
@@ -49,19 +58,6 @@ def _row(view: "NoiseRegionView", optics: ImagingGeometry, s: int) -> tuple[str,
     )
 
 
-def _comparison(curve: "Sequence[NoiseRegionView]", optics: ImagingGeometry, s: int, k: int, aim: float) -> str:
-    """Sentence on gamma at the target and at other distances."""
-    (best,) = gamma_curve(s, k, (aim,))
-    comparisons = (
-        f"{view.gamma / best.gamma:.1f} times as much at {view.s_over_t:g} ({_distance(optics, view.s_over_t, s)})"
-        for view in (*gamma_curve(s, k, COMPARED_RATIOS), curve[-1])
-    )
-    return (
-        f"At s/t {aim:g} ({_distance(optics, aim, s)}) the noise amplification gamma is {best.gamma:.2f}; "
-        f"it is {', '.join(comparisons)}."
-    )
-
-
 def _band(diffraction: Diffraction, s: int) -> str:
     """Sentence on the diffraction cutoff relative to the band; gamma itself is independent of the lens."""
     cutoff = diffraction.cutoff
@@ -72,7 +68,6 @@ def _band(diffraction: Diffraction, s: int) -> str:
 
 
 def _raised(s: int, k: int, aim: float) -> str:
-    """Sentence on s/t after s is raised because lens and photosites pass more; the PSF's width stays."""
     ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
     (view,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
     return (
@@ -131,19 +126,16 @@ def expected_gamma(s_over_t: float, k: int, m: int) -> float:
     """
     import scipy.linalg  # now: it is slow to load, and a PSF needs none of it
 
-    inverse = scipy.linalg.inv(scipy.linalg.toeplitz(_covariance(s_over_t, k)))
+    # covariance (k,) at whole samples of a line of independent cells of variance 1, limited to the samples' band
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    f, df = nodes / 2, weights / 2  # cycles per sample
+    power = s_over_t * np.sinc(s_over_t * f) ** 2
+    covariance = np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
+    inverse = scipy.linalg.inv(scipy.linalg.toeplitz(covariance))
     level = inverse.sum(axis=0)
     spread = 4 * float(np.trace(inverse)) ** 2
     known_better = 4 * float(level @ level) ** 2 / (1 + float(level.sum()) ** 2)
     return (spread - known_better) / (m - k * k - 1)
-
-
-def _covariance(cell: float, k: int) -> Array:
-    """Covariance (k,) at whole samples of a line of independent cells of variance 1, limited to the samples' band."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    f, df = nodes / 2, weights / 2  # cycles per sample
-    power = cell * np.sinc(cell * f) ** 2
-    return np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
 
 
 # --- gamma of a view ---

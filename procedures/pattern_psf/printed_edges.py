@@ -102,8 +102,17 @@ def edge_columns(
     right = np.ascontiguousarray((along_x[:, :-1] - along_x[:, 1:]).T)
     lower = np.ascontiguousarray(along_y[:-1] - along_y[1:])
     pixels = inverse(J)
-    fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
-    reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
+    # PSF interpolated band-limited, OVERSAMPLING times as densely, one sample wider on each side
+    k = len(h)
+    n = (k + 1) * OVERSAMPLING
+    t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2
+    S = np.sinc(t[:, None] - np.arange(k))
+    interpolated = np.asarray(S @ h @ S.T, dtype=np.float32)
+    fine = interpolated * np.float32(s * s * abs(np.linalg.det(pixels)))
+    # radius along either axis, in samples, beyond which the PSF is below `CORE_SHARE` of its peak
+    rows, columns = np.nonzero(np.abs(h) > CORE_SHARE * np.abs(h).max())
+    core_radius = int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
+    reach = np.abs(J).sum(axis=1) * (core_radius + 1) / s
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
     scale = pixels * (s * OVERSAMPLING)
     # a horizontal line is a vertical one of the transposed chart
@@ -119,18 +128,3 @@ def _transposed(
     """Arguments of `edge_lines` with x and y exchanged."""
     flipped = np.ascontiguousarray(scale[::-1, ::-1])
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
-
-
-def _core_radius(h: Array) -> int:
-    """Radius along either axis, in samples, beyond which the PSF is below `CORE_SHARE` of its peak."""
-    rows, columns = np.nonzero(np.abs(h) > CORE_SHARE * np.abs(h).max())
-    return int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
-
-
-def _interpolated(h: Array) -> Array32:
-    """PSF interpolated band-limited, OVERSAMPLING times as densely, one sample wider on each side."""
-    k = len(h)
-    n = (k + 1) * OVERSAMPLING
-    t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2
-    S = np.sinc(t[:, None] - np.arange(k))
-    return np.asarray(S @ h @ S.T, dtype=np.float32)

@@ -130,14 +130,6 @@ def bend_of_chart(light: LightLevels, sensor: SensorModel, plane: Plane) -> floa
     return max(4 * sensor.bend_uncertainty * share, MIN_BEND_UNCERTAINTY)
 
 
-def _neighbour_correlation(points: npt.NDArray[np.int64], residual: Array) -> tuple[float, float]:
-    """Sums of products of residuals (n,) at pixels (n, 2) with their right and lower neighbours."""
-    corner = points.min(axis=0)
-    grid = np.zeros(points.max(axis=0) - corner + 1)
-    grid[tuple((points - corner).T)] = residual
-    return float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
-
-
 def _block_pixels(
     registration: Registration, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -170,7 +162,6 @@ def _block_reader(
     block: npt.NDArray[np.int64],
     quantisation: float,
 ) -> Callable[[tuple[int, int]], _Block]:
-    """Function from a column and row to the block there."""
     number = block[:, 0] + BLOCKS * block[:, 1]
     order = np.argsort(number, kind="stable")
     starts = np.searchsorted(number[order], np.arange(BLOCKS * BLOCKS + 1)).tolist()
@@ -207,7 +198,6 @@ def _terms(count: int) -> int:
 
 
 def _without_surface(design: Array, value: Array) -> Array:
-    """Residuals (n,) of a block's samples from their surface."""
     used = design[:, : _terms(len(value))]
     return np.asarray(value - used @ np.linalg.lstsq(used, value, rcond=None)[0]) if len(value) else value
 
@@ -224,7 +214,13 @@ def _fit_blocks(
         if len(residual) > 1:
             square += float(residual @ residual)
             freedom += len(residual) - _terms(len(residual))
-            neighbours += _neighbour_correlation(block.pixels[block.inliers], residual)
+            # sums of products of residuals (n,) at pixels (n, 2) with their right and lower neighbours
+            points = block.pixels[block.inliers]
+            corner = points.min(axis=0)
+            grid = np.zeros(points.max(axis=0) - corner + 1)
+            grid[tuple((points - corner).T)] = residual
+            neighbour_correlation = float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
+            neighbours += neighbour_correlation
     coefficients = _robust_fit(
         [block.design[block.inliers] for block in blocks], [block.value[block.inliers] for block in blocks]
     )

@@ -105,7 +105,6 @@ def check_cells(fit: ChartFit) -> None:
 
 
 def _cell_checks(agreement: float, unexplained: float) -> list[Check]:
-    """Checks for other cells than expected, or none resolved."""
     refused, other_cells = Verdict.REFUSED, unexplained > 0.1
     return [
         Check("cells", agreement, MIN_AGREEMENT, refused,
@@ -168,12 +167,10 @@ IN_RAW = "the camera applied noise reduction, or the light flickered"
 
 
 def _processing(raw: bool) -> float:
-    """Prior of processing as the cause."""
     return UNLIKELY_IN_RAW if raw else 1.0
 
 
 def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
-    """Checks that flag a usable PSF as doubtful."""
     doubtful, stray = Verdict.DOUBTFUL, d.stray_samples
     low, high = GOOD_S_OVER_T
     return [
@@ -207,7 +204,6 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
 
 
 def _truncation_checks(inputs: VerdictInputs, unexplained: float) -> list[Check]:
-    """Checks of the PSF's energy and band that the given s and k exclude."""
     doubtful, last, obeyed = Verdict.DOUBTFUL, inputs.tried[-1], not inputs.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
     undersampled = Verdict.REFUSED if unexplained > MAX_UNEXPLAINED else doubtful  # what the band excludes remains
@@ -231,7 +227,6 @@ def is_structured(d: Diagnostics) -> bool:
 
 
 def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
-    """Checks for traces of the camera's processing."""
     doubtful, raw, prior = Verdict.DOUBTFUL, inputs.raw, _processing(inputs.raw)
     less = "expose less" if inputs.sensor else "expose less, or calibrate the sensor's response"
     sharpened = SYMPTOM if raw or is_structured(d) else 1.0
@@ -263,7 +258,6 @@ def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
 
 
 def _noise_checks(d: Diagnostics, sensor: SensorModel | None, raw: bool) -> list[Check]:
-    """Check for noise that contradicts the sensor's calibration."""
     if sensor is None:
         return []
     off = abs(d.finest_noise - 1)
@@ -298,7 +292,6 @@ def _model_checks(d: Diagnostics, raw: bool) -> list[Check]:
 
 
 def _variation_checks(variations: tuple[Variation, ...]) -> Iterator[Check]:
-    """Checks of the PSF's variation over the chart."""
     for one in variations:
         a, b = one.values
         yield Check("variation", abs(a - b), MAX_VARIATION * (a + b) / 2, Verdict.DOUBTFUL,

@@ -107,7 +107,6 @@ def _doubt(name: str, score: float, sentence: str, remedy: str) -> Check:
 
 
 def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterator[Check]:
-    """Response and noise by two exposures."""
     short, long = (one.samples.astype(np.float64) for one in (photographs.short, photographs.long))
     known = (long < CLIPPED) & (short < CLIPPED)
     s, y, whole = (
@@ -164,7 +163,6 @@ def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> tuple[float, 
 def _distances(
     photographs: Photographs, main: PatternPsf, near: Outcome[PatternPsf], numbers: dict[str, Quantity]
 ) -> Iterator[Check]:
-    """Print and stray light by two distances."""
     again = "focus on the chart from nearer, and photograph it again"
     if near.value is None:
         yield Check("near", True, 0, Verdict.DOUBTFUL, f"the near photograph gives no PSF: {near.reason}", near.remedy)
@@ -221,13 +219,11 @@ def _with_print_blur(main: PatternPsf, measured: Quantity | None, prior: float) 
 
 
 def _black(plane: Plane, psf: PatternPsf) -> float:
-    """Black over white at the chart's centre."""
     light = measure_light(plane.samples, psf.registration, plane.quantisation)
     return float(light.black[0] / light.white[0])
 
 
 def _defocus(defocused: Outcome[PatternPsf]) -> Check:
-    """Missing light about the wider spot."""
     remedy = "use the RAW file, or switch sharpening off"
     if defocused.value is None:
         reason = f"the defocused photograph gives no PSF: {defocused.reason}"

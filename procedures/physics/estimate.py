@@ -81,7 +81,23 @@ def estimate_physics(
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
-    return verdict_of(_doubts(fit, tried, bounded), _physics(data, fit, tried, numbers))
+    scale = scale_of(tried)
+    least = fit.criterion(scale)
+    prediction, _ = data.grid.model(fit.parts, fit.p)
+    nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
+    k = data.grid.psf.k
+    physics = Physics(
+        aperture=str(fit.parts.aperture),
+        low_pass=str(fit.parts.low_pass),
+        missing_corner_deg=fit.parts.aperture.missing_corner_deg,
+        numbers=numbers,
+        chi_square=fit.chi2,
+        freedom=fit.freedom,
+        remaining=fit.chi2 / nothing,
+        prediction=prediction.reshape(k, k),
+        candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
+    )
+    return verdict_of(_doubts(fit, tried, bounded), physics)
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -110,25 +126,6 @@ def _doubts(fit: ModelFit, tried: list[ModelFit], bounded: list[OneSided]) -> li
                 "take it as a limit, not as a value; reduce the noise, and check f-number and pixel pitch")
           for one in bounded),
     ]  # fmt: skip
-
-
-def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:
-    scale = scale_of(tried)
-    least = fit.criterion(scale)
-    prediction, _ = data.grid.model(fit.parts, fit.p)
-    nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
-    k = data.grid.psf.k
-    return Physics(
-        aperture=str(fit.parts.aperture),
-        low_pass=str(fit.parts.low_pass),
-        missing_corner_deg=fit.parts.aperture.missing_corner_deg,
-        numbers=numbers,
-        chi_square=fit.chi2,
-        freedom=fit.freedom,
-        remaining=fit.chi2 / nothing,
-        prediction=prediction.reshape(k, k),
-        candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
-    )
 
 
 def _words(fit: ModelFit) -> str:
@@ -409,7 +406,6 @@ def _descend(
     bounds: tuple[Array, Array],
     free: npt.NDArray[np.bool_] | None = None,
 ) -> ModelFit:
-    """Best fit from a start; parameters that are not `free` are held."""
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}
 

@@ -31,7 +31,13 @@ def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
     v = np.ones(film.count.shape) if variance is None else variance.mean(-1)
     v = ndimage.uniform_filter(v, SMOOTHING)
     need = np.sqrt((v + FAINT * v.mean()) / similar) if v.any() else 1 / np.sqrt(similar)
-    return _whole_shares(_fill(need, film.count.astype(np.float64), float(budget)), budget)
+    # the shares rounded to integers that sum to the budget: the largest remainders are rounded up
+    shares = _fill(need, film.count.astype(np.float64), float(budget))
+    whole = np.floor(shares).astype(np.int64)
+    missing = budget - int(whole.sum())
+    order = np.argsort(whole - shares, axis=None, kind="stable")
+    whole.ravel()[order[: max(missing, 0)]] += 1
+    return whole
 
 
 def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
@@ -44,12 +50,3 @@ def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
     x = (budget + levels[last]) / needs[last]
     shares: Doubles = np.maximum(0.0, x * need - level)
     return shares
-
-
-def _whole_shares(shares: Doubles, budget: int) -> Ints:
-    """The shares rounded to integers that sum to the budget: the largest remainders are rounded up."""
-    whole = np.floor(shares).astype(np.int64)
-    missing = budget - int(whole.sum())
-    order = np.argsort(whole - shares, axis=None, kind="stable")
-    whole.ravel()[order[: max(missing, 0)]] += 1
-    return whole

@@ -133,7 +133,14 @@ class Film:
         Raises BadInput if sizes differ, a count is negative or zero, a value is not finite or too large, a variance is
         impossible, or histograms and counts disagree.
         """
-        _check_sizes(self)
+        size = self.count.shape
+        bins = 0 if self.histogram.shape[-1] == 0 and self.moment2 is not None else BINS
+        if self.mean.shape != (*size, 3) or self.histogram.shape != (*size, 3, bins):
+            raise BadInput(
+                f"picture, histograms and counts need one size; got {self.mean.shape}, {self.histogram.shape} and "
+                f"{size}",
+                f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
+            )
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
@@ -165,16 +172,6 @@ def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:
     for r in range(rows):
         film.add(np.full(columns * n, r), np.repeat(np.arange(columns), n), samples[r])
     return film
-
-
-def _check_sizes(film: Film) -> None:
-    size = film.count.shape
-    bins = 0 if film.histogram.shape[-1] == 0 and film.moment2 is not None else BINS
-    if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, bins):
-        raise BadInput(
-            f"picture, histograms and counts need one size; got {film.mean.shape}, {film.histogram.shape} and {size}",
-            f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
-        )
 
 
 def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:

@@ -127,17 +127,12 @@ def samples_of(film: Film) -> Samples:
     rows, columns = film.count.shape
     mean = film.mean.astype(np.float32)
     histogram = film.histogram.reshape(rows, columns, 3 * film.histogram.shape[-1])
-    return Samples(
-        mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _safe_variance(film)], axis=-1)
-    )
-
-
-def _safe_variance(film: Film) -> Floats:
-    """Variances of the pixels' means with a lower bound, as few samples can underestimate them."""
+    # variances of the pixels' means with a lower bound, as few samples can underestimate them
     variance = mean_variance(film)
     known = np.isfinite(variance)
     faint = FAINT * variance[known].mean() if known.any() else 0.0
-    return np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
+    safe_variance = np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
+    return Samples(mean, histogram, film.count.astype(np.float32), np.concatenate([mean, safe_variance], axis=-1))
 
 
 def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:

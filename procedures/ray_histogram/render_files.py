@@ -127,7 +127,6 @@ def _of_means(means: Layers, variances: Mapping[str, Doubles]) -> Render:
 
 
 def _film(mean: Doubles, variance: Doubles) -> Film:
-    """A film without histograms; it counts two samples, as fewer have no variance."""
     count = np.full(mean.shape[:2], 2, np.uint32)
     return Film(np.zeros((*mean.shape, 0), np.float32), mean, 2 * variance, count, np.zeros_like(count))
 

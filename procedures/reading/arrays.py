@@ -10,7 +10,7 @@ import struct
 import zipfile
 from collections.abc import Container
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,16 @@ def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> t
     Raises BadInput if it is invalid, or the wanted arrays are too large.
     """
     with decoding(str(path), "an npz archive of arrays", remedy), open_file(path, "npz archive") as file:
-        _check_directory(file)
+        # raise ValueError unless the archive has a central directory of plausible size
+        end = file.seek(0, io.SEEK_END)
+        file.seek(max(0, end - (1 << 16) - 22))
+        tail = file.read()
+        at = tail.rfind(b"PK\5\6")
+        if at < 0 or len(tail) < at + 16:
+            raise ValueError("it is truncated: its list of members is missing")
+        (size,) = struct.unpack_from("<I", tail, at + 12)
+        if size > LARGEST_DIRECTORY:
+            raise ValueError(f"its list of members must have at most {LARGEST_DIRECTORY} bytes; it declares {size}")
         with zipfile.ZipFile(file) as archive:
             members = {one.filename.removesuffix(".npy"): one for one in archive.infolist()}
             chosen = {name: member for name, member in members.items() if name in wanted}
@@ -60,19 +69,6 @@ def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> t
             for name, member in chosen.items():
                 room.take(member.file_size, f"the array `{name}` of {member.file_size} bytes")
             return {name: _array(_content(archive, member)) for name, member in chosen.items()}, sorted(members)
-
-
-def _check_directory(file: BinaryIO) -> None:
-    """Raise ValueError unless the archive has a central directory of plausible size."""
-    end = file.seek(0, io.SEEK_END)
-    file.seek(max(0, end - (1 << 16) - 22))
-    tail = file.read()
-    at = tail.rfind(b"PK\5\6")
-    if at < 0 or len(tail) < at + 16:
-        raise ValueError("it is truncated: its list of members is missing")
-    (size,) = struct.unpack_from("<I", tail, at + 12)
-    if size > LARGEST_DIRECTORY:
-        raise ValueError(f"its list of members must have at most {LARGEST_DIRECTORY} bytes; it declares {size}")
 
 
 def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytearray:

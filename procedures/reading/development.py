@@ -64,15 +64,12 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
     blocks = _blocks(levels @ np.array(LUMINANCE) if levels.shape[2] == 3 else levels[..., 0].astype(np.float64))
     zero = np.abs(dctn(blocks - 128, axes=(1, 2), norm="ortho")) < step / 2
     share = np.clip(zero.mean(axis=0), 1e-9, 1 - 0.5 / len(blocks))
-    variance = (1 - share) * step**2 / 12 + share * _laplace_variance(share, step / 2)
-    return float(np.sqrt(variance.mean()) / 255)  # the transform is orthonormal
-
-
-def _laplace_variance(share: npt.NDArray[np.float64], limit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Variance within the limits of a Laplace distribution of which this share lies within them."""
+    # variance within the limits of a Laplace distribution of which this share lies within them
     t = -np.log1p(-share)  # limit over the distribution's scale
-    scale = limit / t
-    return np.asarray(scale**2 * (2 - np.exp(-t) * (t**2 + 2 * t + 2)) / share)
+    scale = (step / 2) / t
+    laplace_variance = np.asarray(scale**2 * (2 - np.exp(-t) * (t**2 + 2 * t + 2)) / share)
+    variance = (1 - share) * step**2 / 12 + share * laplace_variance
+    return float(np.sqrt(variance.mean()) / 255)  # the transform is orthonormal
 
 
 def _blocks(plane: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

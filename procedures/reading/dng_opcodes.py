@@ -94,7 +94,10 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
     lists = {OPCODE_LIST_3: opcodes} | ({OPCODE_LIST_2: on_mosaic} if on_mosaic else {})
     new = []
     for tag, list_opcodes in lists.items():
-        content = _list(list_opcodes)
+        parts = [struct.pack(">I", len(list_opcodes))]
+        for opcode in list_opcodes:
+            parts.append(struct.pack(">I4sII", opcode.number, VERSION, OPTIONAL, len(opcode.data)) + opcode.data)
+        content = b"".join(parts)
         new.append(struct.pack(order + "HHII", tag, UNDEFINED, len(content), len(out)))
         out += content + b"\0" * (len(content) % 2)
     retained = [entry for entry in entries if struct.unpack_from(order + "H", entry)[0] not in lists]
@@ -116,13 +119,6 @@ def _with_version(data: bytes) -> bytes:
         if struct.unpack_from(order + "H", data, place)[0] in (DNG_VERSION, DNG_BACKWARD_VERSION):
             out[place + 8 : place + 12] = max(VERSION, data[place + 8 : place + 12])
     return bytes(out)
-
-
-def _list(opcodes: Sequence[Opcode]) -> bytes:
-    parts = [struct.pack(">I", len(opcodes))]
-    for opcode in opcodes:
-        parts.append(struct.pack(">I4sII", opcode.number, VERSION, OPTIONAL, len(opcode.data)) + opcode.data)
-    return b"".join(parts)
 
 
 def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], int]:

@@ -97,7 +97,23 @@ def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
         Name of the file for messages.
     """
     try:
-        return _directories(file, name)
+        # all image directories: the chain from the header, and their sub-directories
+        form = _form(file)
+        if form is None:
+            return []
+        pending = [form.read(file, form.pointer)]
+        directories: dict[int, Tags] = {}
+        while pending:
+            at = pending.pop(0)
+            if at == 0 or at in directories:
+                continue
+            if len(directories) == MOST_DIRECTORIES:
+                raise BadInput(
+                    f"a file must have at most {MOST_DIRECTORIES} image directories; {name} has more", _NO_CAMERA
+                )
+            directories[at], following = _directory(file, form, at, name)
+            pending += [int(v) for v in directories[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
+        return list(directories.values())
     except (struct.error, OSError, OverflowError):
         return []
 
@@ -154,31 +170,10 @@ BIG = 43
 """Version number of BigTIFF."""
 
 
-def _directories(file: BinaryIO, name: str) -> list[Tags]:
-    """All image directories: the chain from the header, and their sub-directories."""
-    form = _form(file)
-    if form is None:
-        return []
-    pending = [form.read(file, form.pointer)]
-    directories: dict[int, Tags] = {}
-    while pending:
-        at = pending.pop(0)
-        if at == 0 or at in directories:
-            continue
-        if len(directories) == MOST_DIRECTORIES:
-            raise BadInput(
-                f"a file must have at most {MOST_DIRECTORIES} image directories; {name} has more", _NO_CAMERA
-            )
-        directories[at], following = _directory(file, form, at, name)
-        pending += [int(v) for v in directories[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
-    return list(directories.values())
-
-
 _NO_CAMERA = "give the camera's original file"
 
 
 def _directory(file: BinaryIO, form: _Form, at: int, name: str) -> tuple[Tags, int]:
-    """Wanted tags of the directory at an offset, and the offset of the next one."""
     file.seek(at)
     count = form.read(file, form.number)
     if count > MOST_TAGS:

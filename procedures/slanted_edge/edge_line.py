@@ -69,12 +69,17 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
     course = Course(np.array([line.slope * half, line.middle]), half, rising)
     for _ in range(ROUNDS):
         course = _polynomial(strip.along, *_centroids(strip, course, reach), course)
-    _check_inside(strip, course)
+    x = course.at(strip.along)
+    outside = np.mean((x < 2) | (x > strip.samples.shape[1] - 3))
+    if outside > 0:
+        raise Refused(
+            f"the edge must cross the region from side to side; it leaves it along {outside:.0%} of its length",
+            "give a region that the edge crosses, with plain areas on both sides",
+        )
     return course
 
 
 def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:
-    """Line along the strongest smoothed derivative, its sign, and the distance within which centroids are computed."""
     smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
     x, along = np.arange(smooth.shape[1]), strip.along[:, None]
     rim = int(2 * SMOOTHING_PX)
@@ -156,13 +161,3 @@ def _polynomial(along: Array, centroid: Array, valid: npt.NDArray[np.bool_], cou
         if criterion < least:
             best, least = Course(coefficients, course.half, course.rising), criterion
     return best
-
-
-def _check_inside(strip: Strip, course: Course) -> None:
-    x = course.at(strip.along)
-    outside = np.mean((x < 2) | (x > strip.samples.shape[1] - 3))
-    if outside > 0:
-        raise Refused(
-            f"the edge must cross the region from side to side; it leaves it along {outside:.0%} of its length",
-            "give a region that the edge crosses, with plain areas on both sides",
-        )

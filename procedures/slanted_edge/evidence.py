@@ -176,7 +176,6 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
-    """Bins of all samples: centres, means, numbers, (2 K,)."""
     d = samples.d[samples.inside]
     K = int(np.abs(d).max() * BINS) + 1
     bins = np.floor(d * BINS).astype(int) + K

@@ -39,8 +39,6 @@ class EdgeSighting:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """A straight segment between two points (x, y)."""
-
     start: Array
     end: Array
 
@@ -84,7 +82,6 @@ def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
 
 
 def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, str]:
-    """Reason and remedy where no edge was detected."""
     if slanted:
         return (
             "no edge has plain areas on both sides, 6 pixels wide and 16 long or more",
@@ -119,13 +116,16 @@ def _segments(samples: Array32) -> list[_Segment]:
 
 
 def _merged(segments: list[_Segment]) -> list[_Segment]:
-    """Segments joined where they continue each other, without the short ones."""
     joined: list[_Segment] = []
     remaining = segments[:MAX_SEGMENTS]
     while remaining:
         whole = remaining.pop(0)
         while (i := _continuation(whole, remaining)) is not None:
-            whole = _joined(whole, remaining.pop(i))
+            # segment from the first end of both to the last, along a
+            b = remaining.pop(i)
+            points = np.array([whole.start, whole.end, b.start, b.end])
+            places = (points - whole.start) @ whole.direction
+            whole = _Segment(points[np.argmin(places)], points[np.argmax(places)])
         if whole.length >= MIN_LENGTH_PX:
             joined.append(whole)
     return joined
@@ -144,13 +144,6 @@ def _continuation(a: _Segment, others: list[_Segment]) -> int | None:
     aside = np.maximum(np.abs(starts @ normal), np.abs(ends @ normal))
     detected = np.flatnonzero(parallel & (gap < 10) & (aside < 2))
     return int(detected[0]) if len(detected) else None
-
-
-def _joined(a: _Segment, b: _Segment) -> _Segment:
-    """Segment from the first end of both to the last, along a."""
-    points = np.array([a.start, a.end, b.start, b.end])
-    places = (points - a.start) @ a.direction
-    return _Segment(points[np.argmin(places)], points[np.argmax(places)])
 
 
 def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
@@ -223,7 +216,6 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
 
 
 def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
-    """The edges without those on the line of a better one."""
     kept: list[EdgeSighting] = []
     for sighting in sightings:
         if not any(_same(sighting, other) for other in kept):
@@ -232,7 +224,6 @@ def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
 
 
 def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
-    """Whether the middle of a lies on b."""
     (x, y), (x0, y0) = _centre(a), _centre(b)
     if a.strip.turned != b.strip.turned:
         return False
@@ -241,6 +232,5 @@ def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
 
 
 def _centre(one: EdgeSighting) -> tuple[float, float]:
-    """Middle (x, y) of the line in the plane."""
     roi, half = one.strip.roi, (len(one.strip.samples) - 1) / 2
     return (roi.x + half, roi.y + one.line.middle) if one.strip.turned else (roi.x + one.line.middle, roi.y + half)

@@ -142,10 +142,13 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> EdgePro
     )
     profile, residual = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
+    # root of the covariance of neighbours along the edge, to which white noise contributes nothing
+    both = far[1:] & far[:-1]
+    shared = float(np.mean(plain[1:][both] * plain[:-1][both])) if both.any() else 0.0
     return replace(
         profile,
         noise=float(np.std(residual[used & (np.abs(d) < end)])) * abs(profile.contrast),
-        unevenness=_unevenness(plain, far) * abs(profile.contrast),
+        unevenness=float(np.sqrt(max(shared, 0.0))) * abs(profile.contrast),
     )
 
 
@@ -176,15 +179,7 @@ def steepness(profile: EdgeProfile, d: Array) -> Array:
     return np.asarray(np.interp(d, (x[1:] + x[:-1]) / 2, np.diff(profile.esf) * BINS))
 
 
-def _unevenness(residual: Array, far: npt.NDArray[np.bool_]) -> float:
-    """Root of the covariance of neighbours along the edge, to which white noise contributes nothing."""
-    both = far[1:] & far[:-1]
-    shared = float(np.mean(residual[1:][both] * residual[:-1][both])) if both.any() else 0.0
-    return float(np.sqrt(max(shared, 0.0)))
-
-
 def _width(samples: Array, d: Array, reach: float) -> float:
-    """Full width at half maximum of the Gaussian with the line spread function's quartiles."""
     K = int(reach * BINS)
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)

@@ -136,7 +136,8 @@ def estimate_tilt(
     side = pitch * parameters.pixel_pitch_um / 1000
     size = (shape[1] * side, shape[0] * side)
     places = best_focus(in_um, shape, frequency=parameters.frequency)
-    heights, covariance = measured_heights(places, _zero_um(parameters), _position_um(bracket, parameters))
+    zero_um = 0.0 if parameters.nominal_mm is None else _behind(parameters.nominal_mm, parameters)
+    heights, covariance = measured_heights(places, zero_um, _position_um(bracket, parameters))
     centre = (np.array([shape[1], shape[0]]) - 1) / 2
     at = (np.array([place.position for place in places]) - centre) * side
     sensor = fit_plane(at, heights, covariance, size)
@@ -161,10 +162,6 @@ def measured_heights(places: Sequence[PlaceFocus], zero_um: float, position_um: 
 
 def _behind(position_mm: float, parameters: TiltParameters) -> float:
     return behind_lens_um(position_mm, parameters.positions, parameters.focal_length_mm)
-
-
-def _zero_um(parameters: TiltParameters) -> float:
-    return 0.0 if parameters.nominal_mm is None else _behind(parameters.nominal_mm, parameters)
 
 
 def nominal_um(parameters: TiltParameters) -> float:

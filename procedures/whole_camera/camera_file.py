@@ -148,14 +148,10 @@ def read_camera_numbers(path: Path | str) -> CameraNumbers:
                 stored.numbers("covariance"), tuple(CovarianceBlock(*one) for one in zip(*texts, strict=True)),
                 str(geometry.get("model", "")), (int(geometry.get("columns", 0)), int(geometry.get("rows", 0))),
             )  # fmt: skip
-        _check(camera)
+        # raise ValueError where numbers and covariance are inconsistent
+        count, C = len(camera.names), camera.covariance
+        if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):
+            raise ValueError("names, units, values and covariance must have the same length")
+        if not np.allclose(C, C.T, rtol=1e-9, atol=0) or (np.diag(C) < 0).any():
+            raise ValueError("a covariance must be symmetric, with variances of 0 or more")
         return camera
-
-
-def _check(camera: CameraNumbers) -> None:
-    """Raise ValueError where numbers and covariance are inconsistent."""
-    count, C = len(camera.names), camera.covariance
-    if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):
-        raise ValueError("names, units, values and covariance must have the same length")
-    if not np.allclose(C, C.T, rtol=1e-9, atol=0) or (np.diag(C) < 0).any():
-        raise ValueError("a covariance must be symmetric, with variances of 0 or more")

@@ -122,7 +122,6 @@ class SimulatedActions:
         return known.get(key)
 
     def _depth_answers(self) -> dict[str, Known]:
-        """Answers about a scene in depth and its rig."""
         camera = self._at.view.camera
         rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
         return {
@@ -226,6 +225,5 @@ class SimulatedActions:
         self._focus()
 
     def _focus(self) -> None:
-        """Set the focus: the initial focus plus the requested steps towards infinity."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
         self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)

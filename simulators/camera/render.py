@@ -168,7 +168,9 @@ def render_region(
     fine_columns = wide.width * oversampling
     passing = {colour: transfer(optics, colour, wide, oversampling) for colour in sorted(set(colours.values()))}
     columns = max(factors.shape[1] for factors in passing.values())
-    spectrum = _spectrum(_ideal(picture, wide, oversampling), columns)
+    # the first columns of an image's spectrum; overwrites the image
+    lines = fft.rfft(_ideal(picture, wide, oversampling), axis=1, workers=2, overwrite_x=True)[:, :columns]
+    spectrum = np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
     light = np.empty((wide.height, wide.width))
     for colour, factors in passing.items():
         filtered = _filtered(spectrum, factors)
@@ -230,12 +232,6 @@ def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling
     fx, fy = fx[None, :], fy[:, None]
     hat: Array = np.sinc(fx / oversampling) ** 2 * np.sinc(fy / oversampling) ** 2
     return optics.otf(fx, fy, colour) / hat
-
-
-def _spectrum(picture: Array, columns: int) -> Complex:
-    """The first columns of an image's spectrum; overwrites the image."""
-    lines = fft.rfft(picture, axis=1, workers=2, overwrite_x=True)[:, :columns]
-    return np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
 
 
 def _filtered(spectrum: Complex, factors: Array | Complex) -> Complex:

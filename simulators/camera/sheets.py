@@ -111,7 +111,15 @@ def draw(
     spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
-        light = _laid_over(spectra, [_transfer(sheet.optics, colour, wide) for sheet in sheets], wide)
+        light = np.zeros(wide, np.float32)
+        for (picture, cover), transfer in zip(
+            spectra, [_transfer(sheet.optics, colour, wide) for sheet in sheets], strict=True
+        ):
+            if cover is not None:
+                light *= 1 - fft.irfft2(cover * transfer, wide)
+                light += fft.irfft2(picture * transfer, wide)
+            else:
+                light = fft.irfft2(picture * transfer, wide)
         samples = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
         for x, y in (place for place, its in colours.items() if its == colour):
             frame[y::period, x::period] = samples[y::period, x::period]
@@ -142,7 +150,10 @@ def draw_moving(
          for sheet, pose in zip(sheets, instant, strict=True)]
         for instant in poses
     ]  # fmt: skip
-    margin = 2 * -(-(max(sheet.optics.margin_px() for sheet in sheets) + _farthest(ways, shape)) // 2)
+    # largest displacement of the frame's corners in pixels
+    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
+    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
+    margin = 2 * -(-(max(sheet.optics.margin_px() for sheet in sheets) + int(np.ceil(max(moved)))) // 2)
     wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
     to_fine = np.array([[n, 0, n * margin], [0, n, n * margin], [0, 0, 1.0]])
     spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
@@ -159,19 +170,10 @@ def draw_moving(
 
 
 def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
-    """A sheet's texels to sensor pixels, (3, 3)."""
     return projection.pinhole() @ placed.to_space()
 
 
-def _farthest(ways: Sequence[Sequence[Array]], shape: tuple[int, int]) -> int:
-    """Largest displacement of the frame's corners in pixels."""
-    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
-    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
-    return int(np.ceil(max(moved)))
-
-
 def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
-    """A sheet's blurred image, and its blurred cover if it has one."""
     return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
 
 
@@ -185,23 +187,9 @@ def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple
     return light
 
 
-def _laid_over(
-    spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]
-) -> Frame:
-    light = np.zeros(wide, np.float32)
-    for (picture, cover), transfer in zip(spectra, transfers, strict=True):
-        if cover is not None:
-            light *= 1 - fft.irfft2(cover * transfer, wide)
-            light += fft.irfft2(picture * transfer, wide)
-        else:
-            light = fft.irfft2(picture * transfer, wide)
-    return light
-
-
 def _spectra(
     placed: PlacedSheet, projection: Projection, margin: int, wide: tuple[int, ...]
 ) -> tuple[Spectrum, Spectrum | None]:
-    """Spectra of a sheet's covered image and of its cover, on fine samples."""
     to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
     M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
 

@@ -63,7 +63,6 @@ class GcsTwin(MotorController[str]):
         self._error = STOPPED
 
     def _obey(self, command: str, words: list[str], now_s: float) -> int:
-        """Execute one command; its error."""
         if command == "ERR?":
             self._say([str(self._error)])
             self._error = 0

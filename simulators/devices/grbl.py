@@ -314,14 +314,12 @@ class GrblController:
         self._raise(2, now_s)
 
     def _drive(self, now_s: float) -> None:
-        """Begin the next planned line, unless something holds it."""
         run = self.program.run
         if run.state in ("Idle", "Run", "Jog") and self.motion.begin_next(now_s):
             assert self.motion.current is not None
             run.state = "Jog" if self.motion.current.jog else "Run"
 
     def _main_loop(self, now_s: float) -> None:
-        """Execute complete lines until something blocks."""
         while self._free(now_s):
             if self._line is None and not self._take_line():
                 return
@@ -342,7 +340,6 @@ class GrblController:
             self._drive(now_s)
 
     def _take_line(self) -> bool:
-        """Whether a complete line has been received."""
         while self._rx and self._line is None:
             self._line = self._reader.take(self._rx.pop(0))
         return self._line is not None

@@ -87,7 +87,6 @@ class Esp301Twin(NewportTwin):
                 self._errors.append((code, now_s))
 
     def _obey(self, number: str, command: str, value: str, now_s: float) -> int:
-        """Execute one command; its error."""
         if command in ("ST", "AB") and not number:
             for motor in self.motors.values():
                 motor.stop(now_s)
@@ -200,7 +199,6 @@ class Smc100Twin(NewportTwin):
         self.motors[number].stop(now_s)
 
     def _obey(self, number: int, command: str, value: str, now_s: float) -> str:
-        """Execute one command; its error, or nothing."""
         motor, say = self.motors[number], partial(self._report, number, command)
         match command:
             case "VE":

@@ -155,7 +155,17 @@ def strokes(scene: Scene, projection: Projection) -> Iterator[Stroke]:
 
 def chart_outlines(chart: Chart) -> Segments:
     """The outlines of all black areas of the chart, in cells, cut into sides of one cell; the inside adds 1."""
-    parts = [_noise_outlines(chart)]
+    # sides between a black and a white cell: downwards they add the value on their right minus that on their left
+    black = np.pad(1.0 - chart.cells, 1)
+    i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
+    upright = np.diff(black[1:-1, :], axis=1)[i, j]
+    top = np.column_stack([j, i]).astype(np.float64)
+    k, m = np.nonzero(np.diff(black[:, 1:-1], axis=0))
+    flat = -np.diff(black[:, 1:-1], axis=0)[k, m]
+    left = np.column_stack([m, k]).astype(np.float64)
+    starts, ends = np.concatenate([top, left]), np.concatenate([top + np.array([0, 1]), left + np.array([1, 0])])
+    noise_outlines = Segments(starts, ends, np.concatenate([upright, flat]))
+    parts = [noise_outlines]
     for column, row in BLACK_BLOCKS:
         x, y = block_corner(column, row)
         square = np.array([[x, y], [x + BLOCK, y], [x + BLOCK, y + BLOCK], [x, y + BLOCK]])
@@ -165,19 +175,6 @@ def chart_outlines(chart: Chart) -> Segments:
         parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
     columns = zip(*((part.starts, part.ends, part.weights) for part in parts), strict=True)
     return Segments(*map(np.concatenate, columns))
-
-
-def _noise_outlines(chart: Chart) -> Segments:
-    """Sides between a black and a white cell: downwards they add the value on their right minus that on their left."""
-    black = np.pad(1.0 - chart.cells, 1)
-    i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
-    upright = np.diff(black[1:-1, :], axis=1)[i, j]
-    top = np.column_stack([j, i]).astype(np.float64)
-    k, m = np.nonzero(np.diff(black[:, 1:-1], axis=0))
-    flat = -np.diff(black[:, 1:-1], axis=0)[k, m]
-    left = np.column_stack([m, k]).astype(np.float64)
-    starts, ends = np.concatenate([top, left]), np.concatenate([top + np.array([0, 1]), left + np.array([1, 0])])
-    return Segments(starts, ends, np.concatenate([upright, flat]))
 
 
 def _subdivided(segments: Segments, n: int) -> Segments:
@@ -193,7 +190,6 @@ def _painted(shape: Shape, projection: Projection, H: Array, chart: PlacedChart 
 
 
 def _on_sensor(segments: Segments, projection: Projection, to_space: Array) -> Segments:
-    """Project the outlines of a plane; reversed if the map mirrors, so that the inside stays inside."""
     H = projection.pinhole() @ to_space
     starts, ends = (projection.distort(apply_homography(H, p)) for p in (segments.starts, segments.ends))
     return Segments(starts, ends, segments.weights * np.sign(np.linalg.det(H)))

@@ -93,7 +93,16 @@ def refine_bins(
     factor : int
     """
     start = enlarged(bins, factor)
-    scene = _scene(samples, chart, registration, start, factor)
+    # the bins of a photograph, without blur
+    cells = np.asarray(whole_chart(chart), dtype=np.float64)
+    per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
+    n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
+    r, none = registration, np.zeros(0)
+    look = RenderModel(
+        samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
+        per_pixel / n, none,
+    )  # fmt: skip
+    scene = _Scene(look, registration, start)
     points, covariance = _placed(scene.blurred(_usual_blur(scene)))
     spread = np.sqrt(np.einsum("naa->n", covariance))
     fitted = np.isfinite(spread)
@@ -104,19 +113,6 @@ def refine_bins(
             "show the whole chart, sharp, evenly lit and free of reflections",
         )
     return Correspondences(start.index[good], points[good], covariance[good])
-
-
-def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
-    """The bins of a photograph, without blur."""
-    cells = np.asarray(whole_chart(chart), dtype=np.float64)
-    per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
-    n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
-    r, none = registration, np.zeros(0)
-    look = RenderModel(
-        samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
-        per_pixel / n, none,
-    )  # fmt: skip
-    return _Scene(look, registration, start)
 
 
 def _usual_blur(scene: _Scene) -> float:
@@ -156,7 +152,6 @@ class _Fit:
 
 
 def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
-    """Fit the chosen bins at `points` (of all bins, in pixels) to the photograph."""
     look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
     low, high = _reach(scene, points)
     inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)
@@ -164,21 +159,7 @@ def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
     fitted = sums[inside]
     fit_bins(look, centres[inside], points[inside], low[inside], high[inside], fitted)
     sums[inside] = fitted
-    return _solved(sums)
-
-
-def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First and last pixel (x, y) to render for bins at points (m, 2)."""
-    half, middle = scene.look.half, (scene.look.factor - 1) / 2
-    cells = scene.registration.to_pattern((points - middle) / scene.look.factor)
-    corners = cells[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    edges = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
-    low, high = np.floor(edges.min(axis=1)) - MARGIN, np.ceil(edges.max(axis=1)) + MARGIN
-    return low.astype(np.int64), high.astype(np.int64)
-
-
-def _solved(sums: Array) -> _Fit:
-    """Least squares from the products (m, 6, 6) of columns and samples."""
+    # least squares from the products (m, 6, 6) of columns and samples
     AA, Av, vv, count = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], sums[:, 0, 0]
     norm = np.sqrt(np.einsum("naa->na", AA))
     norm[norm == 0] = 1.0
@@ -191,3 +172,13 @@ def _solved(sums: Array) -> _Fit:
     contrast = np.where(good, contrast, 1.0)
     covariance = inverse[:, 3:, 3:] * (variance / contrast**2)[:, None, None]
     return _Fit(solution[:, 3:] / contrast[:, None], covariance, 2 * solution[:, 2] / contrast, good)
+
+
+def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """First and last pixel (x, y) to render for bins at points (m, 2)."""
+    half, middle = scene.look.half, (scene.look.factor - 1) / 2
+    cells = scene.registration.to_pattern((points - middle) / scene.look.factor)
+    corners = cells[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    edges = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
+    low, high = np.floor(edges.min(axis=1)) - MARGIN, np.ceil(edges.max(axis=1)) + MARGIN
+    return low.astype(np.int64), high.astype(np.int64)

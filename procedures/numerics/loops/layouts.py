@@ -115,7 +115,6 @@ def _is_free(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
 
 @compiled
 def _double_capacity(triples: Indices) -> Indices:
-    """Copy of the triples with the capacity doubled."""
     out = np.empty((2 * len(triples), 3), np.int64)
     for n in range(len(triples)):
         for m in range(3):

@@ -71,7 +71,6 @@ def _peaks(above: Picture, here: Picture, below: Picture, fit: npt.NDArray[np.bo
 
 @compiled
 def _clear(row: Picture) -> None:
-    """Set a row to no strength."""
     for j in range(len(row)):
         row[j] = -np.inf
 

@@ -45,25 +45,20 @@ def expected() -> Picture:
     for place in BLACK_BLOCKS:
         picture[_pixels_of(*place)] = 0.0
     for place in X_CORNER_BLOCKS:
-        picture[_pixels_of(*place)] = _bow_tie()
+        # an x-corner's block, its pixels the means of 8 x 8 points
+        fine = 8
+        t = np.abs((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) - 0.5)
+        points = (t[:, None] < t).reshape(PIXELS, fine, PIXELS, fine)
+        picture[_pixels_of(*place)] = np.asarray(points.mean(axis=(1, 3)), dtype=np.float32)
     noise = slice((RIM_BLOCKS + 1) * PIXELS, -(RIM_BLOCKS + 1) * PIXELS)
     picture[noise, noise] = 0.5
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), BLUR), dtype=np.float32)
 
 
 def _pixels_of(column: int, row: int) -> tuple[slice, slice]:
-    """Pixels of a block in the rectified picture."""
     first = np.array([row, column]) + RIM_BLOCKS
     rows, columns = (slice(at * PIXELS, (at + 1) * PIXELS) for at in first.tolist())
     return rows, columns
-
-
-def _bow_tie() -> Picture:
-    """An x-corner's block, its pixels the means of 8 x 8 points."""
-    fine = 8
-    t = np.abs((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) - 0.5)
-    points = (t[:, None] < t).reshape(PIXELS, fine, PIXELS, fine)
-    return np.asarray(points.mean(axis=(1, 3)), dtype=np.float32)
 
 
 @cache

@@ -63,7 +63,6 @@ class Layouts:
 
 
 def _strongest(field: BinnedSaddles, triples: Indices) -> Indices:
-    """The strongest triples, at most MAX_TRIPLES."""
     if len(triples) <= MAX_TRIPLES:
         return triples
     strengths = field.merits[triples].min(axis=1)
@@ -79,18 +78,6 @@ def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, 
     z = np.where(present, z - mean, 0)
     spread = np.sqrt((np.abs(z) ** 2).sum(axis=1, keepdims=True) / count)
     return z / spread, mean, spread
-
-
-def _affine(field: BinnedSaddles, hits: Indices) -> Array:
-    """Affine maps (n, 3, 3) from lattice to pixels, fitted to hits."""
-    z, mean, spread = _normalised(field, hits)
-    design = np.column_stack([RIM, np.ones(len(RIM))])
-    present = (hits >= 0).astype(np.float64)
-    normal = np.einsum("nr,ra,rb->nab", present, design, design)
-    c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
-    c[:, 2] += mean[:, 0]
-    bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
-    return np.stack([c.real, c.imag, bottom], axis=1)
 
 
 def _projective(field: BinnedSaddles, hits: Indices) -> Array:
@@ -160,6 +147,15 @@ def find_layouts(saddles: Saddles) -> Layouts:
     hits = loops.square_sides(field, _strongest(field, loops.collinear_triples(field, RULES)), RULES)
     if not len(hits):
         return none
-    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    # affine maps (n, 3, 3) from lattice to pixels, fitted to hits
+    z, mean, spread = _normalised(field, hits)
+    design = np.column_stack([RIM, np.ones(len(RIM))])
+    present = (hits >= 0).astype(np.float64)
+    normal = np.einsum("nr,ra,rb->nab", present, design, design)
+    c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
+    c[:, 2] += mean[:, 0]
+    bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
+    affine = np.stack([c.real, c.imag, bottom], axis=1)
+    hits = _distinct(field, _gather(field, hits, affine, AFFINE))
     hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

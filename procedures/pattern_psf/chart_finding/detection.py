@@ -159,7 +159,9 @@ def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
     if (best := _homography(pixels, visible, 0.0)) is None:
         return None
     rectified = chart_frame.rectify(level, to_level @ best)
-    score = _oriented_score(rectified, visible)
+    # agreement with the visible frame; 0 unless it clearly exceeds that of any other orientation
+    scores = _frame_scores(rectified, visible)
+    score = float(scores[0]) if scores[0] - scores[1:].max() > ORIENTATION_MARGIN else 0.0
     if score < MIN_SCORE:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
@@ -169,14 +171,7 @@ def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
 
 
 def _centre(H: Array) -> Array:
-    """(x, y) of the noise region's centre."""
     return np.asarray(apply_homography(H, MIDDLE[None])[0])
-
-
-def _oriented_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
-    """Agreement with the visible frame; 0 unless it clearly exceeds that of any other orientation."""
-    scores = _frame_scores(rectified, visible)
-    return float(scores[0]) if scores[0] - scores[1:].max() > ORIENTATION_MARGIN else 0.0
 
 
 def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
@@ -222,7 +217,6 @@ def _share_marks(sighting: ChartSighting, other: ChartSighting) -> bool:
 
 
 def _overlaps(centre: Array, sightings: list[ChartSighting]) -> bool:
-    """Whether a chart with this centre would overlap one of the sightings."""
     return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in sightings)
 
 

@@ -76,19 +76,6 @@ def _kernels() -> Picture:
     return np.array([g, first, second], dtype=np.float32)[:, KERNEL_RADIUS:]
 
 
-def _noise(image: Picture) -> float:
-    """Standard deviation of white noise, from the highest frequencies in the quietest unclipped places, where light and
-    blurred texture have little energy."""
-    energies = []
-    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BAND_DISTANCE):
-        band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
-        tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
-        energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
-    energy = np.concatenate(energies) if energies else np.zeros(0)
-    energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
-    return float(np.sqrt(quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
-
-
 def _noise_gain() -> float:
     """Rms strength of saddles by white noise of unit standard deviation."""
     right = _kernels().astype(np.float64)
@@ -106,7 +93,17 @@ def find_saddles(image: Picture) -> Saddles:
     image : (rows, columns) float32 grey levels, at any positive scale.
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
-    weakest = ABOVE_NOISE * _noise_gain() * _noise(image)
+    # standard deviation of white noise, from the highest frequencies in the quietest unclipped places, where light and
+    # blurred texture have little energy
+    energies = []
+    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BAND_DISTANCE):
+        band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
+        tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
+        energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
+    energy = np.concatenate(energies) if energies else np.zeros(0)
+    energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
+    noise = float(np.sqrt(quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
+    weakest = ABOVE_NOISE * _noise_gain() * (noise)
     index, half, xy = loops.saddle_points(image, _kernels(), ISOTROPY, weakest)
     z = np.asarray(-half - 1j * xy, dtype=np.complex128)
     kept = loops.best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)

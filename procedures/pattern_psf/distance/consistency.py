@@ -88,7 +88,6 @@ def _evidence(look: RangeLook, z: float, known: PatternFacts) -> tuple[str, floa
 
 
 def _suspects(known: PatternFacts, exposure: Exposure) -> tuple[str, ...]:
-    """Typed numbers not confirmed by the camera's metadata."""
     values = {
         "focal_length_mm": (known.focal_length_mm, exposure.focal_length_mm),
         "pixel_pitch_um": (known.pixel_pitch_um, exposure.pixel_pitch_um),
@@ -182,5 +181,4 @@ def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int
 
 
 def _high_pass(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """High-pass: detail of a few pixels."""
     return np.asarray(picture - cv2.GaussianBlur(picture, (0, 0), SMOOTH_PX), dtype=np.float32)

@@ -76,14 +76,12 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
 
 
 def _neighbours(x: Array, top: int) -> npt.NDArray[np.bool_]:
-    """The best place and the two nearest to it."""
     places = np.unique(x)
     nearest = places[np.argsort(np.abs(places - x[top]), kind="stable")[:MIN_POINTS]]
     return np.isin(x, nearest)
 
 
 def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
-    """Coefficients (3,) of 1, x, x^2, and their covariance."""
     A = np.vander(x, 3, increasing=True) / u[:, None]
     C = np.linalg.inv(A.T @ A)
     c = C @ A.T @ (y / u)
@@ -144,6 +142,5 @@ def _steps_back(places: Sequence[float], best: int, last: int) -> str:
 
 
 def _is_worse(y: Array, u: Array, high: int, low: int) -> bool:
-    """Whether one frame is significantly less sharp than another."""
     least = max(SIGNIFICANCE * float(np.hypot(u[high], u[low])), EQUAL_SHARE * float(y[high]))
     return bool(y[high] - y[low] > least)
