@@ -652,15 +652,11 @@ def reference_text() -> str:
     lines: list[str] = []
     for section in dict.fromkeys(number.section for number in NUMBERS.values()):
         lines += ["", f"## {section}", "", "| name | unit | definition |", "|---|---|---|"]
-        for (unit, definition), names in _alike(section).items():
+        # the numbers of a section, those of one definition together
+        groups: dict[tuple[str, str], list[Number]] = {}
+        for number in NUMBERS.values():
+            if number.section == section:
+                groups.setdefault((number.unit, number.definition), []).append(number)
+        for (unit, definition), names in groups.items():
             lines.append(f"| {', '.join(f'`{one}`' for one in names)} | {unit} | {definition} |")
     return "\n".join(lines) + "\n"
-
-
-def _alike(section: str) -> dict[tuple[str, str], list[Number]]:
-    """The numbers of a section, those of one definition together."""
-    groups: dict[tuple[str, str], list[Number]] = {}
-    for number in NUMBERS.values():
-        if number.section == section:
-            groups.setdefault((number.unit, number.definition), []).append(number)
-    return groups

@@ -61,7 +61,19 @@ def whole_numbers(psf: Psf) -> list[DrawnNumber]:
 
 def centred_numbers(psf: Psf) -> list[DrawnNumber]:
     """Widths of the sections through the centre, and radii of encircled energy about it."""
-    return [_width(psf, FWHM_HORIZONTAL, 1), _width(psf, FWHM_VERTICAL, 0), *_encircled(psf)]
+    image, numbers = psf.extended(), []
+    for share in CIRCLES:
+        one, by_image = circle(psf, image, share), np.zeros_like(image)
+        gradient = np.full(len(psf.parameters), np.nan)
+        if np.isfinite(one.radius):
+            rim = (len(image) - one.size) // 2
+            within = _fine_grid(one.size, psf.s).within(one.radius)
+            by_image[rim : len(image) - rim, rim : len(image) - rim] = within
+            gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
+        numbers.append(
+            DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
+        )
+    return [_width(psf, FWHM_HORIZONTAL, 1), _width(psf, FWHM_VERTICAL, 0), *numbers]
 
 
 def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
@@ -270,22 +282,6 @@ def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
 def name_of_circle(share: float) -> str:
     """Name of the radius of a share of the total energy."""
     return f"encircled_energy_{share * 100:.0f}"
-
-
-def _encircled(psf: Psf) -> list[DrawnNumber]:
-    image, numbers = psf.extended(), []
-    for share in CIRCLES:
-        one, by_image = circle(psf, image, share), np.zeros_like(image)
-        gradient = np.full(len(psf.parameters), np.nan)
-        if np.isfinite(one.radius):
-            rim = (len(image) - one.size) // 2
-            within = _fine_grid(one.size, psf.s).within(one.radius)
-            by_image[rim : len(image) - rim, rim : len(image) - rim] = within
-            gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
-        numbers.append(
-            DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
-        )
-    return numbers
 
 
 def _moment_weight(psf: Psf) -> Array:

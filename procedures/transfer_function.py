@@ -200,7 +200,18 @@ def _weights(k: int, *, with_tail: bool) -> tuple[Array, Array, Array]:
     for weights in (_on_circles(radius, offsets, k), _inside_circles(radius, offsets)):
         inside = weights[:, rows, rows].reshape(len(radius), -1)
         contributions.append(np.hstack([inside, weights.reshape(len(radius), -1) @ images]))
-    contributions[0][:, k * k :] += _tail_on_circles(radius, k)
+    # contributions (n, q) of unit amplitudes to the mean on circles outside the support, where the shapes are powers
+    # of r, the anisotropic ones times cosines and sines of the direction
+    (x, y), kernels, at = _circles(radius), tail_kernels(k), k // 2 + 1
+    r, angle = np.maximum(np.hypot(x, y), 1.0), np.arctan2(y, x)
+    mean, close = (
+        shape[len(shape) // 2, len(shape) // 2 + at] * (at / r) ** power
+        for shape, power in zip(kernels[:2], (3, 5), strict=True)
+    )
+    anisotropic = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
+    outside = ~_within(x, y, k)
+    tail_on_circles = np.stack([(shape * outside).mean(axis=1) for shape in (mean, close, *anisotropic)], axis=1)
+    contributions[0][:, k * k :] += tail_on_circles
     return radius, contributions[0], contributions[1]
 
 
@@ -223,20 +234,6 @@ def _on_circles(radius: Array, offsets: npt.NDArray[np.intp], k: int) -> Array:
     across, down = (np.sinc(at[..., None] - offsets) for at in (x, y))
     contributions[reaching] = (down * _within(x, y, k)[..., None]).transpose(0, 2, 1) @ across / DIRECTIONS
     return contributions
-
-
-def _tail_on_circles(radius: Array, k: int) -> Array:
-    """Contributions (n, q) of unit amplitudes to the mean on circles outside the support, where the shapes are powers
-    of r, the anisotropic ones times cosines and sines of the direction."""
-    (x, y), kernels, at = _circles(radius), tail_kernels(k), k // 2 + 1
-    r, angle = np.maximum(np.hypot(x, y), 1.0), np.arctan2(y, x)
-    mean, close = (
-        shape[len(shape) // 2, len(shape) // 2 + at] * (at / r) ** power
-        for shape, power in zip(kernels[:2], (3, 5), strict=True)
-    )
-    anisotropic = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
-    outside = ~_within(x, y, k)
-    return np.stack([(shape * outside).mean(axis=1) for shape in (mean, close, *anisotropic)], axis=1)
 
 
 def _inside_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:

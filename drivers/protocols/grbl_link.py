@@ -118,7 +118,13 @@ class GrblLink:
                 letters = self.letters[: len(self.report().machine)]
                 values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
                 self._settings |= read_settings(letters, values.get)
-                self._spaces = read_spaces(letters, values.get)
+                self._spaces = {}
+                for at, letter in enumerate(letters):
+                    axis = f"axes/{letter.lower()}"
+                    end, length = (number(values.get(f"{axis}/{name}")) for name in ("homing/mpos_mm", "max_travel_mm"))
+                    if end is not None and length is not None:
+                        up = values.get(f"{axis}/homing/positive_direction") != "false"
+                        self._spaces[at] = (end - length, end) if up else (end, end + length)
         self._ready, self.trust.why = True, UNHOMED
         return identity
 
@@ -403,18 +409,3 @@ def read_settings(letters: str, ask: Ask) -> dict[int, float]:
         if values:
             settings[n] = max(values) if n in (21, 27) else min(values)
     return settings
-
-
-def read_spaces(letters: str, ask: Ask) -> dict[int, tuple[float, float]]:
-    """Both ends of each axis in machine coordinates, by its index among the letters.
-
-    An axis ends at `mpos_mm` on the side where it homes; an axis that does not home is omitted.
-    """
-    spaces = {}
-    for at, letter in enumerate(letters):
-        axis = f"axes/{letter.lower()}"
-        end, length = number(ask(f"{axis}/homing/mpos_mm")), number(ask(f"{axis}/max_travel_mm"))
-        if end is not None and length is not None:
-            up = ask(f"{axis}/homing/positive_direction") != "false"
-            spaces[at] = (end - length, end) if up else (end, end + length)
-    return spaces

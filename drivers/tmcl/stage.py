@@ -94,7 +94,20 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
         return self._link.host(allowed, tries)
 
     def _prepare(self, axis: TmclAxis) -> tuple[Travel, float]:
-        envelope = read_envelope(axis.name, ask_parameters(self._host(), axis.module, axis.motor))
+        # the parameters of an envelope; `host` raises Rejected for those that the module does not have
+        host = self._host()
+        numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
+        parameters = {number: _one(host, number, axis.module, axis.motor) for number in numbers}
+        speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
+        pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
+        if pulses is not None and ramps is not None:
+            speed *= CLOCK_HZ / 2 ** (pulses + 16)
+            rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
+        if not speed > 0 or not rise > 0:
+            raise BadConfiguration(
+                f"{axis.name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor"
+            )
+        envelope = TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
         self.envelopes[axis.name] = envelope
         return Travel(*axis.travel), envelope.speed * axis.unit_per_step
 
@@ -236,28 +249,6 @@ class TmclEnvelope:
             remedy = "set parameters 12 and 13 to 0 where there are switches"
             return Caveat(f"an end switch does not stop {name} (parameters 12 and 13)", remedy)
         return None
-
-
-def read_envelope(name: str, parameters: Mapping[int, int | None]) -> TmclEnvelope:
-    """The limits given by the parameters of an axis, None for a number it does not have. Raises BadConfiguration.
-
-    Modules with a TMC428 or TMC429 report speed and acceleration in units of their dividers (data sheet, "velocity
-    and acceleration"); the others in microsteps per second.
-    """
-    speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
-    pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
-    if pulses is not None and ramps is not None:
-        speed *= CLOCK_HZ / 2 ** (pulses + 16)
-        rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
-    if not speed > 0 or not rise > 0:
-        raise BadConfiguration(f"{name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor")
-    return TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
-
-
-def ask_parameters(host: Any, module: int, motor: int) -> dict[int, int | None]:
-    """The parameters of an envelope; `host` raises Rejected for those that the module does not have."""
-    numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
-    return {number: _one(host, number, module, motor) for number in numbers}
 
 
 def _one(host: Any, number: int, module: int, motor: int) -> int | None:

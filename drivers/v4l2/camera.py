@@ -124,7 +124,10 @@ class V4l2Camera(FrameCamera):
                 if number in self._controls:
                     self._set(number, min(max(value, self._controls[number].low), self._controls[number].high))
             if self._wanted.gain is not None:
-                self._set_checked(self._gain_control(), self._wanted.gain, "gain")
+                number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
+                if number is None:
+                    raise BadConfiguration(f"{self.address} has no gain to be set", "remove gain from its table")
+                self._set_checked(number, self._wanted.gain, "gain")
         return identity
 
     def _call(self, request: int, argument: Any) -> Any:
@@ -208,12 +211,6 @@ class V4l2Camera(FrameCamera):
 
     def _get(self, number: int) -> int:
         return int(self._call(v4l2.G_CTRL, v4l2.ControlValue(id=number)).value)
-
-    def _gain_control(self) -> int:
-        number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
-        if number is None:
-            raise BadConfiguration(f"{self.address} has no gain to be set", "remove gain from its table")
-        return number
 
     def _set_checked(self, number: int, value: int, name: str) -> None:
         """Set a control within its limits. Raises Rejected."""

@@ -42,7 +42,6 @@ from procedures.plan import (
     Outcomes,
     Outline,
     Plan,
-    Points,
     Reading,
     Step,
     Tour,
@@ -197,21 +196,17 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"This view does not count: {changed}. Set it back.")
     wanted = wanted_pose(number, known)
-    outline = wanted_outline(wanted, known)
+    # the chart's sheet in the wanted pose, by the nominal lens
+    start = known.begun()
+    camera = nominal_camera(start.shape, start.principal_px)
+    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
+    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
+    outline = points_of(camera.project(pose.apply(corners)))
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return replace(sighting, moves={}, outline=Outline((), outline))
     advice = pose_advice(number, wanted, sighting, frame, known)
     return replace(advice, outline=to_match(sighting, outline))
-
-
-def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
-    """The chart's sheet in the wanted pose, by the nominal lens."""
-    start = known.begun()
-    camera = nominal_camera(start.shape, start.principal_px)
-    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
-    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
-    return points_of(camera.project(pose.apply(corners)))
 
 
 def view_goal(number: int, facts: Facts) -> Goal:

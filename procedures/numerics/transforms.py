@@ -39,12 +39,9 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
         filled = np.zeros((rows, columns), dtype=np.float32)
         filled[: picture.shape[0], : picture.shape[1]] = picture[:rows, :columns]
         picture = filled
-    return _unpacked(np.asarray(cv2.dft(np.ascontiguousarray(picture))))
-
-
-def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
-    """The half plane (rows, columns // 2 + 1) of a real picture's transform from OpenCV's packed form: real and
-    imaginary parts side by side, and one below the other in the columns whose rows are transforms of real numbers."""
+    # the half plane (rows, columns // 2 + 1) of a real picture's transform from OpenCV's packed form: real and
+    # imaginary parts side by side, and one below the other in the columns whose rows are transforms of real numbers
+    packed = np.asarray(cv2.dft(np.ascontiguousarray(picture)))
     rows, columns = packed.shape
     half = np.empty((rows, columns // 2 + 1), dtype=np.complex64)
     half.view(np.float32)[:, 2 : columns + columns % 2] = packed[:, 1 : columns - 1 + columns % 2]

@@ -13,7 +13,6 @@ from itertools import pairwise
 from math import atan2
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.outcome import BadParameter
 from procedures.pattern import (
@@ -389,17 +388,6 @@ def outline(chart: Chart) -> list[Loop]:
     black[BLOCK:-BLOCK, BLOCK:-BLOCK] = chart.cells == 0
     for column, row in BLACK_BLOCKS:
         black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
-    edges = _square_edges(black)
-    for start, end in _triangle_edges():
-        if (*end, *start) in edges:
-            edges.remove((*end, *start))
-        else:
-            edges.add((*start, *end))
-    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
-    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
-
-
-def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
     step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
     step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
     y, x = np.nonzero(step_down)
@@ -408,7 +396,14 @@ def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
     y, x = np.nonzero(step_right)
     up = step_right[y, x] > 0
     along = np.stack([x, y + up, x, y + ~up], axis=1)
-    return set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
+    edges = set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
+    for start, end in _triangle_edges():
+        if (*end, *start) in edges:
+            edges.remove((*end, *start))
+        else:
+            edges.add((*start, *end))
+    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
+    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
 
 
 def _triangle_edges() -> list[tuple[Vertex, Vertex]]:

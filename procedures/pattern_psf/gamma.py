@@ -41,7 +41,12 @@ def gamma_diagram(
     if diffraction is not None:
         sentences.append(_band(diffraction, s))
         if diffraction.cutoff > s / 2:
-            sentences.append(_raised(s, k, aim))
+            ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
+            (view,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
+            sentences.append(
+                f"If lens and photosites pass higher frequencies, s is raised to {s + 1}: at the same distance s/t is "
+                f"then {ratio:.2f} and gamma {view.gamma:.2f}."
+            )
     rows = (HEADINGS, *(_row(view, optics, s) for view in curve))
     x, y = zip(*((view.s_over_t, view.gamma) for view in curve), strict=True)
     return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(sentences), rows)
@@ -65,15 +70,6 @@ def _band(diffraction: Diffraction, s: int) -> str:
     if cutoff <= (s - 1) / 2:
         return f"{words}: s = {max(math.ceil(2 * cutoff), 2)} suffices."
     return f"{words}."
-
-
-def _raised(s: int, k: int, aim: float) -> str:
-    ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
-    (view,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
-    return (
-        f"If lens and photosites pass higher frequencies, s is raised to {s + 1}: at the same distance s/t is then "
-        f"{ratio:.2f} and gamma {view.gamma:.2f}."
-    )
 
 
 def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:

@@ -79,7 +79,10 @@ def estimate_physics(
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data, progress)
     numbers = _numbers(data, fit)
-    bounded = at_bounds(data, fit, numbers)
+    # numbers of a fit, with uncertainties from its curvature, that are limited on one side: parameters at bounds, fill
+    # factor above 1, Strehl ratio 1 with wavefront error 0
+    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
+    bounded = [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
     scale = scale_of(tried)
     least = fit.criterion(scale)
@@ -248,13 +251,6 @@ class OneSided:
         """The number with its one-sided uncertainty."""
         method = f"{number.method}; at its bound: chi-square rises by 1 over this distance, on one side"
         return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
-
-
-def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
-    """Numbers of a fit, with uncertainties from its curvature, that are limited on one side: parameters at bounds, fill
-    factor above 1, Strehl ratio 1 with wavefront error 0."""
-    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
-    return [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
 
 
 def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:

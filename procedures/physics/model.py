@@ -125,7 +125,22 @@ class Pupil:
         field = self._field(waves)
         amplitude, *changes = self._spectra(np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)]))
         slopes = [2 * np.real(np.conj(amplitude) * change) for change in changes]
-        otf, *derivatives = self._correlated(np.stack([np.abs(amplitude) ** 2, *slopes]))
+        # autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
+        # without aberrations
+        powers = np.stack([np.abs(amplitude) ** 2, *slopes])
+        disc, _ = self._sampled()
+        size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
+        reach = min(count, (size // 2 - 1) // finer)
+        rows = finer * np.arange(-reach, reach + 1)
+        half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
+        # the field's correlation at a shift is the intensity's spectrum at the opposite frequency
+        right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
+        # at zero shift the covered fractions are squared and underestimate the area; elsewhere they represent it
+        right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
+        correlated = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
+        inside = slice(count - reach, count + reach + 1)
+        correlated[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
+        otf, *derivatives = correlated
         return otf, derivatives
 
     def strehl(self, waves: Array) -> float:
@@ -147,23 +162,6 @@ class Pupil:
         """Fourier transforms of fields (m, n, n), on a grid twice as wide, so that their squares do not wrap round."""
         size = scipy.fft.next_fast_len(2 * fields.shape[-1])
         return np.asarray(scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1))
-
-    def _correlated(self, powers: Array) -> Complex:
-        """Autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
-        without aberrations."""
-        disc, _ = self._sampled()
-        size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
-        reach = min(count, (size // 2 - 1) // finer)
-        rows = finer * np.arange(-reach, reach + 1)
-        half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
-        # the field's correlation at a shift is the intensity's spectrum at the opposite frequency
-        right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
-        # at zero shift the covered fractions are squared and underestimate the area; elsewhere they represent it
-        right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
-        correlated = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
-        inside = slice(count - reach, count + reach + 1)
-        correlated[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
-        return correlated
 
 
 @lru_cache(maxsize=16)

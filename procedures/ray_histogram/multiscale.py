@@ -112,7 +112,16 @@ def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, thre
 
     Histograms and counts determine the weights; pictures may have any number of channels.
     """
-    check_scales(frames[0].count.shape, parameters)
+    # refuse too many scales for the size: the coarsest picture must hold two patches side by side
+    size = frames[0].count.shape
+    least = 2 * (2 * parameters.patch + 1)
+    coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
+    if min(coarsest) < least:
+        raise BadInput(
+            f"{parameters.scales} scales need {least} x {least} pixels at the coarsest to compare patches; "
+            f"{size[0]} x {size[1]} pixels give {coarsest[0]} x {coarsest[1]}",
+            "filter with fewer scales",
+        )
     results = []
     for s in range(parameters.scales):
         # at coarser scales a pixel may stay unfiltered: the finest scale ensures that none keeps its noise
@@ -133,18 +142,6 @@ def samples_of(film: Film) -> Samples:
     faint = FAINT * variance[known].mean() if known.any() else 0.0
     safe_variance = np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
     return Samples(mean, histogram, film.count.astype(np.float32), np.concatenate([mean, safe_variance], axis=-1))
-
-
-def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
-    """Refuse too many scales for the size: the coarsest picture must hold two patches side by side."""
-    least = 2 * (2 * parameters.patch + 1)
-    coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
-    if min(coarsest) < least:
-        raise BadInput(
-            f"{parameters.scales} scales need {least} x {least} pixels at the coarsest to compare patches; "
-            f"{size[0]} x {size[1]} pixels give {coarsest[0]} x {coarsest[1]}",
-            "filter with fewer scales",
-        )
 
 
 def downsample(frame: Samples, s: int) -> Samples:

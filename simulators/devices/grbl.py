@@ -230,7 +230,15 @@ class GrblController:
         elif byte == ord("?"):
             self._send(self._report(now_s))
         elif byte == ord("~"):
-            self._resume(now_s)
+            run = self.program.run
+            if run.state in ("Hold", "Door") and self._sub == 0:
+                run.state, run.reported_state = "Idle", ""
+                if self.variant == "grblHAL":
+                    self._send("[MSG:]")
+                if run.owed:
+                    self._send(run.owed)
+                    run.owed = ""
+                self._drive(now_s)
         elif byte in OVERRIDES:
             self._override(*OVERRIDES[byte])
         elif byte in (ord("!"), CANCEL, DOOR):
@@ -244,17 +252,6 @@ class GrblController:
         else:
             self.spindle_override = min(max(self.spindle_override + change, 10), 200) if change else 100
         self.program.counters.overrides = 0
-
-    def _resume(self, now_s: float) -> None:
-        run = self.program.run
-        if run.state in ("Hold", "Door") and self._sub == 0:
-            run.state, run.reported_state = "Idle", ""
-            if self.variant == "grblHAL":
-                self._send("[MSG:]")
-            if run.owed:
-                self._send(run.owed)
-                run.owed = ""
-            self._drive(now_s)
 
     def _soft_reset(self, now_s: float) -> None:
         run = self.program.run
