@@ -47,10 +47,8 @@ WIDGETS = {
     "f_number": ("aperture", "f-number"),
 }
 """Setting names by maker: Canon has an `aperture`, Nikon and Sony an `f-number`."""
-NEAREST = 0.12
-"""Allowed distance of a requested value from the choices: half of a third of a stop."""
-TAKES_S = 3.0
-"""Time limit for a body to accept a setting."""
+NEAREST = 0.12  # allowed distance of a requested value from the choices: half of a third of a stop
+TAKES_S = 3.0  # time limit for a body to accept a setting
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ from drivers.protocols.grbl import (
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything, closed_after_errors
 
-RESUME_S = 5.0
-"""Time limit for a controller to resume after its door was closed."""
+RESUME_S = 5.0  # time limit for a controller to resume after its door was closed
 
 
 class GrblStage:

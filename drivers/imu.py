@@ -34,8 +34,7 @@ ROUND_TRIPS = 5
 LEAST_SPAN_S = 10.0
 """Time between two blocks from which on they determine the drift better than the bound of a crystal."""
 MOST_BOX_HZ = 200
-FILTER_S = 0.002
-"""Bound of the delay in the filters of the unit on a box."""
+FILTER_S = 0.002  # bound of the delay in the filters of the unit on a box
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
 POWER = 1 << 4
 """Bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle."""
 ERRORS_KEPT = 11
-UNITS = {"mm": "2", "deg": "7"}
-"""Codes of the units of an ESP301."""
+UNITS = {"mm": "2", "deg": "7"}  # codes of the units of an ESP301
 
 
 class NewportReply(NamedTuple):

@@ -28,8 +28,7 @@ KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
 FLASH_S = 1.0
 """Longest time from the opening of the contacts to the hot shoe: lag of the body's shutter."""
-DRIFT = 1e-4
-"""Bound of the relative error of a crystal."""
+DRIFT = 1e-4  # bound of the relative error of a crystal
 REFUSALS = {
     3: "wait for the shot, or abort it",
     4: "wire a shaker to the box, or remove it from station.toml",

@@ -17,14 +17,11 @@ from drivers.move_checks import HOME
 from drivers.options import ENABLED_STAGE, STRIG_BOX, device, distinct, option
 from drivers.shutter import BoxDevice, StrigShutter
 
-HEARTBEAT_S = 0.025
-"""Interval between heartbeats."""
-MOVING_MS, STANDING_MS = 100, 1000
-"""Deadlines of the next heartbeat."""
+HEARTBEAT_S = 0.025  # interval between heartbeats
+MOVING_MS, STANDING_MS = 100, 1000  # deadlines of the next heartbeat
 RELEASE = "RELEASE"
 LATE = "no heartbeat of this program came in time"
-END_S = 1.0
-"""How long closing waits for the last heartbeat to be written."""
+END_S = 1.0  # how long closing waits for the last heartbeat to be written
 Work = Callable[[], None]
 
 

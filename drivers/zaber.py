@@ -20,8 +20,7 @@ from drivers.wire.connection import anything, roll_call
 REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
 PRECISION_STEPS = 4
-INTERRUPTED = "NI"
-"""Flag of an axis whose movement was interrupted."""
+INTERRUPTED = "NI"  # flag of an axis whose movement was interrupted
 
 
 @dataclass(frozen=True)

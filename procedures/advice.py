@@ -11,13 +11,10 @@ from procedures.raw import Exposure, Plane
 
 WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
 """Target of white on the sensor's scale, and the accepted range."""
-MOST_CLIPPED = 0.005
-"""Accepted fraction of clipped samples: glints, dust, hot pixels."""
+MOST_CLIPPED = 0.005  # accepted fraction of clipped samples: glints, dust, hot pixels
 BASE_ISO = 100.0
-LONGEST_S = 2.0
-"""Longest proposed exposure time; beyond it, more light is proposed."""
-TILES = 64
-"""Tiles along the frame's longer side in which the brightest paper is searched for."""
+LONGEST_S = 2.0  # longest proposed exposure time; beyond it, more light is proposed
+TILES = 64  # tiles along the frame's longer side in which the brightest paper is searched for
 
 
 def nominal_times_s() -> list[float]:

@@ -19,11 +19,9 @@ from procedures.psf import Psf, truncation
 from procedures.quality import KNOTS, PRINT_BLUR, Quality, assess, mtf50_along
 
 FINEST = 6
-START_S, START_K = 4, 17
-"""First trial; another s keeps the support's width in pixels."""
+START_S, START_K = 4, 17  # first trial; another s keeps the support's width in pixels
 MAX_K = 41
-MIN_SAMPLES_PER_VALUE = 8
-"""Least number of samples per PSF value of an automatic trial."""
+MIN_SAMPLES_PER_VALUE = 8  # least number of samples per PSF value of an automatic trial
 RIM, OPEN = 0.8, 0.05
 """The band is open where the OTF's root mean square over the frequencies beyond `RIM` of it exceeds `OPEN`."""
 MAX_TRUNCATION_SIGMAS = 0.5
@@ -169,8 +167,7 @@ def remaining_change(trials: tuple[Trial, ...]) -> float:
 # Every term is a standard uncertainty in the unit of the number. The terms are independent; the root of the sum of
 # their squares is the combined uncertainty. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 
-Budget = Mapping[str, float]
-"""Terms by name, each a standard uncertainty."""
+Budget = Mapping[str, float]  # terms by name, each a standard uncertainty
 
 TERMS = {
     "noise": "noise of the samples",

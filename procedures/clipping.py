@@ -14,25 +14,20 @@ from procedures.numerics.arrays import Array, distinct, quantile
 
 NOMINAL = 0.998
 """Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
-MAX_OUTLIERS = 0.0005
-"""Share of the samples, hot pixels and dust, that may lie beyond the peak."""
-MIN_PEAK_SHARE = 0.005
-"""Least share of the samples in a peak."""
+MAX_OUTLIERS = 0.0005  # share of the samples, hot pixels and dust, that may lie beyond the peak
+MIN_PEAK_SHARE = 0.005  # least share of the samples in a peak
 MIN_PEAK_SAMPLES = 6
 """Least number of samples in a peak: of few samples, as in a small chart's blocks, two are equal by chance."""
-MIN_PEAK_RATIO = 2.0
-"""Least ratio of the samples in a peak to those at the adjacent values."""
+MIN_PEAK_RATIO = 2.0  # least ratio of the samples in a peak to those at the adjacent values
 MIN_DARK_NOISE, MIN_BRIGHT_NOISE = 0.3, 2.0
 """Noise in quantisation steps above which the other end must be noisy: of the dark end for the bright one, as noise
 never decreases with light, and of the bright end for the dark one."""
 APPROACH_START, APPROACH_END = 0.005, 0.05
 """Range of distances from an end in which its approach is counted, relative to the contrast."""
-LOW_QUANTILE = 0.02
-"""Quantile of the samples used as the other end."""
+LOW_QUANTILE = 0.02  # quantile of the samples used as the other end
 MAX_APPROACH_RATIO = 0.55
 """Ratio of the samples on the approach to a peak to those at the other end below which it is clipped."""
-MAX_STEP_SAMPLES = 200_000
-"""Number of samples used to determine the step."""
+MAX_STEP_SAMPLES = 200_000  # number of samples used to determine the step
 
 
 @dataclass(frozen=True)

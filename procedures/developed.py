@@ -25,8 +25,7 @@ from procedures.reading.guard import Room, decoding
 from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
 
 _AGAIN = "copy it again, or export it as TIFF or PNG"
-BYTES = 16
-"""Bytes of a pixel of three colours while it is decoded."""
+BYTES = 16  # bytes of a pixel of three colours while it is decoded
 COLOURS = {1: (GREY_PLANE,), 3: ("R", "G", "B")}
 
 

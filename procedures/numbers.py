@@ -9,11 +9,9 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from itertools import product
 
-LEVELS = (50, 30, 20, 10)
-"""Contrast levels, in per cent, whose frequencies are reported."""
+LEVELS = (50, 30, 20, 10)  # contrast levels, in per cent, whose frequencies are reported
 CYCLES = "cycles/pixel"
-MEDIAN = "_median"
-"""Ends the name of a number that is the median of a map over the frame."""
+MEDIAN = "_median"  # ends the name of a number that is the median of a map over the frame
 _WITHOUT_PHOTOSITE = "_without_photosite"
 """Ends the name of a map's number after division by the photosite's MTF."""
 
@@ -21,22 +19,14 @@ _WITHOUT_PHOTOSITE = "_without_photosite"
 class Group(StrEnum):
     """Where a number is shown, besides records and tables, which hold all of them."""
 
-    HEADLINE = "headline"
-    """The first table of a page."""
-    BUDGET = "budget"
-    """The uncertainty budget of a page."""
-    SCREEN = "screen"
-    """The result on an 80-column terminal."""
-    LINE = "line"
-    """The one line that a command prints for a plane."""
-    CERTIFIED = "certified"
-    """The certificate."""
-    TREND = "trend"
-    """The trend of a camera over its sessions."""
-    SUMMARY = "summary"
-    """The summary of a batch."""
-    MAP = "map"
-    """Maps over the frame."""
+    HEADLINE = "headline"  # the first table of a page
+    BUDGET = "budget"  # the uncertainty budget of a page
+    SCREEN = "screen"  # the result on an 80-column terminal
+    LINE = "line"  # the one line that a command prints for a plane
+    CERTIFIED = "certified"  # the certificate
+    TREND = "trend"  # the trend of a camera over its sessions
+    SUMMARY = "summary"  # the summary of a batch
+    MAP = "map"  # maps over the frame
 
 
 class Number(str):
@@ -63,8 +53,7 @@ class Number(str):
         return str, (str(self),)
 
 
-NUMBERS: dict[str, Number] = {}
-"""All numbers by name, in the order in which they are shown."""
+NUMBERS: dict[str, Number] = {}  # all numbers by name, in the order in which they are shown
 
 
 class NumberSection:

@@ -14,18 +14,13 @@ import numpy.typing as npt
 Cells = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float64]
 
-CELLS = 256
-"""Cells along one side of the noise region."""
-BLOCK = 32
-"""Cells along one side of a block of the frame."""
-BLOCKS = 10
-"""Blocks along one side of the whole chart; the noise is in blocks 1 to 8."""
-DEFAULT_SEED = 1
-"""Seed of the default chart."""
+CELLS = 256  # cells along one side of the noise region
+BLOCK = 32  # cells along one side of a block of the frame
+BLOCKS = 10  # blocks along one side of the whole chart; the noise is in blocks 1 to 8
+DEFAULT_SEED = 1  # seed of the default chart
 
 # sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma` gives the noise amplification over it
-AIM_S_OVER_T = 1.3
-"""Target of s/t: gamma is within a few per cent of its minimum."""
+AIM_S_OVER_T = 1.3  # target of s/t: gamma is within a few per cent of its minimum
 BEST_S_OVER_T = (1.0, 1.5)
 """Range in which the PSF's error by noise is at most a third above its minimum."""
 GOOD_S_OVER_T = (0.7, 1.8)

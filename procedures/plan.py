@@ -23,8 +23,7 @@ Facts = Mapping[str, Fact]
 With a frame come the facts at its time: position and travel limits of every axis (`at_z_mm`, `low_z_mm`, `high_z_mm`,
 ...), and `distance_mm` where a rangefinder measured.
 """
-Outcomes = Mapping[str, Outcome[Any]]
-"""Outcomes by plane."""
+Outcomes = Mapping[str, Outcome[Any]]  # outcomes by plane
 Known = MutableMapping[Hashable, Outcome[Any]]
 """Cache of estimates, keyed by all that they depend on: the photograph's hash, plane, chart, settings. A run holds one,
 so that no plane of a photograph is estimated twice.
@@ -49,8 +48,7 @@ class Reading:
         return above and below and self.value == self.value
 
 
-Points = tuple[tuple[float, float], ...]
-"""Points (x, y) in pixels of a plane."""
+Points = tuple[tuple[float, float], ...]  # points (x, y) in pixels of a plane
 
 
 @dataclass(frozen=True)
@@ -194,8 +192,7 @@ class Ask:
 
 HAS_SHAKER = "has_shaker"
 """The fact that the bench has a shaker, which moves the camera around a path."""
-HAS_IMU = "has_imu"
-"""The fact that the bench has an IMU."""
+HAS_IMU = "has_imu"  # the fact that the bench has an IMU
 
 
 @dataclass(frozen=True)
@@ -488,12 +485,10 @@ class CameraFacts:
     lens: str | None = None
     exposure_s: float | None = None
     iso: float | None = None
-    f_number: float | None = None
-    """From the camera's metadata."""
+    f_number: float | None = None  # from the camera's metadata
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
-    distance_mm: float | None = None
-    """The rangefinder's reading."""
+    distance_mm: float | None = None  # the rangefinder's reading
     axes: Mapping[str, AxisTravel] = gathered(axes_of)
     insisted: frozenset[str] = gathered(insisted_of)
 

@@ -289,8 +289,7 @@ RING_FREQUENCIES = np.linspace(0.25, 1.0, 13)
 """Frequencies of rings, over f_c: from the beat of a pupil obstructed to a half to the rings of a clear one."""
 RING_RADII = np.arange(1.02, 9.0, 0.04)
 """Radii over that of the support at which rings are summed; they are tapered towards the end."""
-FINEST_RINGS = 8.0
-"""Greatest f_c R that is distinguished: finer rings have no effect."""
+FINEST_RINGS = 8.0  # greatest f_c R that is distinguished: finer rings have no effect
 
 
 def truncation(psf: Psf) -> float:

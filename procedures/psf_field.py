@@ -343,8 +343,7 @@ def in_half_diagonals(points: Array, shape: tuple[int, int]) -> Array:
 
 # --- Space-variant blur and its adjoint: a sum of convolutions of the weighted image ---
 
-CHUNK = 1 << 16
-"""Number of samples whose coefficients are predicted at a time."""
+CHUNK = 1 << 16  # number of samples whose coefficients are predicted at a time
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,9 @@ Origin = Literal["centre", "marks", "centroid", "peak"]
 """The PSF's centre, whatever it is; the same where it is given by the chart's marks; and points of the PSF itself."""
 
 WORDS = {"marks": "the centre by the marks", "centroid": "the PSF's centroid", "peak": "the PSF's peak"}
-STEP_PX = 1e-3
-"""Change of the origin by which derivatives are taken, in pixels."""
+STEP_PX = 1e-3  # change of the origin by which derivatives are taken, in pixels
 ITERATIONS = 30
-START = 8
-"""Points per sample among which the peak is searched before Newton's iteration."""
+START = 8  # points per sample among which the peak is searched before Newton's iteration
 
 
 def about_origin(psf: Psf, origin: Origin, numbers: Callable[[Psf], list[DrawnNumber]]) -> list[DrawnNumber]:

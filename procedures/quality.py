@@ -49,14 +49,12 @@ if TYPE_CHECKING:
 
 Indices = npt.NDArray[np.intp]
 
-STEPS_PER_CYCLE = 50
-"""Frequencies of the curves per cycle/pixel."""
+STEPS_PER_CYCLE = 50  # frequencies of the curves per cycle/pixel
 KNOTS = slice(5, None, 5)
 """Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
 STEP = 0.005
 """Half the interval around a crossing over which a curve's slope is taken, in cycles per pixel."""
-DIRECTIONS = 16
-"""Directions of the radial mean over half a turn, a multiple of four."""
+DIRECTIONS = 16  # directions of the radial mean over half a turn, a multiple of four
 NARROW_BANDS = (0.67, 0.75, 0.85)
 """Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing
 frequencies. Several shares are used, as the photosite's OTF changes sign and a single change may vanish."""
@@ -118,10 +116,8 @@ class Quality:
 
 PRINT_BLUR = "print blur"
 """Term of the budget: blur of the chart's print, which one photograph cannot distinguish from that of the lens."""
-CAMERA, OPERATOR = "camera", "operator"
-"""Sources of an f-number."""
-CUTOFFS = (1e-3, 1e3)
-"""Plausible range of the diffraction cutoff, in cycles/pixel."""
+CAMERA, OPERATOR = "camera", "operator"  # sources of an f-number
+CUTOFFS = (1e-3, 1e3)  # plausible range of the diffraction cutoff, in cycles/pixel
 
 
 @dataclass(frozen=True)

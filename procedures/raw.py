@@ -37,10 +37,8 @@ __all__ = [
     "default_plane", "measured_path", "read_frame", "read_photograph", "read_planes",
 ]  # fmt: skip
 
-MOSAIC_PLANES = ("R", "G1", "G2", "B")
-"""Planes of a 2 x 2 mosaic; G1 lies on the red rows."""
-GREY_PLANE = "Y"
-"""Plane of a grey image, or of a sensor without a mosaic."""
+MOSAIC_PLANES = ("R", "G1", "G2", "B")  # planes of a 2 x 2 mosaic; G1 lies on the red rows
+GREY_PLANE = "Y"  # plane of a grey image, or of a sensor without a mosaic
 
 
 @dataclass(frozen=True)
@@ -335,8 +333,7 @@ def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
 _COPY = "copy it from the camera's card again"
 
 
-BYTES = 4
-"""Bytes of a sample in memory."""
+BYTES = 4  # bytes of a sample in memory
 
 
 def _libraw(rawpy: Any) -> str:

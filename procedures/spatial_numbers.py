@@ -24,16 +24,11 @@ from procedures.psf import Psf
 
 Indices = npt.NDArray[np.intp]
 
-OVERSAMPLING = 4
-"""Points per sample of the sum inside a circle."""
-SECTION_OVERSAMPLING = 16
-"""Points per sample of a section whose width is measured."""
-INNER_BAND = 0.67
-"""Share of the band inside its outer third."""
-CIRCLES = (0.5, 0.8)
-"""Shares of the total energy whose radii are reported."""
-INTERPOLATION_MARGIN = 4
-"""Samples around the support required for interpolation."""
+OVERSAMPLING = 4  # points per sample of the sum inside a circle
+SECTION_OVERSAMPLING = 16  # points per sample of a section whose width is measured
+INNER_BAND = 0.67  # share of the band inside its outer third
+CIRCLES = (0.5, 0.8)  # shares of the total energy whose radii are reported
+INTERPOLATION_MARGIN = 4  # samples around the support required for interpolation
 
 
 @dataclass(frozen=True)

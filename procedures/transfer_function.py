@@ -16,10 +16,8 @@ from procedures.spatial_numbers import DrawnNumber
 Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
-NYQUIST = 0.5
-"""Cycles per pixel."""
-CHUNK = 16
-"""Number of frequencies by which a curve is extended until it crosses a level."""
+NYQUIST = 0.5  # cycles per pixel
+CHUNK = 16  # number of frequencies by which a curve is extended until it crosses a level
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
@@ -131,13 +129,10 @@ def _root(bend: float, tilt: float, above: float) -> float:
 
 # --- Radial profile of a PSF: mean over directions, and encircled energy, from the centre to the end of the tail ---
 
-STEPS_PER_SAMPLE = 2
-"""Circles per sample inside the support."""
-RADIUS_RATIO = 1.2
-"""Ratio of successive radii outside the support."""
+STEPS_PER_SAMPLE = 2  # circles per sample inside the support
+RADIUS_RATIO = 1.2  # ratio of successive radii outside the support
 DIRECTIONS = 32
-OVERSAMPLING = 4
-"""Points per sample of the sum inside a circle."""
+OVERSAMPLING = 4  # points per sample of the sum inside a circle
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from drivers.wire.connection import LineDevice, closed_after_errors, not_connect
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
-IDLE, FAILED = 0, 5
-"""Numbers of the camera's states."""
+IDLE, FAILED = 0, 5  # numbers of the camera's states
 IDLE_POLLS = 3
 """Consecutive polls of an idle camera without an image after which its exposure counts as aborted elsewhere."""
 TILE = ("RG", "GB")

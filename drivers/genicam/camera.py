@@ -16,13 +16,11 @@ from drivers.options import option, positive, text
 from drivers.wire.connection import closed_after_errors, not_connected
 
 BUFFERS = 4
-SLICE_S = 0.05
-"""Interval at which a wait for a frame checks for a stop."""
+SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 MICROSECONDS = 1e6
 ROUNDING = 0.05
 """Allowed relative deviation from the requested exposure: cameras count in lines or clock ticks."""
-GAIN_STEP_DB = 0.1
-"""Allowed deviation from the requested gain."""
+GAIN_STEP_DB = 0.1  # allowed deviation from the requested gain
 REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool-0.8 features` lists them"
 
 
@@ -289,5 +287,4 @@ def translated_errors(address: str, remedy: str, kind: type[DeviceError] = Rejec
         raise kind(f"{address}: {error.message}", remedy) from error
 
 
-TIMEOUT = 4
-"""Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)."""
+TIMEOUT = 4  # Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)

@@ -165,8 +165,7 @@ class CoreDevice(ABC):
         return core
 
 
-GAIN_ROUNDING = 0.01
-"""Allowed relative deviation from the requested gain."""
+GAIN_ROUNDING = 0.01  # allowed relative deviation from the requested gain
 REMEDY = "check its power and cable, then connect it again"
 
 

@@ -187,10 +187,8 @@ class GrblParser:
 # Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` among the options of `$I`, bit 3 of
 # grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC reports its ends.
 
-FORCE_ORIGIN = 8
-"""Bit of grblHAL's `$22`: homing sets the origin."""
-HOME_FIRST = 4
-"""Bit of grblHAL's `$22`: locked after power-up until homed, as GRBL always is."""
+FORCE_ORIGIN = 8  # bit of grblHAL's `$22`: homing sets the origin
+HOME_FIRST = 4  # bit of grblHAL's `$22`: locked after power-up until homed, as GRBL always is
 SEARCH_AND_BACK, SEARCH_AGAIN = 2.5, 12.0
 """Search distances of homing: in travels when fast, in pull-offs when slow (grblHAL uses ten, GRBL five)."""
 

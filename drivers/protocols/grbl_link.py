@@ -371,8 +371,7 @@ class GrblOutput(LineDevice[GrblLink]):
 # `$/axes/x/max_travel_mm` is answered by `$/axes/x/max_travel_mm=300.000`; an item that does not exist by an error.
 # Source: FluidNC, Machine/Axis.cpp, Homing.cpp, Motor.cpp, Configuration/RuntimeSetting.cpp.
 
-Ask = Callable[[str], str | None]
-"""The value of one item, None if the controller does not have it."""
+Ask = Callable[[str], str | None]  # the value of one item, None if the controller does not have it
 
 MACHINE = {1: "stepping/idle_ms", 13: "report_inches"}
 AXIS = {100: "steps_per_mm", 110: "max_rate_mm_per_min", 120: "acceleration_mm_per_sec2", 130: "max_travel_mm"}

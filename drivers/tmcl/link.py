@@ -219,8 +219,7 @@ LENGTH = 9
 OK, LOADED, DAMAGED = 100, 101, 1
 """Statuses: done, stored for later, and wrong checksum of the order."""
 STATUSES = frozenset({*range(1, 16), OK, LOADED})
-MODULE, STATUS, COMMAND = 1, 2, 3
-"""Byte positions in an answer."""
+MODULE, STATUS, COMMAND = 1, 2, 3  # byte positions in an answer
 
 
 def checksum(body: bytes) -> int:

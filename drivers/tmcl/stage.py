@@ -20,10 +20,8 @@ from drivers.polled_stage import AxisStage, AxisState
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, TmclParser, stop_bytes
 from drivers.wire.connection import anything, roll_call
 
-START, STATUS = 0, 2
-"""Phases of a reference search."""
-VARIABLES = 2
-"""The bank of a module's user variables."""
+START, STATUS = 0, 2  # phases of a reference search
+VARIABLES = 2  # the bank of a module's user variables
 PRECISION_STEPS = 2
 TRIES = 3
 

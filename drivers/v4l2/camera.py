@@ -23,13 +23,11 @@ from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import closed_after_errors, line_condition, not_connected
 
 BUFFERS = 4
-SLICE_S = 0.05
-"""Interval at which a wait for a frame checks for a stop."""
+SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 EXPOSURE_UNIT_S = 1e-4
 ROUNDING = 0.05
 """Allowed relative deviation from the requested exposure: the interface counts in units of 0.1 ms."""
-MOST_LISTED = 256
-"""Largest number of formats or sizes of a device."""
+MOST_LISTED = 256  # largest number of formats or sizes of a device
 DEPTHS = ((8, ""), (10, ""), (12, ""), (14, ""), (16, ""), (10, "csi2"), (12, "csi2"), (14, "csi2"))
 FORMATS = {
     name.ljust(4): PixelFormat(name, bits, packing, cfa)

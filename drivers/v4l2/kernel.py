@@ -10,8 +10,7 @@ import select
 from typing import Any
 
 U8, U32, S32 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32
-CAPTURE, MMAP = 1, 1
-"""Kind of the buffers, and of their memory."""
+CAPTURE, MMAP = 1, 1  # kind of the buffers, and of their memory
 CAN_CAPTURE, CAN_STREAM, HAS_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
 BUFFER_ERROR, MONOTONIC, AT_BEGIN = 0x40, 0x2000, 0x10000
 """Flags of a buffer: damaged; time stamps by the monotonic clock; taken when the exposure began, not when it ended."""

@@ -106,8 +106,7 @@ class LineDevice(Generic[L]):
 # pyserial's own `write` cannot be cancelled when a port accepts nothing: it retries until its timeout, and
 # what it then writes would follow the stop. Here no lock is held while waiting for a port with a descriptor.
 
-WRITE_S = 1.0
-"""Time limit for a port to accept bytes."""
+WRITE_S = 1.0  # time limit for a port to accept bytes
 URGENT_S = 0.03
 """How long bytes that end a motion wait for a port before the driver stops by stronger means."""
 STOP_TRIES = 6
@@ -272,8 +271,7 @@ class Transcript:
 # therefore leaves the line out of step: before the next one, a question whose reply differs from all others is given
 # until it is answered. Devices answer in order, so that reply follows all older ones.
 
-QUESTIONS = 12
-"""A device that lost a byte may need some questions to find a beginning again."""
+QUESTIONS = 12  # a device that lost a byte may need some questions to find a beginning again
 
 
 class OutOfStep(Exception):

@@ -13,8 +13,7 @@ from drivers.interfaces import Parser
 from drivers.wire.connection import WRITE_S, Transcript, anything, not_connected
 
 T = TypeVar("T")
-VISA = "visa:"
-"""Addresses of resources begin with it: `visa:USB0::0x1313::0x8078::P0012345::INSTR`."""
+VISA = "visa:"  # addresses of resources begin with it: `visa:USB0::0x1313::0x8078::P0012345::INSTR`
 
 
 class VisaTransport:

@@ -22,16 +22,13 @@ if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeMtf
     from procedures.slanted_edge.strip import EdgeLine, Strip
 
-MARGIN_PX = 2.5
-"""Margin in pixels excluded next to other printed areas, for the PSF's width."""
+MARGIN_PX = 2.5  # margin in pixels excluded next to other printed areas, for the PSF's width
 MIN_CONTRAST = 0.4
 """Least contrast of an edge over the chart's; a fainter step belongs to the background of a chart without edges."""
 TAIL_SHAPE_UNCERTAINTY = 0.06
 """Relative uncertainty of the tail in addition to noise, since no tail is exactly 1 / r^3."""
-TAIL_INCREASE = 0.1
-"""Relative increase of the tail for the numerical derivative by it."""
-WIDEST_BLOCKS = 1.8
-"""Greatest width of the plains."""
+TAIL_INCREASE = 0.1  # relative increase of the tail for the numerical derivative by it
+WIDEST_BLOCKS = 1.8  # greatest width of the plains
 MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
 """Greatest distance of an edge from its expected position, for the map's extrapolation beyond its marks."""
 

@@ -18,15 +18,13 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
-OPENCV_COUNTS = (4, 5, 8, 12)
-"""Numbers of distortion coefficients supported by OpenCV's formula."""
+OPENCV_COUNTS = (4, 5, 8, 12)  # numbers of distortion coefficients supported by OpenCV's formula
 SAME_FORMULA = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}
 """COLMAP's models with OpenCV's formula, and their numbers of coefficients."""
 GRID = (49, 33)
 EQUIVALENT, EXACT_PX = 1.02, 1e-6
 """A simpler model is taken where its error is at most this times the least, or negligible."""
-FAR_PX = 1e6
-"""Image, in pixels, of rays that a formula does not project."""
+FAR_PX = 1e6  # image, in pixels, of rays that a formula does not project
 RADIAL_FORMULAS: dict[str, tuple[tuple[int, ...], int]] = {
     "poly3": ((2,), 1),
     "poly5": ((2, 4), 0),

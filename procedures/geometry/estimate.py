@@ -27,16 +27,11 @@ Array = npt.NDArray[np.float64]
 
 FRONTAL_DEG = 20.0
 """If no chart is tilted by more, its frontal poses explain a refusal; distortion alone appears as 15 degrees."""
-SAME_DEG = 5.0
-"""Greatest angle between the charts' normals and their mean that explains a refusal."""
-LEAST_VIEWS = 6
-"""With fewer, the shape of the chart and that of the lens are hardly distinguished."""
-FEWEST_VIEWS = 3
-"""Fewer do not determine five pinhole parameters and the shape of a plane chart."""
-NODE_ERROR_ROUNDS = 2
-"""Repetitions of the estimate of the node errors' standard deviation."""
-SMALL_SHARE = 0.6
-"""Share of the frame covered by charts below which too much of it is extrapolated."""
+SAME_DEG = 5.0  # greatest angle between the charts' normals and their mean that explains a refusal
+LEAST_VIEWS = 6  # with fewer, the shape of the chart and that of the lens are hardly distinguished
+FEWEST_VIEWS = 3  # fewer do not determine five pinhole parameters and the shape of a plane chart
+NODE_ERROR_ROUNDS = 2  # repetitions of the estimate of the node errors' standard deviation
+SMALL_SHARE = 0.6  # share of the frame covered by charts below which too much of it is extrapolated
 LOOSE_FOCAL = 0.005
 """Relative standard uncertainty of the focal length above which the views are too similar."""
 NEGLIGIBLE_PX = 0.005

@@ -24,8 +24,7 @@ Array = npt.NDArray[np.float64]
 GRID = (15, 11)
 UNMODELLED_PX = 1e-3
 """Standard deviation of differences that neither the reference's errors nor missing terms explain."""
-ALMOST_ALL = 0.99
-"""Share of the covered frame, up to which a formula describes all of it."""
+ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes all of it
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,8 @@ from procedures.geometry.views import ChartView
 
 Array = npt.NDArray[np.float64]
 
-DEGREE = 7
-"""Total degree of the polynomials."""
-SIGNIFICANCE = 0.005
-"""Probability of a false alarm."""
+DEGREE = 7  # total degree of the polynomials
+SIGNIFICANCE = 0.005  # probability of a false alarm
 INDEPENDENT = 0.01
 """Share of a component of the field not described by camera, poses and chart, from which it counts as independent."""
 

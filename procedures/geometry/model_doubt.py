@@ -29,8 +29,7 @@ ASYMMETRIC = 1e-3
 higher powers are as large at the corner."""
 RADIAL = 3e-3
 """Prior standard deviation of a radial term, relative to the radius, at the frame's corner."""
-LARGEST_EXPONENT = 500.0
-"""Bound of an exponent, above which a probability is 1."""
+LARGEST_EXPONENT = 500.0  # bound of an exponent, above which a probability is 1
 ASPECT = 1e-3
 """Prior standard deviation of the relative difference of the focal lengths along x and y."""
 

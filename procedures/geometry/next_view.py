@@ -28,13 +28,10 @@ TILTS_DEG = ((0.0, 0.0), (30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (0.0, -30.0))
 """Yaw (positive: the right edge is nearer) and pitch (positive: the lower edge is farther)."""
 STEEPEST_DEG = 40.0
 """Angle between a chart's normal and the line of sight, above which it is not detected in a photograph."""
-DISTANCE_RATIOS = (0.7, 1.0, 1.4)
-"""Distances relative to the median of the views."""
-VISIBLE_SHARE = 0.8
-"""Part of the chart that must lie in the frame."""
+DISTANCE_RATIOS = (0.7, 1.0, 1.4)  # distances relative to the median of the views
+VISIBLE_SHARE = 0.8  # part of the chart that must lie in the frame
 FRAME = (13, 9)
-ENOUGH_NODES = 120
-"""Nodes of a chart from which the information of a view is computed."""
+ENOUGH_NODES = 120  # nodes of a chart from which the information of a view is computed
 COVER = 0.65
 """Share of the frame that planned views cover before other criteria apply: a result needs 0.6."""
 LEAST_GAIN, NEARLY_BEST = 0.01, 0.9

@@ -50,14 +50,11 @@ from procedures.plan import (
 )
 from procedures.raw import Plane, RawFrame
 
-BEFORE = ("print", "mount", "distance", "focus")
-"""Steps shared with the pattern PSF."""
-USUAL, FEWEST, MOST = 12, 6, 60
-"""Numbers of views: fewer than six do not allow cross-validation."""
+BEFORE = ("print", "mount", "distance", "focus")  # steps shared with the pattern PSF
+USUAL, FEWEST, MOST = 12, 6, 60  # numbers of views: fewer than six do not allow cross-validation
 NEAR = 0.05
 """Tolerance of the chart's position, as a fraction of the frame's width: nearby positions are as informative."""
-TURN_DEG = 7.0
-"""Tolerance of its yaw and pitch."""
+TURN_DEG = 7.0  # tolerance of its yaw and pitch
 SURE_DEG, STEP_DEG = 20.0, 25.0
 """A tilt below the first shows in perspective alone, which resembles distortion: from there the chart is turned by at
 most the second before the next photograph, lest it be turned out of sight."""

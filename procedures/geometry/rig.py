@@ -41,8 +41,7 @@ from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdi
 
 Array = npt.NDArray[np.float64]
 
-FEWEST_CHARTS = 3
-"""Fewer charts do not show whether the rig is rigid."""
+FEWEST_CHARTS = 3  # fewer charts do not show whether the rig is rigid
 ITERATIONS = 4
 UNLIKELY = 0.001
 """Probability of such differences among the charts, below which the rig is doubtful."""

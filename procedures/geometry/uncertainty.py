@@ -17,8 +17,7 @@ from procedures.geometry.model_doubt import missing_terms
 
 Array = npt.NDArray[np.float64]
 
-OUTLINE_TOLERANCE = 0.003
-"""Simplification of outlines, relative to their size."""
+OUTLINE_TOLERANCE = 0.003  # simplification of outlines, relative to their size
 
 
 def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:

@@ -27,8 +27,7 @@ START_PX = (0.2, 0.9, 1.1)
 """a per square pixel of a kernel of sum 1, R and L in pixels: starting values and prior medians."""
 START_SPREAD = 1.0
 """Prior standard deviation of their logarithms, which regularises the search where the data are uninformative."""
-ROUGHNESS = 1e-4
-"""Uncorrelated fraction of the variance: keeps the smoothest prior invertible."""
+ROUGHNESS = 1e-4  # uncorrelated fraction of the variance: keeps the smoothest prior invertible
 CENTRAL_SIDES = (11, 17)
 """Sides in samples of the central squares used, one after the other: the smaller one takes a tenth of the time and
 gives a good start. Samples beyond the larger are faint and would dominate the time."""

@@ -29,12 +29,9 @@ MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1,
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """Prior standard deviations of the shapes after the mean tail, relative to its energy: an excess close to the support,
 and variation with twice and four times the direction. Without the prior, noise would dominate them."""
-KEPT = 256
-"""Greatest number of frequencies whose spectra are cached."""
-DIGITS = 11
-"""Decimals of an argument of the transform beyond the reach, whose slope is at most 1."""
-LEAST_TAIL = 1e-3
-"""Least amplitude of the mean tail for which deviations are reported."""
+KEPT = 256  # greatest number of frequencies whose spectra are cached
+DIGITS = 11  # decimals of an argument of the transform beyond the reach, whose slope is at most 1
+LEAST_TAIL = 1e-3  # least amplitude of the mean tail for which deviations are reported
 
 
 def tail_border(k: int) -> int:

@@ -92,8 +92,7 @@ def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:
     return np.asarray(_prefilter(f / per_cell) * np.exp(2j * np.pi * f * (0.5 / per_cell - 0.5)))
 
 
-RIM = 32
-"""Points of padding on every side of a photograph before its transform, fading to its mean."""
+RIM = 32  # points of padding on every side of a photograph before its transform, fading to its mean
 POINTS_PER_PERIOD = 3.2
 """Grid points per shortest retained period: the error of a cubic spline is then under 1 % at the band limit."""
 

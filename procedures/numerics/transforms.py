@@ -86,8 +86,7 @@ def next_fast_len(n: int) -> int:
 # (Trefethen and Weideman, SIAM Review 56, 2014).
 
 MORE_POINTS = 40
-LARGEST_BLOCK = 1 << 20
-"""Values of the integrand per block."""
+LARGEST_BLOCK = 1 << 20  # values of the integrand per block
 
 
 def j0(x: npt.ArrayLike) -> Array:

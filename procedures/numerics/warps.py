@@ -154,10 +154,8 @@ def displacement_columns(slopes: Array, monomials: Array) -> Array:
 # TPAMI 30 (2008), in OpenCV's implementation.
 
 MAX_ITERATIONS, TOLERANCE = 60, 1e-7
-COARSE_PX = 256
-"""Side of the reduced copies for the first guess."""
-SMOOTHED = 5
-"""Side of the smoothing window, pixels."""
+COARSE_PX = 256  # side of the reduced copies for the first guess
+SMOOTHED = 5  # side of the smoothing window, pixels
 
 
 def affine_between(first: Array32, second: Array32, clear: npt.NDArray[np.bool_]) -> Array | None:

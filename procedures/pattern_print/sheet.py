@@ -38,12 +38,10 @@ SMALLEST_CELL_MM = 0.1
 SMALLEST_WIDTH_MM = SMALLEST_CELL_MM * BLOCK * BLOCKS
 LARGEST_WIDTH_MM = 3600.0
 """Greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page."""
-QUIET_BLOCKS = 1
-"""Width of the white margin around the chart, in blocks."""
+QUIET_BLOCKS = 1  # width of the white margin around the chart, in blocks
 EDGE_MM = 5.0
 """Unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm."""
-LARGEST_TYPE = 6.0
-"""Greatest scale of the caption, which grows with the sheet."""
+LARGEST_TYPE = 6.0  # greatest scale of the caption, which grows with the sheet
 
 
 @dataclass(frozen=True)
@@ -372,8 +370,7 @@ def paper_named(name: str) -> Paper:
 # Outlines have no edges between black areas, so there are no hairlines.
 
 Vertex = tuple[int, int]
-Edge = tuple[int, int, int, int]
-"""From (x, y) to (x, y)."""
+Edge = tuple[int, int, int, int]  # from (x, y) to (x, y)
 Loop = list[Vertex]
 
 

@@ -16,8 +16,7 @@ from procedures.reading.grey_image import LONGEST_HEAD, PNG_MAGIC, TIFF_MAGIC, p
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.library_noise import captured_noise
 
-GREY_SHARE = 0.01
-"""Greatest share of an image's pixels that are neither black nor white."""
+GREY_SHARE = 0.01  # greatest share of an image's pixels that are neither black nor white
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,7 @@ BLEED_MM = 1.5
 ARM_MM = 3.0
 """Half the size of a cross; along the seam it extends over the whole band beyond the bleed."""
 THICKNESS_MM, TYPE_MM = 0.15, 2.5
-ORIGIN_LETTERS = 24
-"""Number of characters of a long origin on the label."""
+ORIGIN_LETTERS = 24  # number of characters of a long origin on the label
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
@@ -121,12 +120,9 @@ def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing
 
 # --- first page of a chart on several sheets: instructions for joining them, and the caption with the rulers ---
 
-HEIGHT_MM = 140.0
-"""Height of the part above the caption, on A4."""
-SIDE_MM = LEFT_END - LEFT
-"""Width of the drawing of the chart with its white margin."""
-FRAME = BLOCK * QUIET_BLOCKS
-"""Width of the white margin, in cells."""
+HEIGHT_MM = 140.0  # height of the part above the caption, on A4
+SIDE_MM = LEFT_END - LEFT  # width of the drawing of the chart with its white margin
+FRAME = BLOCK * QUIET_BLOCKS  # width of the white margin, in cells
 TOP_MM = 18.0
 
 
@@ -216,12 +212,10 @@ def _in_chart(start: int, end: int) -> tuple[int, int]:
 
 AUTHORS_WIDTH_MM = 300.0
 """Width of the whole chart, ten blocks, printed by the authors of the method."""
-DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)
-"""Cells across the chart with its white margin."""
+DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)  # cells across the chart with its white margin
 BAND_MM = 10.0
 """Width of the band around a sheet's cells, which is cut off or covered by the neighbour."""
-MOST_SHEETS = 100
-"""Greatest number of sheets that can be joined accurately."""
+MOST_SHEETS = 100  # greatest number of sheets that can be joined accurately
 
 
 @dataclass(frozen=True)

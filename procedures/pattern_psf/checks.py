@@ -24,10 +24,8 @@ from procedures.pattern_psf.registration import Registration, block_size_px, ref
 from procedures.plan import Advice, Facts, Outline, Points, Reading, facts_as
 from procedures.raw import Plane, RawFrame
 
-PREFERRED_PLANES = ("G1", "Y")
-"""Planes used for geometry, in order of preference."""
-FLAT = 0.8
-"""Least level of the darkest white block over the brightest."""
+PREFERRED_PLANES = ("G1", "Y")  # planes used for geometry, in order of preference
+FLAT = 0.8  # least level of the darkest white block over the brightest
 CENTRED = 0.12
 """Greatest distance of the chart's centre from the frame's, as a fraction of the frame's width."""
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0

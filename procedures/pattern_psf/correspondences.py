@@ -16,8 +16,7 @@ from procedures.numerics.arrays import Array, quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import ChartFit
 
-BINS = 24
-"""Bins along one side of the noise region."""
+BINS = 24  # bins along one side of the noise region
 MIN_INFORMATION = 0.25
 """Least information of a bin relative to the median; bins with less, at the border or partly hidden, are excluded."""
 

@@ -99,10 +99,8 @@ def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]
 
 CLEAR_PX = 1.5
 """Least distance of the frame's samples from the blocks of the x-corners, whose diagonals are stairs of cells here."""
-MIN_BLOCK_SAMPLES = 12
-"""Least number of samples of a block."""
-HIDDEN = 2.5
-"""Residual of a block, relative to the median one, above which something covers it."""
+MIN_BLOCK_SAMPLES = 12  # least number of samples of a block
+HIDDEN = 2.5  # residual of a block, relative to the median one, above which something covers it
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from procedures.plan import Diagram
 from procedures.quality import Diffraction
 
 HEADINGS = ("s/t", "distance", "noise region", "gamma", "lower bound", "error at 1 % noise")
-COMPARED_RATIOS = (0.7, 1.0)
-"""Values of s/t with which the target is compared."""
+COMPARED_RATIOS = (0.7, 1.0)  # values of s/t with which the target is compared
 
 
 def gamma_diagram(

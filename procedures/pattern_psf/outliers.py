@@ -11,8 +11,7 @@ from procedures.numerics.arrays import quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
-OUTLIER_SIGMAS = 6.0
-"""Robust standard deviations beyond which no noise explains a sample."""
+OUTLIER_SIGMAS = 6.0  # robust standard deviations beyond which no noise explains a sample
 PATCH_PX = 9
 """Side of the windows of the local mean square residual, which is then known to a sixth."""
 MAX_LOCAL_RATIO = 2.5
@@ -22,8 +21,7 @@ LEVEL_MARGIN = 0.5
 reaches even if sharpened. A few extreme samples would dominate the fit."""
 STRAY_SHARE = 0.1
 """Share of the residual's sum of squares above which hot or dead samples are excluded, however few they are."""
-MAX_REFITS = 3
-"""Greatest number of exclusions, as large specks hide small ones."""
+MAX_REFITS = 3  # greatest number of exclusions, as large specks hide small ones
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,8 @@ from procedures.pattern_psf.registration import Registration
 
 Indices = npt.NDArray[np.int32]
 
-LINES = CELLS + 1
-"""Lines between the cells along one axis, the noise region's rim included."""
-OVERSAMPLING = 4
-"""Samples of the interpolated PSF per sample of the s grid."""
+LINES = CELLS + 1  # lines between the cells along one axis, the noise region's rim included
+OVERSAMPLING = 4  # samples of the interpolated PSF per sample of the s grid
 MIN_PRIOR_RMS = 0.001
 """Narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve."""
 CORE_SHARE = 0.03

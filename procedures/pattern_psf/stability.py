@@ -16,13 +16,10 @@ from procedures.numbers import SENSITIVITY, SENSITIVITY_AT_5, STABLE_HORIZONTAL,
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Quantity
 
-FEWEST = 3
-"""PSFs that have a standard deviation without each of them."""
-HALF = 40
-"""Frequencies from zero to the end of the band, along each axis."""
+FEWEST = 3  # PSFs that have a standard deviation without each of them
+HALF = 40  # frequencies from zero to the end of the band, along each axis
 THRESHOLDS: Array = np.linspace(0.0, 0.5, 51)
-FIVE_PERCENT = 5
-"""Index of the threshold of 5 %."""
+FIVE_PERCENT = 5  # index of the threshold of 5 %
 METHOD = "standard deviation of repeated PSFs, uncertainty by leaving out each"
 
 

@@ -31,8 +31,7 @@ MAX_NOISE_CORRELATION = 0.25
 """Noise correlation of neighbouring samples above which the picture was processed."""
 MAX_CURVATURE = 0.15
 """Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
-MAX_INK_SPREAD = 0.25
-"""Ink spread, in cells, above which the model of thin outlines fails."""
+MAX_INK_SPREAD = 0.25  # ink spread, in cells, above which the model of thin outlines fails
 MAX_SUPPORT_CUT = 0.15
 """Share of the PSF's energy outside its support above which a result is doubtful."""
 MIN_CONTRAST_STEPS = 16
@@ -44,14 +43,11 @@ MISSING_LIGHT_SIGMAS = 3.0
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
 the picture was processed or taken at another gain."""
-MAX_BLACK_CLIPPING = 0.05
-"""Share of black samples at one value above which black is clipped."""
-MAX_RESIDUAL = 2.0
-"""Residual in units of the noise above which a result is doubtful."""
+MAX_BLACK_CLIPPING = 0.05  # share of black samples at one value above which black is clipped
+MAX_RESIDUAL = 2.0  # residual in units of the noise above which a result is doubtful
 MAX_MISMATCH = 9.0
 """Variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful."""
-MAX_STRAY = 0.03
-"""Share of hot or dead samples above which a result is doubtful."""
+MAX_STRAY = 0.03  # share of hot or dead samples above which a result is doubtful
 MAX_VARIATION = 0.03
 """Relative difference of MTF50 between the chart's halves above which it is reported."""
 

@@ -27,22 +27,18 @@ from procedures.pattern_psf.radiometry import measure_light
 from procedures.quality import PRINT_BLUR, Diffraction
 from procedures.raw import Plane
 
-TILE = 5
-"""Side of the tiles in which two exposures are compared, pixels."""
+TILE = 5  # side of the tiles in which two exposures are compared, pixels
 CLIPPED = 0.97
-EXPOSURE_UNCERTAINTY = 0.005
-"""Relative standard uncertainty of the ratio of two exposure times."""
+EXPOSURE_UNCERTAINTY = 0.005  # relative standard uncertainty of the ratio of two exposure times
 LEVEL_UNCERTAINTY = 0.004
 """Standard uncertainty of black over white at two distances, by the far tail's part of it and by uneven light."""
 CURVATURE_UNCERTAINTY = 0.001
 """Standard uncertainty of a curvature, over the range, by a slight motion between two exposures."""
 MASKS_PX = (0.7, 1.0, 2.0)
-LEAST_RATIO, LEAST_NEARER = 1.3, 1.2
-"""Least ratio of the exposures, and of the chart's widths."""
+LEAST_RATIO, LEAST_NEARER = 1.3, 1.2  # least ratio of the exposures, and of the chart's widths
 FOCUS_UNCERTAINTY = 0.015
 """Relative standard uncertainty of the ratio of two distances' MTF, each focused in steps."""
-LEAST_MTF = 0.2
-"""MTF down to which curves from two distances are compared."""
+LEAST_MTF = 0.2  # MTF down to which curves from two distances are compared
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from procedures.quality import Diffraction
 
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4
-ALIKE = 2.0
-"""Difference of the criterion up to which two models are equally good: odds of e to 1."""
+ALIKE = 2.0  # difference of the criterion up to which two models are equally good: odds of e to 1
 SENSOR_UNITS = {"side": "pixel", "separation": "pixel", "diffusion": "pixel", "notch": "1"}
 EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
 """Aberrations whose common sign one PSF does not determine: the largest is taken as positive."""
@@ -221,8 +220,7 @@ def scale_of(fits: Iterable[ModelFit]) -> float:
 
 # --- numbers at a bound ---
 
-AT_BOUND = 1e-3
-"""Fraction of a parameter's range within which it counts as at its bound."""
+AT_BOUND = 1e-3  # fraction of a parameter's range within which it counts as at its bound
 PROBES = ("defocus", "astigmatism", "coma_x", "spherical")
 """Aberrations tried one at a time for the largest that the data allow where the fit has none."""
 LARGEST_PROBE = 0.25

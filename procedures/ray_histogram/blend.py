@@ -30,8 +30,7 @@ Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
 DENOISED, UNFILTERED = "denoiser", "unfiltered"
 """The candidates, in the order in which they are blended."""
-WEIGHT_PX = 4.0
-"""Standard deviation of the neighbourhood in which a weight is determined, pixels."""
+WEIGHT_PX = 4.0  # standard deviation of the neighbourhood in which a weight is determined, pixels
 SIGNIFICANCE = 4.0
 """A candidate's weight is reduced by this factor times its squared relative error, so that chance adds no noise."""
 ERROR_PX = 4.0
@@ -40,8 +39,7 @@ CHANCE = 0.2
 """Standard deviations subtracted from squared biases, as chance makes those above zero that are zero."""
 NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the noise is averaged, which differs more between pixels."""
-SMOOTH_PX = 1.0
-"""Standard deviation by which weights are smoothed."""
+SMOOTH_PX = 1.0  # standard deviation by which weights are smoothed
 ALBEDO_STEP, GUIDE_STEPS = 0.2, 5.0
 """Differences of albedo, and of guides in their units, over which a regression takes light as linear."""
 LEAST_ALBEDO = 0.05

@@ -21,12 +21,9 @@ Doubles = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.uint32]
 Indices = npt.NDArray[np.int64]
 
-BINS = 20
-"""Bins per colour."""
-EXPONENT = 2.2
-"""Exponent of the sample's value by which bins widen."""
-RANGE = 7.5
-"""Value of a sample at which the evenly spaced nodes end."""
+BINS = 20  # bins per colour
+EXPONENT = 2.2  # exponent of the sample's value by which bins widen
+RANGE = 7.5  # value of a sample at which the evenly spaced nodes end
 LARGEST = 1e30
 """Upper limit of a pixel's value: filtering in single precision must hold sums of a million of them."""
 SUM_TOLERANCE = 0.005

@@ -22,10 +22,8 @@ FAR = np.float32(1e30)
 RIDGE = np.float32(0.5)
 """Variance of position, pixel^2, added before the trend is fitted: two patches in a row determine no slope across
 it."""
-FEW = np.float32(15.0)
-"""Number of similar patches below which the threshold is raised."""
-MOST_EASE = np.float32(0.7)
-"""Largest relative increase of the threshold."""
+FEW = np.float32(15.0)  # number of similar patches below which the threshold is raised
+MOST_EASE = np.float32(0.7)  # largest relative increase of the threshold
 LEAST_FOR_TREND = np.float32(5.0)
 """Number of similar patches below which no trend is fitted: a plane has three unknowns."""
 

@@ -19,16 +19,12 @@ from procedures.ray_histogram.rims import beside_lamps, lamp_rims
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
-SIGMA = 0.55
-"""Target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+SIGMA = 0.55  # target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels
 
-FAINT = 1e-3
-"""Smallest variance of a pixel's mean, as a fraction of the average over all pixels."""
-LEAST_VARIANCE = 1e-12
-"""Smallest variance where no pixel is noisy."""
+FAINT = 1e-3  # smallest variance of a pixel's mean, as a fraction of the average over all pixels
+LEAST_VARIANCE = 1e-12  # smallest variance where no pixel is noisy
 
-RANGE_SIDE = 5
-"""Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
+RANGE_SIDE = 5  # side of the neighbourhood, in pixels, whose noisy values bound the filtered one
 AROUND_SIDE = 7
 """Side of the neighbourhood, in pixels, whose variance bounds the filtered value too."""
 ALIKE, UNLIKE = 1.5, 3.0

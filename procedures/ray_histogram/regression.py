@@ -19,18 +19,14 @@ from procedures.ray_histogram.multiscale import allowed_variance
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
-REACH, PATCH = 7, 1
-"""Half sizes of the window and of the compared patches, pixels."""
+REACH, PATCH = 7, 1  # half sizes of the window and of the compared patches, pixels
 DECAY = 0.6
 """Difference, in standard deviations of the noise, at which the weight has fallen to exp(-1)."""
-LEAST_WEIGHT = 1e-3
-"""Weight below which a pixel is not used."""
+LEAST_WEIGHT = 1e-3  # weight below which a pixel is not used
 RIDGE = 1e-4
 """Variance added to that of each feature in its window: a feature that is constant there has no slope."""
-BAND_ROWS = 32
-"""Rows fitted at once."""
-NO_NOISE = 1e-10
-"""Variance added to differences: two pixels without noise may be equal."""
+BAND_ROWS = 32  # rows fitted at once
+NO_NOISE = 1e-10  # variance added to differences: two pixels without noise may be equal
 
 
 def regress(film: Film, features: Doubles, *, threads: int = 1) -> Doubles:

@@ -38,8 +38,7 @@ VARIANCE_PX = 1.0
 """Standard deviation of the neighbourhood over which the squared difference of two pictures is averaged."""
 MEDIAN_SIDE, MOST_OVER_MEDIAN = 3, 4.0
 """Side of the neighbourhood whose median limits that mean, and the factor between the two."""
-MEDIAN_OF_SQUARES = 0.455
-"""Median of the square of a normal variable with unit variance."""
+MEDIAN_OF_SQUARES = 0.455  # median of the square of a normal variable with unit variance
 
 
 def read_halves(paths: Iterable[Path]) -> Halves:

@@ -16,10 +16,8 @@ from procedures.outcome import BadInput
 
 OPCODE_LIST_2, OPCODE_LIST_3 = 51009, 51022
 WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL, GAIN_MAP = 1, 3, 9
-VERSION = bytes((1, 3, 0, 0))
-"""Version of the specification that defines these opcodes."""
-OPTIONAL = 1
-"""Flag: a reader may ignore an opcode that it does not support."""
+VERSION = bytes((1, 3, 0, 0))  # version of the specification that defines these opcodes
+OPTIONAL = 1  # flag: a reader may ignore an opcode that it does not support
 UNDEFINED, LONG, IFD = 7, 4, 13
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
 SUB_DIRECTORIES, DNG_VERSION, DNG_BACKWARD_VERSION = 330, 50706, 50707

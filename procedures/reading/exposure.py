@@ -72,10 +72,8 @@ def _exif_tags(file: BinaryIO) -> Tags:
     return tags
 
 
-MAX_METADATA_BYTES = 1 << 26
-"""Limit of bytes read for metadata; a camera writes some thousand."""
-MIN_BYTES_PER_READ = 64
-"""Bytes that each read counts at least, to limit the time."""
+MAX_METADATA_BYTES = 1 << 26  # limit of bytes read for metadata; a camera writes some thousand
+MIN_BYTES_PER_READ = 64  # bytes that each read counts at least, to limit the time
 
 
 class _LimitedFile:

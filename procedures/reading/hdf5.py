@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     import h5py
 
 
-CPU_LIMIT_S = 5
-"""Limit of processor time; the field of a sensor takes some tenths."""
-WALL_TIMEOUT_S = 300
-"""Limit of wall time, for a machine under load."""
+CPU_LIMIT_S = 5  # limit of processor time; the field of a sensor takes some tenths
+WALL_TIMEOUT_S = 300  # limit of wall time, for a machine under load
 PROGRAM = """
 import contextlib, sys
 path, most, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])

@@ -59,10 +59,8 @@ class ShakerPath:
     amplitude_uncertainty: float = 0.0
 
 
-LEAST_ROUNDS = 2.0
-"""Rounds that a record must have to separate its harmonics from drift."""
-HIGHEST = 0.4
-"""Frequency of the highest harmonic that is measured, relative to the sampling rate."""
+LEAST_ROUNDS = 2.0  # rounds that a record must have to separate its harmonics from drift
+HIGHEST = 0.4  # frequency of the highest harmonic that is measured, relative to the sampling rate
 
 
 def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:

@@ -46,14 +46,10 @@ WANTED = frozenset((
 # type code -> (struct letter, number of items per value)
 _KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 7: ("B", 1), 8: ("h", 1), 9: ("i", 1),
           10: ("i", 2), 11: ("f", 1), 12: ("d", 1), 13: ("I", 1), 16: ("Q", 1)}  # fmt: skip
-_TYPES = range(1, 19)
-"""Known types of fields, including those of manufacturers and BigTIFF."""
-MOST_DIRECTORIES = 32
-"""Limit of directories; cameras write up to ten: mosaic, previews, metadata."""
-MOST_TAGS = 1000
-"""Limit of tags per directory; cameras write up to a hundred."""
-MOST_VALUES = 1 << 17
-"""Limit of values per tag: a black level for each row of the largest sensor."""
+_TYPES = range(1, 19)  # known types of fields, including those of manufacturers and BigTIFF
+MOST_DIRECTORIES = 32  # limit of directories; cameras write up to ten: mosaic, previews, metadata
+MOST_TAGS = 1000  # limit of tags per directory; cameras write up to a hundred
+MOST_VALUES = 1 << 17  # limit of values per tag: a black level for each row of the largest sensor
 
 
 class _Form(NamedTuple):
@@ -166,8 +162,7 @@ def _form(file: BinaryIO) -> _Form | None:
 
 LARGEST_COUNT = 0xFFFF
 """Limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory."""
-BIG = 43
-"""Version number of BigTIFF."""
+BIG = 43  # version number of BigTIFF
 
 
 _NO_CAMERA = "give the camera's original file"

@@ -30,11 +30,9 @@ SMALL_FALL, FEW = 1e-2, 0.02
 """Fall of the sum of squares below which a draw is at its minimum; share of the draws that may not be."""
 WRONG = 9.0
 """Sum of squares of the weighted residuals above which a draw lies in a local minimum and is replaced by another."""
-CHANGE = 1e-4
-"""Change of the parameters by which derivatives are taken."""
+CHANGE = 1e-4  # change of the parameters by which derivatives are taken
 SUBTRACTIONS = 10
-LARGEST_STEP = 0.5
-"""Greatest change of a parameter in one iteration: digital numbers, or logarithm."""
+LARGEST_STEP = 0.5  # greatest change of a parameter in one iteration: digital numbers, or logarithm
 UNDETERMINED, BINS = 0.05, 20
 """Relative scatter of the temporal noise, or of the pixels, from which all possible values count alike, and their
 classes."""

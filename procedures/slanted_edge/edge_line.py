@@ -13,8 +13,7 @@ from procedures.slanted_edge.strip import EdgeLine, Strip
 CENTROID_ORDER = 2
 """Degree of the polynomial. Centroids depend on the edge's phase on the pixels, by hundredths of a pixel in a sharp
 picture; over a short drift a higher degree would follow that wave."""
-SMOOTHING_PX = 1.5
-"""Standard deviation of the derivative filter that detects the edge."""
+SMOOTHING_PX = 1.5  # standard deviation of the derivative filter that detects the edge
 ROUNDS = 4
 NO_EDGE = "give a region with one straight edge between two plain areas that crosses it from side to side"
 

@@ -45,10 +45,8 @@ from procedures.slanted_edge.trust import MAX_OVERSHOOT, check_clipping, check_c
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-WIDENINGS = (3.2, 1.8, 1.0)
-"""Widths of the windows tried, relative to the narrowest."""
-WIDE_UNCERTAINTY = 0.008
-"""Relative uncertainty of MTF50 up to which a wide window is used."""
+WIDENINGS = (3.2, 1.8, 1.0)  # widths of the windows tried, relative to the narrowest
+WIDE_UNCERTAINTY = 0.008  # relative uncertainty of MTF50 up to which a wide window is used
 MIN_FALLEN = 0.9
 """Least share of the resampled curves that must fall to a level for its frequency to be reported."""
 NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
@@ -334,11 +332,9 @@ def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
 # Residuals of the mean spread function are regressed on the effect of a displacement of the edge, less what the spread
 # function absorbs. Unlike the row centroids of ISO 12233:2023, the result does not depend on the edge's phase.
 
-HIGHEST_ORDER = 5
-"""Highest degree of the polynomial, as in ISO 12233:2023."""
+HIGHEST_ORDER = 5  # highest degree of the polynomial, as in ISO 12233:2023
 MAX_ITERATIONS = 4
-BINNINGS = 2
-"""Rounds of binning in each iteration."""
+BINNINGS = 2  # rounds of binning in each iteration
 CONVERGED_PX = 1e-4
 
 

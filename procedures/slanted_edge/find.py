@@ -12,18 +12,12 @@ from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 MIN_LENGTH_PX = 24.0
 MIN_ANGLE_DEG, MAX_ANGLE_DEG = 2.0, 43.0
 """Angles from the nearest axis beyond which an edge of this length does not cross all phases of the pixels."""
-MIN_REACH_PX, MAX_REACH_PX = 6.0, 40.0
-"""Width of the plain areas on either side."""
-CORE_PX = 5.0
-"""Distance from the edge at which plains begin."""
-UNEVEN = 0.08
-"""Change, relative to the edge's contrast, at which a plain area ends."""
-END_PX = 3.0
-"""Length excluded at an edge's ends, in addition to that due to its slant."""
-MIN_CONTRAST = 0.02
-"""Least contrast, relative to white."""
-MAX_SEGMENTS = 600
-"""Number of segments examined, the longest first; textures have any number."""
+MIN_REACH_PX, MAX_REACH_PX = 6.0, 40.0  # width of the plain areas on either side
+CORE_PX = 5.0  # distance from the edge at which plains begin
+UNEVEN = 0.08  # change, relative to the edge's contrast, at which a plain area ends
+END_PX = 3.0  # length excluded at an edge's ends, in addition to that due to its slant
+MIN_CONTRAST = 0.02  # least contrast, relative to white
+MAX_SEGMENTS = 600  # number of segments examined, the longest first; textures have any number
 NOISE_LEVELS = 1.5
 """Noise, in 256ths, to which the picture is smoothed before segments are detected."""
 

@@ -17,15 +17,12 @@ from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
 
-BINS = 4
-"""Bins per pixel, as in ISO 12233:2023."""
+BINS = 4  # bins per pixel, as in ISO 12233:2023
 FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
 """Start and end of the window's taper, in full widths at half maximum of the line spread function."""
-ROUNDS = 4
-"""Iterations in which values are moved to the centres of their bins."""
+ROUNDS = 4  # iterations in which values are moved to the centres of their bins
 MIN_FLAT_PX = 2.0
-MIN_FAR_PX = 3.0
-"""Least width of the plains that they are fitted in."""
+MIN_FAR_PX = 3.0  # least width of the plains that they are fitted in
 LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 """Units of the plains' parameters: dark level, bright level, tail, relative slopes of the light across and along, per
 20 pixels so that all have one magnitude, and the tail's asymmetry."""

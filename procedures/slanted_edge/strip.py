@@ -9,8 +9,7 @@ from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadParameter
 from procedures.slanted_edge.tail import Tail
 
-MIN_SIDE = 8
-"""Least side of a rectangle, in pixels."""
+MIN_SIDE = 8  # least side of a rectangle, in pixels
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,9 @@ from procedures.slanted_edge.transfer import HIGHEST
 
 MAX_CLIPPED = 0.01
 MAX_OVERSHOOT = 0.01
-OUTER = 0.6
-"""Distance, relative to the plains' reach, from which their noise is estimated."""
-MIN_ROWS = 16
-"""Least length in pixels: fewer rows determine no uncertainty."""
-MIN_DRIFT_PX = 0.9
-"""Least drift across the pixels' grid: an edge must cross all phases."""
+OUTER = 0.6  # distance, relative to the plains' reach, from which their noise is estimated
+MIN_ROWS = 16  # least length in pixels: fewer rows determine no uncertainty
+MIN_DRIFT_PX = 0.9  # least drift across the pixels' grid: an edge must cross all phases
 MAX_EMPTY = 0.05
 FAINT, NOISY = 0.5, 2.0
 """Contrast over the noise of a pixel below which an edge is not visible, and not measurable."""

@@ -302,8 +302,7 @@ FARTHER = Ask(
     when=lambda facts: bool(further(facts)),
 )  # fmt: skip
 MTF_NYQUIST_WORDS = "MTF at Nyquist by noise"
-ALIKE = 0.1
-"""Relative difference below which two distances are one."""
+ALIKE = 0.1  # relative difference below which two distances are one
 
 
 def further(facts: Facts) -> list[float]:

@@ -146,8 +146,7 @@ def _append(path: Path, part: bytes, final: Path) -> Callable[[], None]:
 
 # --- The shaker of the simulated bench: two voice coils that move the camera, driven by the box's channels ---
 
-STROKE_MM = 2.0
-"""Displacement from rest at full deflection, along x and y."""
+STROKE_MM = 2.0  # displacement from rest at full deflection, along x and y
 REST, DEEPEST = 2048, 2047
 
 

@@ -21,20 +21,14 @@ from simulators.world.world import SinusoidalDrive, World
 Known = str | float | bool
 HAND = "hand_"
 """Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
-EYES_DIOPTRES = 0.04
-"""Largest error of focusing by eye or autofocus."""
-STEP_DIOPTRES = 0.03
-"""A small turn of the focus ring."""
-EXACT = ("exposure_ev", "aperture_ev")
-"""Settings with detents."""
+EYES_DIOPTRES = 0.04  # largest error of focusing by eye or autofocus
+STEP_DIOPTRES = 0.03  # a small turn of the focus ring
+EXACT = ("exposure_ev", "aperture_ev")  # settings with detents
 RIM_PX, MAX_W = 8, 4.0
 """Margin of the marked region to the frame's edge, and the assumed widest blur, both in plane pixels."""
-TAPE_MM = 5.0
-"""Resolution of a distance read from a tape measure."""
-SQUARE_DEG = 0.4
-"""Standard deviation of each angle of a camera squared to a wall by eye."""
-RELATIVE_ERROR = 0.04
-"""Largest relative error of a manual change."""
+TAPE_MM = 5.0  # resolution of a distance read from a tape measure
+SQUARE_DEG = 0.4  # standard deviation of each angle of a camera squared to a wall by eye
+RELATIVE_ERROR = 0.04  # largest relative error of a manual change
 SET_UP = (
     "printed", "panel", "mounted", "wall", "scene", "focused", "refocused", "refocused_near", "focused_near",
     "focused_far", "first", "first_moves", "second", "third", "truth",
@@ -46,8 +40,7 @@ F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
 """f-number set for each question where apertures blur."""
 LENS_AND_MOTIONS = {"first": 8.0, "truth": 22.0}
 """f-numbers where lens and motions blur: wide enough for defocus, with exposures long enough for the IMU."""
-NEARER = 0.65
-"""Fraction of a scene's distance that is nearer than anything in it."""
+NEARER = 0.65  # fraction of a scene's distance that is nearer than anything in it
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,7 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 
-FINER = 4
-"""Tabulated values per integrated one: evaluating splines at every frequency is too slow."""
+FINER = 4  # tabulated values per integrated one: evaluating splines at every frequency is too slow
 
 
 @dataclass(frozen=True)

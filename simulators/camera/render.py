@@ -82,14 +82,12 @@ Frame = npt.NDArray[np.float32]
 LEAST_MARGIN_PX = 24
 """Smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic."""
 
-SURROUND_PX = 16
-"""Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
+SURROUND_PX = 16  # sensor pixels around a chart's sheet that are rendered as exactly as the chart
 FINE_SIDE = 3072
 """Fine samples per side of a transform, without margins; larger regions are rendered in tiles."""
 PLAIN_OVERSAMPLING = 2
 """Fine samples per sensor pixel outside charts, where the image is accurate to a few per cent of an edge."""
-TILE_PX = 512
-"""Side of the tiles in which the rest of a frame is drawn."""
+TILE_PX = 512  # side of the tiles in which the rest of a frame is drawn
 
 
 STRIP_ROWS = 256

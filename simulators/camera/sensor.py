@@ -14,8 +14,7 @@ SENSITIVITY: Mapping[str, float] = {"R": 0.6, "G": 1.0, "B": 0.7, "Y": 1.0}
 GAUSSIAN_FROM_E = 1000.0
 """Mean from which photon noise is Gaussian: the skewness of the Poisson distribution is below 0.03."""
 
-BAND_ROWS = 128
-"""Rows exposed at once, which limits the memory."""
+BAND_ROWS = 128  # rows exposed at once, which limits the memory
 
 
 @dataclass(frozen=True)

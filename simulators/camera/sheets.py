@@ -24,10 +24,8 @@ Spectrum = npt.NDArray[np.complex64]
 
 OVERSAMPLING = 3
 """Fine samples per sensor pixel along each axis; optics and photosites pass almost nothing above half of it."""
-SMOOTH_TEXELS = 0.7
-"""Standard deviation of the low-pass filter applied before interpolation."""
-SUPERSAMPLED = 4
-"""Subtexel bits of the leaves' outlines."""
+SMOOTH_TEXELS = 0.7  # standard deviation of the low-pass filter applied before interpolation
+SUPERSAMPLED = 4  # subtexel bits of the leaves' outlines
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,8 +291,7 @@ def depth(rng: np.random.Generator) -> Subject:
     return Subject(sheets, f_number=16.0, motions=MOTIONS)
 
 
-PANEL_MM = 4000.0
-"""Side of the light panel: it fills the frame from anywhere on the rail."""
+PANEL_MM = 4000.0  # side of the light panel: it fills the frame from anywhere on the rail
 
 
 def panel() -> Subject:

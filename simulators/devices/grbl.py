@@ -23,8 +23,7 @@ from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
 BOOT_S = 0.4
-DEAF_S = 0.5
-"""GRBL's pause after an alarm message: input is ignored, including resets."""
+DEAF_S = 0.5  # GRBL's pause after an alarm message: input is ignored, including resets
 
 
 class GrblController:

@@ -10,8 +10,7 @@ from simulators.world.motion import Axis
 
 BLOCKS = {"GRBL": 15, "FluidNC": 15, "grblHAL": 100}
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H{} ~ ! ? ctrl-x]"
-Answer = list[str] | None
-"""Lines to send, the response last; None if the response comes later."""
+Answer = list[str] | None  # lines to send, the response last; None if the response comes later
 
 
 class Program:

@@ -14,8 +14,7 @@ from itertools import count
 from simulators.devices.serial_device import MotorController
 from simulators.world.motion import Axis
 
-CYCLE_S = 400e-6
-"""Servo cycle of an ESP301, the unit of its time stamps."""
+CYCLE_S = 400e-6  # servo cycle of an ESP301, the unit of its time stamps
 ESP_ERRORS = {
     0: "NO ERROR DETECTED", 6: "COMMAND DOES NOT EXIST", 7: "PARAMETER OUT OF RANGE", 9: "AXIS NUMBER OUT OF RANGE",
     20: "HOMING ABORTED", 30: "MOTOR NOT ENABLED",

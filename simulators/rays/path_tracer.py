@@ -17,10 +17,8 @@ from simulators.rays.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, 
 Receive = Callable[[Ints, Ints, Doubles], None]
 Progress = Callable[[int, int], None]
 
-TILE = 32
-"""Pixels along one side of a tile."""
-BATCH = 1 << 16
-"""Approximate number of samples per batch."""
+TILE = 32  # pixels along one side of a tile
+BATCH = 1 << 16  # approximate number of samples per batch
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from simulators.world.projection import ObjectPose, Projection, Segments, apply_
 
 Array = npt.NDArray[np.float64]
 
-PAPER = 0.9
-"""Reflectance of matt white paper."""
-INK = 0.04
-"""Reflectance of black toner."""
+PAPER = 0.9  # reflectance of matt white paper
+INK = 0.04  # reflectance of black toner
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ Indices = npt.NDArray[np.int64]
 
 COLUMNS = 5
 """Parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
-MARGIN = 6
-"""Pixels rendered around a bin, from which the blur contributes."""
+MARGIN = 6  # pixels rendered around a bin, from which the blur contributes
 
 
 class RenderModel(NamedTuple):

@@ -26,24 +26,20 @@ from procedures.pattern_psf.registration import Registration
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-BLUR_PX = 0.8
-"""Initial standard deviation of the blur; the fit corrects it."""
+BLUR_PX = 0.8  # initial standard deviation of the blur; the fit corrects it
 BLUR_ITERATIONS, BLUR_TOLERANCE_PX = 5, 0.005
 """Corrections of the blur, which is nonlinear over the range from sharp to blurred pictures, and the least of them."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 4.0
 FINE, FEWEST_FINE = 6.0, 3
 """Places rendered along a cell, approximately, and along a pixel at least: sharp pictures vary within a pixel."""
-LEAST_DETERMINANT = 1e-12
-"""Determinant, for columns of norm 1, below which a bin is not determined."""
+LEAST_DETERMINANT = 1e-12  # determinant, for columns of norm 1, below which a bin is not determined
 MAX_ITERATIONS = 3
-TOLERANCE_PX = 0.005
-"""Shift at which a bin has converged: each iteration reduces it about tenfold."""
+TOLERANCE_PX = 0.005  # shift at which a bin has converged: each iteration reduces it about tenfold
 LOST_PX = 2.0
 """A bin displaced by more than this from its position in the reduced picture is a mismatch."""
 OUTLIER_RATIO = 5.0
 """Uncertainty relative to the median at which a bin is excluded: hidden, at the edge, in a reflection."""
-FEWEST_BINS = 100
-"""Fewer bins show too little of a chart."""
+FEWEST_BINS = 100  # fewer bins show too little of a chart
 
 
 def reduced(samples: Array32, factor: int) -> Array32:

@@ -19,13 +19,11 @@ from procedures.raw import Plane, PlaneLike, as_plane
 
 Array32 = npt.NDArray[np.float32]
 
-MAX_SAMPLES = 4
-"""Samples of the PSF per pixel: the geometry does not improve with more."""
+MAX_SAMPLES = 4  # samples of the PSF per pixel: the geometry does not improve with more
 WIDE_PX, REDUCED_PX = 280.0, 200.0
 """In pixels of a plane: a chart wider than the first is reduced to at most the second. There the bins are located to
 a tenth of a pixel and then refined in all pixels; an estimate at 1.5 times the width takes twice as long."""
-SUPPORT_PX = 4
-"""Side of the PSF's support, in pixels."""
+SUPPORT_PX = 4  # side of the PSF's support, in pixels
 
 
 @dataclass(frozen=True, eq=False)

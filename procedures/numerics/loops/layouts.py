@@ -6,8 +6,7 @@ import numpy.typing as npt
 from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules
 from procedures.numerics.compiled import compiled, vectorised
 
-FAR = 1e9
-"""Greatest coordinate, as homographies can map points arbitrarily far."""
+FAR = 1e9  # greatest coordinate, as homographies can map points arbitrarily far
 
 
 @compiled

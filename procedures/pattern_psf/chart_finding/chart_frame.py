@@ -11,20 +11,15 @@ from procedures.numerics.warps import apply_homography
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, X_CORNERS
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM_CELLS, Layouts
 
-PIXELS = 16
-"""Pixels of the rectified picture per block."""
-RIM_BLOCKS = 1
-"""Blocks of surroundings rectified around the chart."""
+PIXELS = 16  # pixels of the rectified picture per block
+RIM_BLOCKS = 1  # blocks of surroundings rectified around the chart
 SIDE = (BLOCKS + 2 * RIM_BLOCKS) * PIXELS
 PIXELS_PER_CELL = PIXELS / BLOCK
-ORIGIN = -BLOCK * (1 + RIM_BLOCKS)
-"""Cell coordinate of the rectified picture's top left edge."""
+ORIGIN = -BLOCK * (1 + RIM_BLOCKS)  # cell coordinate of the rectified picture's top left edge
 BLUR = 0.1 * PIXELS
 """Blur of the template, that of a typical photograph; the agreement hardly depends on it."""
-SCREEN_SAMPLES = 4
-"""Samples of a block along one side when candidates are screened."""
-SCREENED_AT_ONCE = 128
-"""Candidates whose samples fit the processor's cache together."""
+SCREEN_SAMPLES = 4  # samples of a block along one side when candidates are screened
+SCREENED_AT_ONCE = 128  # candidates whose samples fit the processor's cache together
 MARK_HALF, SEARCH = 5, 6
 """Half the side of a mark's template, and the greatest offset searched, in rectified pixels."""
 Picture = npt.NDArray[np.float32]

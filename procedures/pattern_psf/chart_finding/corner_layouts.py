@@ -26,25 +26,21 @@ RULES = LayoutRules(
     min_near=2, min_near_crowded=4,
 )  # fmt: skip
 MAX_TRIPLES = 20_000
-BIN_SIDE = 12.0
-"""Side of the bins of the spatial index, in pixels."""
+BIN_SIDE = 12.0  # side of the bins of the spatial index, in pixels
 AFFINE = 0.25
 PROJECTIVE = 0.15
 """Greatest distances from the predictions by affine and projective lattices, in steps."""
-MIN_HITS = 7
-"""Least number of visible x-corners of a chart."""
+MIN_HITS = 7  # least number of visible x-corners of a chart
 HITS_PER_OCTAVE = 4.0
 """Hits equivalent to twice the strength when layouts are ranked: a chart has the strongest saddles."""
-MAX_LAYOUTS = 4000
-"""Greatest number of layouts of one picture; textures and lattices have many."""
+MAX_LAYOUTS = 4000  # greatest number of layouts of one picture; textures and lattices have many
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """Lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
 INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
 MOST_INSIDE = 3
 """Similar saddles at the inner lattice points, where a chart has noise, from which on it is a lattice."""
-RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
-"""The x-corners in cells, (12, 2)."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2  # the x-corners in cells, (12, 2)
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 
 

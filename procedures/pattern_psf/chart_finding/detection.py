@@ -21,31 +21,21 @@ from procedures.pattern_psf.chart_finding.marks import find_saddles
 
 MAX_WIDTH = 300.0
 """Greatest width of the noise region that the estimator accepts, in pixels; below 45 its marks are not found."""
-TOLERANCE = 1.06
-"""Tolerance of a width, as a factor: the width of a tilted chart varies."""
+TOLERANCE = 1.06  # tolerance of a width, as a factor: the width of a tilted chart varies
 MAX_HIDDEN = 2
-MIN_SCREENING = 0.4
-"""Least coarse agreement with the frame of a candidate whose marks are located."""
-MAX_CANDIDATES = 60
-"""Greatest number of candidates per level whose marks are located."""
-MIN_SCORE = 0.75
-"""Least agreement of a chart; clutter in the layout of the marks stays below."""
-MIN_CORRELATION = 0.6
-"""Least normalised correlation of a visible mark with its template."""
+MIN_SCREENING = 0.4  # least coarse agreement with the frame of a candidate whose marks are located
+MAX_CANDIDATES = 60  # greatest number of candidates per level whose marks are located
+MIN_SCORE = 0.75  # least agreement of a chart; clutter in the layout of the marks stays below
+MIN_CORRELATION = 0.6  # least normalised correlation of a visible mark with its template
 POSITION_TOLERANCE = 0.08
 """Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
 POSITION_NOISE_PX = 0.6
 """Least value of this distance in pixels, for noise and partly hidden small marks."""
-LOCATING_STEPS = 3
-"""Number of times that the marks are located, each with the map of the last."""
-LOCATING_BLOCK_PX = 12
-"""Pixels per block of the coarsest level on which marks are located."""
-MIN_VISIBLE = 6
-"""Least number of visible marks, of 12, that distinguish a chart from clutter."""
-ORIENTATION_MARGIN = 0.1
-"""Least difference in agreement between the best orientation and any other."""
-SMALLEST_LEVEL = 48
-"""Least side of a level of the pyramid."""
+LOCATING_STEPS = 3  # number of times that the marks are located, each with the map of the last
+LOCATING_BLOCK_PX = 12  # pixels per block of the coarsest level on which marks are located
+MIN_VISIBLE = 6  # least number of visible marks, of 12, that distinguish a chart from clutter
+ORIENTATION_MARGIN = 0.1  # least difference in agreement between the best orientation and any other
+SMALLEST_LEVEL = 48  # least side of a level of the pyramid
 MIDDLE = np.full(2, CELLS / 2)
 Image = npt.NDArray[np.float32]
 

@@ -18,12 +18,10 @@ SCALE = 1.25
 KERNEL_RADIUS = 4
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
-ABOVE_NOISE = 4.0
-"""Least strength of a saddle, relative to the rms strength by noise."""
+ABOVE_NOISE = 4.0  # least strength of a saddle, relative to the rms strength by noise
 HIGH_PASS = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
 QUIET_TILE = 16
-QUIET = 0.01
-"""Quantile of the energies of squares of QUIET_TILE pixels at which noise is measured."""
+QUIET = 0.01  # quantile of the energies of squares of QUIET_TILE pixels at which noise is measured
 RING_RADIUS = 2.0
 OFF_CENTRE = 0.8
 """Share of the first harmonic that is subtracted: that of a ring a fraction of a pixel off the saddle."""
@@ -33,16 +31,13 @@ SUPPRESSION_RADIUS = 3.0
 """Radius of non-maximum suppression among saddles of similar axis: less than half a block."""
 SAME_AXIS = np.cos(2 * np.deg2rad(11))
 """Least cosine of twice the angle between similar axes; tilt and noise turn those of a chart by less."""
-TILE = 32
-"""Side of the squares of which the strongest saddles are kept when there are too many."""
+TILE = 32  # side of the squares of which the strongest saddles are kept when there are too many
 MAX_SADDLES = 40_000
 MAX_SQUARE_PER_PIXEL = 400
 """Greatest number of saddles kept in one picture, and of their square per pixel, to which the number of neighbouring
 pairs is proportional. Textures yield hundreds of thousands, a chart twelve."""
-PRESELECTION_FACTOR = 4
-"""Factor by which more saddles are kept before their purity is computed."""
-NOISE_BAND_DISTANCE = 128
-"""Distance between the bands of rows in which noise is measured."""
+PRESELECTION_FACTOR = 4  # factor by which more saddles are kept before their purity is computed
+NOISE_BAND_DISTANCE = 128  # distance between the bands of rows in which noise is measured
 Picture = npt.NDArray[np.float32]
 
 

@@ -17,8 +17,7 @@ from procedures.raw import Plane
 
 REACH = 0.9
 """Half the side of the part around the chart over the width of its noise region: its frame, and a margin for motion."""
-QUICK = PatternParameters(START_S, START_K, chosen=True)
-"""Default sampling of the PSF."""
+QUICK = PatternParameters(START_S, START_K, chosen=True)  # default sampling of the PSF
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,8 @@ from procedures.numerics.arrays import Array
 MIN_FIT_SCORE = 0.75
 """Least score, relative to the best, of the points fitted: farther from the focus no lens follows a parabola."""
 MIN_POINTS = 3
-SIGNIFICANCE = 2.0
-"""Standard uncertainties above which a difference is significant."""
-EQUAL_SHARE = 0.02
-"""Relative difference from the best that is always treated as equal."""
+SIGNIFICANCE = 2.0  # standard uncertainties above which a difference is significant
+EQUAL_SHARE = 0.02  # relative difference from the best that is always treated as equal
 
 
 @dataclass(frozen=True)
