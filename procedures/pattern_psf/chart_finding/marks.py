@@ -98,7 +98,7 @@ def find_saddles(image: Picture) -> Saddles:
     energy = np.concatenate(energies) if energies else np.zeros(0)
     energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
     noise = float(np.sqrt(quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
-    weakest = ABOVE_NOISE * _noise_gain() * (noise)
+    weakest = ABOVE_NOISE * _noise_gain() * noise
     index, half, xy = loops.saddle_points(image, _kernels(), ISOTROPY, weakest)
     z = np.asarray(-half - 1j * xy, dtype=np.complex128)
     kept = loops.best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)
