@@ -7,6 +7,7 @@ parameters, 10 the serial number.
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import msgspec
@@ -15,7 +16,7 @@ from drivers.errors import BadConfiguration, Clock, EmergencyStopped
 from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter
 from drivers.protocols.grbl_link import GrblLink, GrblOutput
 from drivers.wire.connection import L, LineDevice, opened
 
@@ -55,15 +56,9 @@ def _measure(head: bytes) -> int:
     return length if head[length - 1] == 0xE7 else BAD
 
 
-class DmxParser:
-    """Bytes to messages."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(b"\x7e", _measure, LONGEST)
-
-    def feed(self, data: bytes) -> list[DmxFrame]:
-        """The messages completed by these bytes."""
-        return [DmxFrame(f[1], f[4:-1]) for f in self._frames.feed(data)]
+DmxParser = partial(
+    Decoder[DmxFrame], partial(FrameSplitter, b"\x7e", _measure, LONGEST), lambda one: DmxFrame(one[1], one[4:-1])
+)
 
 
 def check_level(level: float) -> float:

@@ -9,6 +9,7 @@ Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from drivers.errors import Alarm, BadConfiguration, Rejected
@@ -17,7 +18,7 @@ from drivers.making import LineOptions
 from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import Decoder, LineSplitter, text_of
 from drivers.wire.connection import StepQuestion, anything, roll_call
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
@@ -34,17 +35,12 @@ class NewportReply(NamedTuple):
     value: str
 
 
-class NewportParser:
-    """Bytes to lines, of both dialects."""
+def _reply(line: bytes) -> NewportReply | None:
+    match = re.fullmatch(r"(\d{1,2}[A-Z]{2})?(.*)", text_of(line))
+    return None if match is None else NewportReply(match[1] or "", match[2].strip())
 
-    def __init__(self) -> None:
-        self._lines = LineSplitter(128)
 
-    def feed(self, data: bytes) -> list[NewportReply]:
-        """The lines completed by these bytes."""
-        lines = [line.decode("ascii", "replace").strip() for line in self._lines.feed(data)]
-        parts = [re.fullmatch(r"(\d{1,2}[A-Z]{2})?(.*)", line) for line in lines]
-        return [NewportReply(part[1] or "", part[2].strip()) for part in parts if part is not None]
+NewportParser = partial(Decoder[NewportReply], partial(LineSplitter, 128), _reply)
 
 
 class Esp301Stage(PolledStage[NewportReply]):

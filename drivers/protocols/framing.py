@@ -5,7 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Generic, TypeVar
 
+E = TypeVar("E")
 BAD = -1
 MORE = 0
 
@@ -62,6 +64,24 @@ class FrameSplitter:
             at += length
         self._rest = buffer[at:]
         return frames
+
+
+class Decoder(Generic[E]):
+    """Bytes to events: the lines or frames of a new splitter, decoded; those decoded to None are dropped."""
+
+    def __init__(
+        self, splitter: Callable[[], LineSplitter | FrameSplitter], decode: Callable[[bytes], E | None]
+    ) -> None:
+        self._splitter, self._decode = splitter(), decode
+
+    def feed(self, data: bytes) -> list[E]:
+        """The events completed by these bytes."""
+        return [event for piece in self._splitter.feed(data) if (event := self._decode(piece)) is not None]
+
+
+def text_of(line: bytes) -> str:
+    """A line of ASCII without blanks at its ends."""
+    return line.decode("ascii", "replace").strip()
 
 
 # --- Codes that devices send, with reason and remedy: the tables of `codes.csv` ---

@@ -7,11 +7,12 @@ Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal, TypeVar
 
 from drivers.interfaces import Travel
 from drivers.options import AxisName, Interval, option, positive
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine, numbered
+from drivers.protocols.framing import Decoder, LineSplitter, UnrecognisedLine, numbered
 
 Default = TypeVar("Default", bound=float | None)
 
@@ -172,15 +173,7 @@ def read_line(raw: bytes) -> Event:
     return UnrecognisedLine(raw)
 
 
-class GrblParser:
-    """Bytes to events, one per line."""
-
-    def __init__(self) -> None:
-        self._lines = LineSplitter()
-
-    def feed(self, data: bytes) -> list[Event]:
-        """The events completed by these bytes."""
-        return [read_line(line) for line in self._lines.feed(data)]
+GrblParser = partial(Decoder[Event], LineSplitter, read_line)
 
 
 # --- Limits of an axis according to the settings of a GRBL-like controller: travel, speed, acceleration ---

@@ -122,10 +122,10 @@ class V4l2Camera(FrameCamera):
                 if number in self._controls:
                     self._set(number, min(max(value, self._controls[number].low), self._controls[number].high))
             if self._wanted.gain is not None:
-                number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
-                if number is None:
+                gain = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
+                if gain is None:
                     raise BadConfiguration(f"{self.address} has no gain to be set", "remove gain from its table")
-                self._set_checked(number, self._wanted.gain, "gain")
+                self._set_checked(gain, self._wanted.gain, "gain")
         return identity
 
     def _call(self, request: int, argument: Any) -> Any:
