@@ -70,15 +70,12 @@ class Esp301Stage(PolledStage[NewportReply]):
     def _get(self, axis: PolledAxis, command: str, pattern: str = NUMBER) -> str:
         return self._ask(axis, f"{axis.number}{command}", pattern)[0]
 
-    def _forget_errors(self, axis: PolledAxis) -> None:
-        """Read all errors that damaged lines have left, as the next one would be taken for that of an order."""
-        for _ in range(ERRORS_KEPT):
-            if self._get(axis, "TE?", r"(\d+)") == "0":
-                return
-
     def _order(self, axis: PolledAxis, command: str, allowed: Callable[[], None] = anything) -> None:
         """An order, then its error. Raises Rejected."""
-        self._forget_errors(axis)
+        # all errors that damaged lines have left, as the next one would be taken for that of this order
+        for _ in range(ERRORS_KEPT):
+            if self._get(axis, "TE?", r"(\d+)") == "0":
+                break
         code, text = self._ask(axis, f"{axis.number}{command};TB?", r"(\d+), *\d+, *(.*)", allowed)
         if code != "0":
             raise Rejected(f"{axis.name} at {self.address} refused {command}: {text.lower()}", HOME, code)

@@ -1,9 +1,8 @@
 """Reading of photographs into arrays: mosaic planes of RAW files, grey images, without demosaicking."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -191,7 +190,10 @@ def _decoded(
     path: Path, data: bytes, names: Sequence[str] | None, layout: DumpLayout | None
 ) -> tuple[dict[str, Plane], Exposure]:
     with decoding(str(path), "a photograph", _COPY):
-        return _reader(path, data, layout)(path, BytesIO(data), names)
+        if layout:
+            return _read_dump(layout, path, BytesIO(data), names)
+        read = _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
+        return read(path, BytesIO(data), names)
 
 
 def read_photograph(path: Path) -> bytes:
@@ -206,12 +208,6 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
     with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
         grey = _kind(Path(path), file) in _GREY_READERS or is_monochrome(mosaic_tags(file, str(path)))
         return GREY_PLANE if grey else "G1"
-
-
-def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
-    if layout:
-        return partial(_read_dump, layout)
-    return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
 # --- kinds of file ---
@@ -302,7 +298,8 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
     if noise.errors or isinstance(failure, rawpy.LibRawIOError):
         raise BadInput(f"{path} is truncated or damaged: RAW data are missing", _COPY) from failure
     if planes_and_exposure is None:
-        raise BadInput(f"{path} is not a RAW file that LibRaw {_libraw(rawpy)} can open", _EXPORT) from failure
+        version = ".".join(map(str, rawpy.libraw_version))
+        raise BadInput(f"{path} is not a RAW file that LibRaw {version} can open", _EXPORT) from failure
     return planes_and_exposure
 
 
@@ -334,10 +331,6 @@ _COPY = "copy it from the camera's card again"
 
 
 BYTES = 4  # bytes of a sample in memory
-
-
-def _libraw(rawpy: Any) -> str:
-    return ".".join(str(n) for n in rawpy.libraw_version)
 
 
 def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> dict[str, Plane]:

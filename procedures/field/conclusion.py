@@ -142,7 +142,14 @@ def _plane_field(
     reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
     doubtful_nodes = Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
     checks = [*_checks(interpolation, maps), doubtful_nodes, *beyond_diffraction(quality, diffraction)]
-    maps = tuple(_with_unseen(one, _unseen(quality)) for one in maps)
+    # corruptions that the charts do not exclude: all places share them, so that a difference of two is free of them
+    unseen = combined({term: size for term, size in quality.budgets.get(MTF50_RADIAL, {}).items() if term in UNSEEN})
+    maps = tuple(
+        replace(one, uncertainty=np.hypot(one.uncertainty, unseen))
+        if one.uncertainty is not None and one.name.startswith("mtf50_")
+        else one
+        for one in maps
+    )
     numbers = _numbers(interpolation, maps)
     spread, subject = mean_budgets(charts), median_subject(charts)
     return verdict_of(checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, spread, subject))
@@ -164,18 +171,6 @@ def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Chec
         Check("coverage", enclosed, SMALL_SHARE, Verdict.DOUBTFUL, f"the nodes enclose {enclosed:.0%} of the frame",
               "photograph the chart nearer to the frame's corners too", least=True),
     ]  # fmt: skip
-
-
-def _unseen(quality: Quality) -> float:
-    """Uncertainty of MTF50 by corruptions that the charts do not exclude, which all places share."""
-    return combined({term: size for term, size in quality.budgets.get(MTF50_RADIAL, {}).items() if term in UNSEEN})
-
-
-def _with_unseen(one: FieldMap, unseen: float) -> FieldMap:
-    """A map with that uncertainty where it is one of MTF50; a difference of two is free of it."""
-    if one.uncertainty is None or not one.name.startswith("mtf50_"):
-        return one
-    return replace(one, uncertainty=np.hypot(one.uncertainty, unseen))
 
 
 def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:

@@ -335,7 +335,10 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
     covariance = inverse[:known, :known]
     chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
     held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
-    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
+    variance = np.zeros_like(problem.nodes)  # of the node errors
+    if shape.node_mm.all():
+        K, own = system.solved(system.W), np.einsum("naa->na", np.linalg.inv(system.V))
+        variance = own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
     freedom = count - POSE * len(views) - (p + q - held) - free
     return Adjustment(problem, state, covariance, variance, chi_square, freedom)
@@ -425,13 +428,6 @@ def _inverse(S: Array) -> Array:
             "these views do not determine the camera", "tilt the chart by 20 degrees and more, and fill the frame"
         )
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
-
-
-def _errors_variance(system: System, inverse: Array) -> Array:
-    """Variances (N, 3) of the node errors."""
-    K = system.solved(system.W)
-    own = np.einsum("naa->na", np.linalg.inv(system.V))
-    return np.asarray(own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True))
 
 
 def moved_pose(pose: Pose, change: Array) -> Pose:

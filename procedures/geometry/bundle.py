@@ -164,7 +164,10 @@ def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views:
     scene = _reconstruction(camera, poses, nodes, views)
     config, options = _problem(scene)
     pycolmap.create_default_ceres_bundle_adjuster(options, config, scene).solve()
-    return _bundle(scene, nodes, views)
+    camera = CameraModel.from_colmap(scene.cameras[1])
+    rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
+    poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
+    return _scored(camera, poses, nodes, views)
 
 
 def _reconstruction(
@@ -210,13 +213,6 @@ def _problem(
     options.ceres.solver_options.function_tolerance = TOLERANCE
     options.ceres.solver_options.num_threads = 1  # the same result on every machine
     return config, options
-
-
-def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartView]) -> Bundle:
-    camera = CameraModel.from_colmap(scene.cameras[1])
-    rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
-    poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
-    return _scored(camera, poses, nodes, views)
 
 
 def _scored(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:

@@ -48,7 +48,7 @@ from procedures.plan import (
     TourStop,
     facts_as,
 )
-from procedures.raw import Plane, RawFrame
+from procedures.raw import RawFrame
 
 BEFORE = ("print", "mount", "distance", "focus")  # steps shared with the pattern PSF
 USUAL, FEWEST, MOST = 12, 6, 60  # numbers of views: fewer than six do not allow cross-validation
@@ -274,7 +274,10 @@ def turn_by(present_deg: float, wanted_deg: float) -> float:
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The camera from all views, by the name of their plane."""
     known_facts = facts_as(GeometryFacts, facts)
-    name, size = _plane_size(shown(frames[0])) if frames else ("", (0, 0))
+    name, size = "", (0, 0)
+    if frames:
+        plane = shown(frames[0])
+        name, size = plane.name, (plane.samples.shape[1] * plane.pitch, plane.samples.shape[0] * plane.pitch)
     views, reasons = chart_views(frames, known_facts)
     aim = known_facts.aimed_at
     advise_px = None if aim is None else in_pixels(aim, size)
@@ -282,11 +285,6 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     if outcome.value is None and reasons:
         return {name: replace(outcome, reason=f"{outcome.reason}; {reasons[0]}")}
     return {name: outcome}
-
-
-def _plane_size(plane: Plane) -> tuple[str, tuple[int, int]]:
-    rows, columns = plane.samples.shape
-    return plane.name, (columns * plane.pitch, rows * plane.pitch)
 
 
 def chart_views(frames: Sequence[RawFrame], facts: GeometryFacts) -> tuple[list[ChartView], list[str]]:

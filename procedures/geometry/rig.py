@@ -220,7 +220,8 @@ def _rigid(
     of = [fit.problem.views[i].camera for i in used]
     estimated = [fit.state.poses[i] for i in used]
     where = [charts.index(all_times[i]) for i in used]
-    boards = [_board(placed[c], pose) for c, pose in _firsts(of, estimated, where, len(charts))]
+    first = [where.index(board) for board in range(len(charts))]  # the first view of each chart
+    boards = [_board(placed[of[i]], estimated[i]) for i in first]
     further = POSE * (len(placed) - 1)
     for _ in range(ITERATIONS):
         residual, A = np.zeros(len(rows)), np.zeros((len(rows), further + POSE * len(charts)))
@@ -314,10 +315,6 @@ def _depth_derivative(
         by_place.append(by_points[0] @ pose.R)
         by_unknowns.append(row)
     return np.asarray(-(np.linalg.pinv(np.concatenate(by_place)) @ np.concatenate(by_unknowns))[2])
-
-
-def _firsts(of: list[int], poses: list[Pose], where: list[int], count: int) -> list[tuple[int, Pose]]:
-    return [(of[i], poses[i]) for i in (where.index(board) for board in range(count))]
 
 
 def _board(camera: Pose, pose: Pose) -> Pose:

@@ -119,18 +119,14 @@ class SplineCamera(CameraModel):
 
     def _displaced(self, places: Array) -> tuple[Array, Array]:
         moved, stretched = np.empty_like(places), np.empty((len(places), 2, 2))
-        spline_at(places, self._last, self._controls, moved, stretched)
+        nx, ny = split_model(self.model)[1]
+        controls = self.params[self.plain :].reshape(ny, nx, 2)
+        spline_at(places, self._last, controls, moved, stretched)
         return moved, stretched
 
     @property
     def _last(self) -> Array:
         return np.array([self.columns - 1.0, self.rows - 1.0])
-
-    @property
-    def _controls(self) -> Array:
-        """The control points, (ny, nx, 2)."""
-        nx, ny = split_model(self.model)[1]
-        return self.params[self.plain :].reshape(ny, nx, 2)
 
 
 @lru_cache(maxsize=8)

@@ -46,20 +46,15 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     k = round(len(h) ** 0.5)
     at = start = _start(s)
     for side in CENTRAL_SIDES:
-        at = _most_likely(*_middle(h, errors, k, side), start, at)
+        rim = max(0, (k - side) // 2)
+        inner = np.arange(k * k).reshape(k, k)[rim : k - rim, rim : k - rim].ravel()
+        at = _most_likely(h[inner], errors[np.ix_(inner, inner)], start, at)
     return _Prior.at(at, k).C
 
 
 def _start(s: int) -> Array:
     a, radius, length = START_PX
     return np.log([a / s**2, radius * s, length * s])
-
-
-def _middle(h: Array, errors: Array, k: int, side: int) -> tuple[Array, Array]:
-    """The estimate's central values, at most side x side, and their covariance."""
-    rim = max(0, (k - side) // 2)
-    inner = np.arange(k * k).reshape(k, k)[rim : k - rim, rim : k - rim].ravel()
-    return h[inner], errors[np.ix_(inner, inner)]
 
 
 def _most_likely(h: Array, errors: Array, start: Array, at: Array) -> Array:

@@ -287,13 +287,10 @@ def _distances(panel: Panel, noise_mm: float) -> Drawing:
     for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
         y += 4.1
         texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
-        texts += [panel.text(x, y, _metres(d), TYPE, anchor="end") for x, d in zip(_columns(), row, strict=True)]
+        metres = (f"{d:.1f}" if d >= 1 else f"{d:.2f}" for d in row)
+        texts += [panel.text(x, y, words, TYPE, anchor="end") for x, words in zip(_columns(), metres, strict=True)]
     strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
     return Drawing(tuple(strokes), tuple(texts))
-
-
-def _metres(distance_m: float) -> str:
-    return f"{distance_m:.1f}" if distance_m >= 1 else f"{distance_m:.2f}"
 
 
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:

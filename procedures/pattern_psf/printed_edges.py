@@ -114,15 +114,9 @@ def edge_columns(
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
     scale = pixels * (s * OVERSAMPLING)
     # a horizontal line is a vertical one of the transposed chart
+    swapped = np.ascontiguousarray(cells[:, ::-1]), lower, np.ascontiguousarray(fine.T)
+    turned = np.ascontiguousarray(scale[::-1, ::-1]), reach[::-1].copy()
     return EdgeColumns(
         *loops.edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
-        *loops.edge_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
+        *loops.edge_lines(*swapped, *turned, pieces, row_weight),
     )
-
-
-def _transposed(
-    cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array
-) -> tuple[Array, Array32, Array32, Array, Array]:
-    """Arguments of `edge_lines` with x and y exchanged."""
-    flipped = np.ascontiguousarray(scale[::-1, ::-1])
-    return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()

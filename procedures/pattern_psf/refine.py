@@ -217,7 +217,9 @@ def refine(
             fit = _centred(fit, model)
             A = model.system(coarse, model.read(fit.registration, k // 2))
             AA = gram(A)
-        last, fit = fit, _coarse_step(fit, model, A, AA)
+        start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
+        system = eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual))
+        last, fit = fit, _advanced(start, A, Z, system)
         if map_distance(last.registration, fit.registration, coarse.points[::29]) < NEAR_PX:
             break
     fit = replace(fit, observation=observation)
@@ -293,12 +295,6 @@ def _centred(fit: ChartFit, model: _Model) -> ChartFit:
     return replace(
         fit, registration=fit.registration.translated(-mark_offset(h, model.raster.s, fit.registration.jacobian()))
     )
-
-
-def _coarse_step(fit: ChartFit, model: _Model, A: Array32, AA: Array) -> ChartFit:
-    """One Gauss-Newton step of PSF, geometry, light and response, for the system A and its Gram matrix."""
-    start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
-    return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
 def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:

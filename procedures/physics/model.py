@@ -121,15 +121,16 @@ class Pupil:
 
     def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
         """OTF and its derivatives with respect to the given aberrations, (2 h + 1, 2 h + 1) each."""
-        _, zernikes = self._sampled()
+        disc, zernikes = self._sampled()
         field = self._field(waves)
-        amplitude, *changes = self._spectra(np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)]))
+        fields = np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)])
+        size = scipy.fft.next_fast_len(2 * fields.shape[-1])  # so that their squares do not wrap round
+        amplitude, *changes = scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1)
         slopes = [2 * np.real(np.conj(amplitude) * change) for change in changes]
         # autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
         # without aberrations
         powers = np.stack([np.abs(amplitude) ** 2, *slopes])
-        disc, _ = self._sampled()
-        size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
+        finer, count = self._finer, round(self.highest / self.step)
         reach = min(count, (size // 2 - 1) // finer)
         rows = finer * np.arange(-reach, reach + 1)
         half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
@@ -157,11 +158,6 @@ class Pupil:
     def _field(self, waves: Array) -> Complex:
         disc, zernikes = self._sampled()
         return np.asarray(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
-
-    def _spectra(self, fields: Complex) -> Complex:
-        """Fourier transforms of fields (m, n, n), on a grid twice as wide, so that their squares do not wrap round."""
-        size = scipy.fft.next_fast_len(2 * fields.shape[-1])
-        return np.asarray(scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1))
 
 
 @lru_cache(maxsize=16)

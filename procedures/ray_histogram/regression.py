@@ -42,7 +42,8 @@ def regress(film: Film, features: Doubles, *, threads: int = 1) -> Doubles:
     regressors = np.ascontiguousarray(np.concatenate([position, features], axis=-1))
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1).T.copy()
     around = REACH + PATCH
-    mean, variance = (_padded(array, around) for array in (film.mean, allowed_variance(film)))
+    rim = ((around, around), (around, around), (0, 0))
+    mean, variance = (np.pad(array, rim, "symmetric") for array in (film.mean, allowed_variance(film)))
     total = np.zeros((rows + 2 * REACH, columns, 4))
 
     def fit_rows(top: int) -> Doubles:
@@ -56,10 +57,6 @@ def regress(film: Film, features: Doubles, *, threads: int = 1) -> Doubles:
             total[top : top + len(band)] += band
     inside = total[REACH:-REACH]
     return np.asarray(inside[..., :3] / inside[..., 3:])
-
-
-def _padded(array: Doubles, around: int) -> Doubles:
-    return np.pad(array, ((around, around), (around, around), (0, 0)), "symmetric")
 
 
 def _weights(mean: Doubles, variance: Doubles, offsets: npt.NDArray[np.int64]) -> Floats:

@@ -61,7 +61,11 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
     from scipy.fft import dctn
 
     step = np.asarray(steps, dtype=np.float64).reshape(BLOCK, BLOCK)
-    blocks = _blocks(levels @ np.array(LUMINANCE) if levels.shape[2] == 3 else levels[..., 0].astype(np.float64))
+    plane = levels @ np.array(LUMINANCE) if levels.shape[2] == 3 else levels[..., 0].astype(np.float64)
+    rows, columns = (size // BLOCK * BLOCK for size in plane.shape)
+    tiled = plane[:rows, :columns].reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).swapaxes(1, 2)
+    blocks = tiled.reshape(-1, BLOCK, BLOCK)
+    blocks = blocks[:: max(1, len(blocks) // MOST_BLOCKS)]
     zero = np.abs(dctn(blocks - 128, axes=(1, 2), norm="ortho")) < step / 2
     share = np.clip(zero.mean(axis=0), 1e-9, 1 - 0.5 / len(blocks))
     # variance within the limits of a Laplace distribution of which this share lies within them
@@ -70,14 +74,6 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
     laplace_variance = np.asarray(scale**2 * (2 - np.exp(-t) * (t**2 + 2 * t + 2)) / share)
     variance = (1 - share) * step**2 / 12 + share * laplace_variance
     return float(np.sqrt(variance.mean()) / 255)  # the transform is orthonormal
-
-
-def _blocks(plane: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The whole blocks (N, 8, 8) of a plane, at most `MOST_BLOCKS`."""
-    rows, columns = (size // BLOCK * BLOCK for size in plane.shape)
-    tiled = plane[:rows, :columns].reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).swapaxes(1, 2)
-    blocks = tiled.reshape(-1, BLOCK, BLOCK)
-    return blocks[:: max(1, len(blocks) // MOST_BLOCKS)]
 
 
 # --- Tone curves of picture files: light of an encoded level, by sRGB's transfer function or an ICC profile ---

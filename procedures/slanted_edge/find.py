@@ -55,10 +55,14 @@ def find_edges(samples: Array32) -> list[EdgeSighting]:
     """Detect the slanted edges of a plane, the best first. Raises Refused if there is none, with the reason."""
     segments = _merged(_segments(samples))
     slanted = [segment for segment in segments if MIN_ANGLE_DEG <= segment.angle_deg <= MAX_ANGLE_DEG]
-    detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]
+    detected = [edge for one in slanted if (edge := _sighting(samples, one)) is not None]
     if not detected:
         raise Refused(*_why_none(segments, slanted))
-    return _apart(sorted(detected, key=lambda one: -one.score))
+    kept: list[EdgeSighting] = []
+    for sighting in sorted(detected, key=lambda one: -one.score):
+        if not any(_same(sighting, other) for other in kept):
+            kept.append(sighting)
+    return kept
 
 
 def longest_segment(samples: Array32) -> Array | None:
@@ -207,14 +211,6 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
     slope = float((last - first)[v] / (last - first)[u])
     middle = float(first[v] + slope * ((low_u + high_u) / 2 - first[u]) - low_v)
     return strip_of(samples, roi, turned=turned, reach_px=reach), EdgeLine(middle, slope)
-
-
-def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
-    kept: list[EdgeSighting] = []
-    for sighting in sightings:
-        if not any(_same(sighting, other) for other in kept):
-            kept.append(sighting)
-    return kept
 
 
 def _same(a: EdgeSighting, b: EdgeSighting) -> bool:

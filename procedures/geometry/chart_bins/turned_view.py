@@ -59,16 +59,12 @@ class TurnedView:
     def to_plane(self, points: Array) -> Array:
         """Places (n, 2) of the equidistant picture at points (n, 2) of the pinhole's."""
         flat = (points - self.half_px) / (self.focal_px * self.scale)
-        x, y, z = (np.column_stack([flat, np.ones(len(flat))]) @ self._rotation.T).T
+        # from the pinhole camera's frame to the equidistant one's
+        turn = Rotation.from_rotvec([-self.turn[1], self.turn[0], 0.0]).as_matrix()
+        x, y, z = (np.column_stack([flat, np.ones(len(flat))]) @ turn.T).T
         rho = np.hypot(x, y)
         stretch = self.focal_px * np.arctan2(rho, z) / np.maximum(rho, np.finfo(float).tiny)
         return np.asarray(self.centre + stretch[:, None] * np.column_stack([x, y]))
-
-    @property
-    def _rotation(self) -> Array:
-        """From the pinhole camera's frame to the equidistant one's."""
-        x, y = self.turn
-        return np.asarray(Rotation.from_rotvec([-y, x, 0.0]).as_matrix())
 
     @property
     def factor(self) -> int:

@@ -143,8 +143,9 @@ def collinear_triples(field: BinnedSaddles, rules: LayoutRules) -> Indices:
     """Triples (n, 3) of similar saddles, equally spaced on a line, in one or both directions."""
     pairs = _tree(field).query_pairs(rules.max_step, output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    step = field.points[pairs[:, 1]] - field.points[pairs[:, 0]]
-    pairs = pairs[(step.imag >= -rules.level_slope * np.abs(step.real)) & _are_steps(field, *pairs.T, rules)]
+    i, j = pairs.T
+    step = field.points[j] - field.points[i]
+    pairs = pairs[(step.imag >= -rules.level_slope * np.abs(step.real)) & _are_steps(field, i, j, rules)]
     i, j = pairs[np.lexsort(pairs.T[::-1])].T
     step = field.points[j] - field.points[i]
     k = _nearest(field, field.points[j] + step, rules.collinear * np.abs(step), j, rules)

@@ -58,13 +58,6 @@ class Layouts:
     hits: npt.NDArray[np.bool_]
 
 
-def _strongest(field: BinnedSaddles, triples: Indices) -> Indices:
-    if len(triples) <= MAX_TRIPLES:
-        return triples
-    strengths = field.merits[triples].min(axis=1)
-    return triples[np.argpartition(-strengths, MAX_TRIPLES)[:MAX_TRIPLES]]
-
-
 def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, Array]:
     """Hits (n, 12) normalised by their means and spreads, 0 for none; the means and the spreads, (n, 1)."""
     present = hits >= 0
@@ -140,7 +133,10 @@ def find_layouts(saddles: Saddles) -> Layouts:
     if len(saddles.points) < MIN_HITS:
         return none
     field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN_SIDE)
-    hits = loops.square_sides(field, _strongest(field, loops.collinear_triples(field, RULES)), RULES)
+    triples = loops.collinear_triples(field, RULES)
+    if len(triples) > MAX_TRIPLES:
+        triples = triples[np.argpartition(-field.merits[triples].min(axis=1), MAX_TRIPLES)[:MAX_TRIPLES]]
+    hits = loops.square_sides(field, triples, RULES)
     if not len(hits):
         return none
     # affine maps (n, 3, 3) from lattice to pixels, fitted to hits

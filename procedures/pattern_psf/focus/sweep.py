@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics.arrays import Array
 
@@ -54,7 +53,8 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     top = int(np.argmax(y))
     near = y >= MIN_FIT_SCORE * y[top]
     if len(np.unique(x[near])) < MIN_POINTS:
-        near = _neighbours(x, top)
+        each = np.unique(x)
+        near = np.isin(x, each[np.argsort(np.abs(each - x[top]), kind="stable")[:MIN_POINTS]])
     c, C = _parabola(x[near] - x[top], 1 / y[near], u[near] / y[near] ** 2)
     if c[2] <= 0 or c[0] <= c[1] ** 2 / (4 * c[2]):
         return None
@@ -71,12 +71,6 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
         bool(x.min() <= place <= x.max()),
         int(np.count_nonzero(near)),
     )
-
-
-def _neighbours(x: Array, top: int) -> npt.NDArray[np.bool_]:
-    places = np.unique(x)
-    nearest = places[np.argsort(np.abs(places - x[top]), kind="stable")[:MIN_POINTS]]
-    return np.isin(x, nearest)
 
 
 def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
