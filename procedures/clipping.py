@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, distinct, quantile
+from procedures.numerics.arrays import Array, Array32, distinct, quantile
 
 NOMINAL = 0.998
 """Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
@@ -39,7 +39,7 @@ class Clipping:
 
 
 def find_clipping(
-    samples: npt.NDArray[np.float32] | Array, quantisation: float = 0.0, *, dark_noise: float = 0.0,
+    samples: Array32 | Array, quantisation: float = 0.0, *, dark_noise: float = 0.0,
     bright_noise: float = 0.0, of_edge: bool = False,
 ) -> Clipping:  # fmt: skip
     """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.

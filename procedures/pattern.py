@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
+
 Cells = npt.NDArray[np.uint8]
-Points = npt.NDArray[np.float64]
 
 CELLS = 256  # cells along one side of the noise region
 BLOCK = 32  # cells along one side of a block of the frame
@@ -48,7 +49,7 @@ WHITE_BLOCKS = (
 )  # fmt: skip
 
 
-EDGES: npt.NDArray[np.float64] = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
+EDGES: Array = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
 """Ends (x, y) of the optional slanted edges in cells, (2, 2, 2): right of the chart, and below it.
 
 They are slanted by atan(25 / 256) = 5.6 degrees in opposite directions: a roll that aligns one with an axis does not
@@ -58,7 +59,7 @@ EDGE_END = 370
 """Outer limit of the black areas behind the edges, in x or y; the white areas are more than a block wide."""
 
 
-def edge_areas() -> npt.NDArray[np.float64]:
+def edge_areas() -> Array:
     """Black areas of the slanted edges, (2, 4, 2): corners (x, y) in cells, clockwise on paper."""
     (top, bottom), (left, right) = EDGES
     end = float(EDGE_END)
@@ -70,16 +71,16 @@ def block_corner(column: int, row: int) -> tuple[float, float]:
     return float(BLOCK * (column - 1)), float(BLOCK * (row - 1))
 
 
-def block_centres(blocks: tuple[tuple[int, int], ...]) -> Points:
+def block_centres(blocks: tuple[tuple[int, int], ...]) -> Array:
     """Pattern coordinates (x, y) of the blocks' centres, (n, 2)."""
     return (np.array(blocks, dtype=np.float64) - 0.5) * BLOCK
 
 
-X_CORNERS: Points = block_centres(X_CORNER_BLOCKS)
+X_CORNERS: Array = block_centres(X_CORNER_BLOCKS)
 """The twelve x-corners (x, y) in cells, clockwise from the top left, (12, 2)."""
 
 
-def triangles() -> npt.NDArray[np.float64]:
+def triangles() -> Array:
     """Black triangles of the x-corners, (24, 3, 2): each block's upper one, then its lower one."""
     shapes = []
     for column, row in X_CORNER_BLOCKS:

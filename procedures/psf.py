@@ -7,10 +7,9 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Complex
 from procedures.numerics.kernel_tail import (
     DIFFERS,
     LEAST_TAIL,
@@ -234,7 +233,7 @@ class Psf:
             return 0.0
         return float(self.tail.amplitudes[0]) * tail_density(self.k) / self.s / self.light
 
-    def spectra(self, fx: Array, fy: Array) -> npt.NDArray[np.complex128]:
+    def spectra(self, fx: Array, fy: Array) -> Complex:
         """Spectra of unit parameters at frequencies (n,) in cycles/pixel: (n, k^2 + q)."""
         ex = np.exp(-2j * np.pi * np.asarray(fx)[:, None] * self.offsets_px)
         ey = np.exp(-2j * np.pi * np.asarray(fy)[:, None] * self.offsets_px)

@@ -17,11 +17,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import oaconvolve
 
 from procedures.display import axes_of, html, summary
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.outcome import BadParameter
@@ -164,7 +163,7 @@ class PsfField:
         """Coefficients B z_i at the nodes, (N, r)."""
         return np.asarray(self._measured @ self.analysis.T)
 
-    def inside(self, points: Array) -> npt.NDArray[np.bool_]:
+    def inside(self, points: Array) -> Mask:
         """Mask of the points (n, 2) of the plane inside the hull."""
         return self.hull.holds(np.asarray(points, dtype=np.float64))
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array32
 from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
 from procedures.reading.development import Development
@@ -65,7 +66,7 @@ class Plane:
     """
 
     name: str
-    samples: npt.NDArray[np.float32]
+    samples: Array32
     quantisation: float
     pitch: int = 1
     origin: tuple[int, int] = (0, 0)
@@ -361,7 +362,7 @@ def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | N
     return _scaled_plane(GREY_PLANE, visible, black, float(raw.white_level))
 
 
-def _check_white(path: Path, raw: Any, black: npt.NDArray[np.float32]) -> None:
+def _check_white(path: Path, raw: Any, black: Array32) -> None:
     if raw.white_level <= black.max():
         reason = f"{path} must have its white level above its black level {black.max():g}; it is {raw.white_level}"
         raise BadInput(reason, _COPY)
@@ -403,7 +404,7 @@ def _positions(raw: Any) -> dict[str, tuple[int, int]]:
     return {"R": (row, column), "G1": (row, 1 - column), "G2": (1 - row, column), "B": (1 - row, 1 - column)}
 
 
-def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> Array32:
     """Black level of a plane in digital numbers, one number or one per row and column.
 
     The file's level (DNG BlackLevel, relative to ActiveArea) has priority: LibRaw replaces it by the mean of
@@ -427,7 +428,7 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 
 
 def _scaled_plane(
-    name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
+    name: str, levels: Samples, black: Array32, white: float, position: tuple[int, int] | None = None,
     *, raw: bool = True,
 ) -> Plane:  # fmt: skip
     mean_black = float(np.mean(black))

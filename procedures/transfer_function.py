@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, name_at
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Complex, Mask
 from procedures.numerics.kernel_tail import tail_border, tail_kernels, tail_spectra
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
 
-Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
+Otf = Callable[[Array, Array], Complex]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
 NYQUIST = 0.5  # cycles per pixel
@@ -216,7 +216,7 @@ def _circles(radius: Array) -> tuple[Array, Array]:
     return radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
 
 
-def _within(x: Array, y: Array, k: int) -> npt.NDArray[np.bool_]:
+def _within(x: Array, y: Array, k: int) -> Mask:
     return np.asarray(np.maximum(np.abs(x), np.abs(y)) <= k / 2)
 
 

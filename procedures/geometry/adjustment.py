@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
@@ -26,10 +25,9 @@ from procedures.geometry.cameras import CameraModel
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.damped import minimise
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 CONVERGENCE_TOLERANCE = 1e-3
 """Decrease of chi-square, relative to its mean per coordinate, at convergence: 1/30 of a standard uncertainty."""
@@ -164,11 +162,11 @@ class AdjustmentProblem:
         by_terms = by_nodes @ self.shape.terms[view.index]
         return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
-    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+    def places(self, state: AdjustmentState, i: int) -> Indices:
         """Indices of a view's camera, shape terms and pose among the unknowns."""
         p, shared = len(state.camera.params), len(state.camera.params) + len(state.terms_mm)
         first, own = shared + POSE * i, state.camera.part(self.views[i].camera)[1]
-        places: npt.NDArray[np.int64] = np.r_[own, p:shared, first : first + POSE]
+        places: Indices = np.r_[own, p:shared, first : first + POSE]
         return places
 
     def placed(self, state: AdjustmentState, i: int) -> Array:

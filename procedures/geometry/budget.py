@@ -10,12 +10,10 @@ Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment
 from procedures.geometry.spline_camera import SplineCamera
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array, Indices
 
 POINTS, FLATNESS, MODEL, SHUTTER, SCALE = "points", "flatness", "model", "shutter", "scale"
 TERMS = (POINTS, FLATNESS, MODEL, SHUTTER, SCALE)
@@ -73,7 +71,7 @@ def variance_parts(fit: Adjustment, *, with_shutter: bool) -> VarianceParts:
     return VarianceParts(square * simple, square * (fit.covariance - every), shutter)
 
 
-def _inverse(U: Array, free: npt.NDArray[np.int64], known: int) -> Array:
+def _inverse(U: Array, free: Indices, known: int) -> Array:
     part = U[np.ix_(free, free)]
     scale = np.sqrt(np.diag(part))
     covariance = np.zeros((known, known))

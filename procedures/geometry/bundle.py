@@ -21,9 +21,8 @@ from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camer
 from procedures.geometry.colmap import pycolmap
 from procedures.geometry.shape import rigid_shape
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Initial focal lengths, relative to the longer side of the frame."""

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from procedures.geometry import stereographic
 from procedures.geometry.colmap import pycolmap
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
-
-Array = npt.NDArray[np.float64]
 
 MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 """Models of COLMAP, the simplest first."""

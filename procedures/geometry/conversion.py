@@ -9,14 +9,12 @@ from functools import partial
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camera, split_model
 from procedures.geometry.uncertainty import enclosed
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
-
-Array = npt.NDArray[np.float64]
 
 OPENCV_COUNTS = (4, 5, 8, 12)  # numbers of distortion coefficients supported by OpenCV's formula
 SAME_FORMULA = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust
@@ -21,9 +20,8 @@ from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_ti
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt, normals_spread_deg
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
-
-Array = npt.NDArray[np.float64]
 
 FRONTAL_DEG = 20.0
 """If no chart is tilted by more, its frontal poses explain a refusal; distortion alone appears as 15 degrees."""

@@ -13,13 +13,11 @@ shift by which the missing terms displaced the fit, with covariance; the fit's c
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.cameras import FORMULAS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.conversion import Difference, as_model, covered_grid
 from procedures.geometry.model_doubt import missing_terms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 GRID = (15, 11)
 UNMODELLED_PX = 1e-3

@@ -9,14 +9,12 @@ whose level comes from the residuals, so that covariances that are all stated to
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
 from procedures.geometry.adjustment import Adjustment, extra_terms
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.views import ChartView
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 DEGREE = 7  # total degree of the polynomials
 SIGNIFICANCE = 0.005  # probability of a false alarm

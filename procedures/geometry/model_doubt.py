@@ -17,12 +17,10 @@ averaging: a tutorial, Stat. Sci. 14, 1999.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment, ModelDoubt, extra_terms
 from procedures.geometry.cameras import SPLINE, CameraModel
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 ASYMMETRIC = 1e-3
 """Prior standard deviation of decentring and thin prism, relative to the squared radius in focal lengths; terms of

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.shape import ShapeModel, rigid_shape
 from procedures.geometry.views import Pose
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import hull_area
-
-Array = npt.NDArray[np.float64]
 
 PLACES = (0.2, 0.5, 0.8)
 """Positions of the chart's centre, in fractions of the frame, along both sides."""

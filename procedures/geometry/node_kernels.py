@@ -1,12 +1,9 @@
 """Inner loops of the adjustment: a view's part of the normal equations of the nodes, and cubic B-splines of a frame."""
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.compiled import compiled
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 
 @compiled

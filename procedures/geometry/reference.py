@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import (
     Adjustment,
@@ -25,8 +24,6 @@ from procedures.geometry.conversion import as_model
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.uncertainty import covered_region
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 ROUGHNESS_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Candidates for the standard deviation of the third differences of control points: the first leaves 0.1 pixel of cubic

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
@@ -37,9 +36,8 @@ from procedures.geometry.next_view import (
 from procedures.geometry.shape import scale_spread, shape_model
 from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
+from procedures.numerics.arrays import Array, Indices
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_refusal
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_CHARTS = 3  # fewer charts do not show whether the rig is rigid
 ITERATIONS = 4
@@ -248,7 +246,7 @@ def _rigid(
 
 
 def _next_view(
-    fit: Adjustment, rows: npt.NDArray[np.int64], A: Array, placed: list[Pose], depth_mm: float, share: float
+    fit: Adjustment, rows: Indices, A: Array, placed: list[Pose], depth_mm: float, share: float
 ) -> NextView | None:
     """The pose of a chart, seen by several cameras at once, that reduces the uncertainty of a depth most.
 

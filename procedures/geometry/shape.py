@@ -8,9 +8,8 @@ that the scale cannot be estimated without a known distance.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 STRETCH, UNEVEN, BEND = 0.005, 0.002, 0.02
 """Prior standard deviations relative to half the chart: of stretch and shear, of quadratic errors in the plane, and of

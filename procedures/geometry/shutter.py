@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -27,9 +26,8 @@ from procedures.geometry.adjustment import (
     extra_terms,
 )
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array, Indices
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 6  # frames of a video that show how the chart moves
 ITERATIONS, NEGLIGIBLE = 6, 0.05
@@ -101,10 +99,10 @@ class MovingProblem(AdjustmentProblem):
         of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
         return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
 
-    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+    def places(self, state: AdjustmentState, i: int) -> Indices:
         """Indices of camera, shape terms and the poses near a view among the unknowns."""
         near, first = self._near(i), len(state.camera.params) + len(state.terms_mm)
-        places: npt.NDArray[np.int64] = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
+        places: Indices = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
         return places
 
     def _near(self, i: int) -> slice:

@@ -15,13 +15,11 @@ from functools import cached_property, lru_cache
 from math import ceil, comb
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
 from procedures.geometry.node_kernels import add_spline_weights, spline_at
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SPREAD = 5e-4
 """Prior root mean square of the spline, relative to the longer side: the size of decentring and thin prism, which views

@@ -15,9 +15,8 @@ Source: Kogan, mrcal documentation, "Splined stereographic lens model".
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4", "p3", "p4")
 RADIAL = slice(4, 8)

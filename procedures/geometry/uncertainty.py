@@ -10,12 +10,10 @@ Source: Kogan, mrcal documentation, "Projection uncertainty", mean-pcam formulat
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.model_doubt import missing_terms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array, Mask
 
 OUTLINE_TOLERANCE = 0.003  # simplification of outlines, relative to their size
 
@@ -82,7 +80,7 @@ def covered_region(points: Array) -> Array:
     return np.asarray(few[:, 0], dtype=np.float64)
 
 
-def enclosed(region: Array, pixels: Array) -> npt.NDArray[np.bool_]:
+def enclosed(region: Array, pixels: Array) -> Mask:
     """Whether each pixel (n, 2) lies inside an outline."""
     outline = region.astype(np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(x), float(y)), False) >= 0 for x, y in pixels])

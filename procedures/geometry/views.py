@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.pattern import CELLS
 from procedures.pattern_psf.correspondences import bin_centres
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,7 @@ class ChartView:
     """
 
     source: str
-    index: npt.NDArray[np.int64]
+    index: Indices
     points: Array
     covariance: Array
     camera: int = 0
@@ -42,7 +40,7 @@ class ChartView:
         """Number of points."""
         return len(self.index)
 
-    def part(self, chosen: npt.NDArray[np.bool_]) -> "ChartView":
+    def part(self, chosen: Mask) -> "ChartView":
         """The view with some of its points."""
         return replace(self, index=self.index[chosen], points=self.points[chosen], covariance=self.covariance[chosen])
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Complex, Indices
 from procedures.numerics.transforms import integral_of_j0, j0, j1
 
 REACH = 64
@@ -58,7 +58,7 @@ def tail_kernels(k: int) -> Array:
 
 
 def tail_columns(
-    u: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], s: int, k: int,
+    u: Array32, rows: Indices, columns: Indices, s: int, k: int,
     shapes: int = len(SHAPES),
 ) -> Array:  # fmt: skip
     """Convolution of an image `u` on the s grid, with a border of `tail_border`, with the first tail shapes, at pixels:
@@ -178,7 +178,7 @@ def spectrum_beyond(f: Array, k: int) -> Array:
     return np.asarray(_beyond(k) * _transform_beyond(2 * np.pi * f * tail_border(k)))
 
 
-def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:
+def _waves(f: Array, last: int) -> Complex:
     """exp(2 pi i f n) at frequencies (n,) for n from 0 to the last: (n, last + 1)."""
     steps = np.exp(2j * np.pi * f)
     return np.concatenate([np.ones((len(f), 1)), np.cumprod(np.repeat(steps[:, None], last, axis=1), axis=1)], axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Complex
 
 Complex64 = npt.NDArray[np.complex64]
 Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
@@ -82,12 +82,12 @@ def outline_spline(spectra: CellSpectra, band: Band) -> Array32:
     return band.spline([(spectra.left, np.sinc, _line), (spectra.upper, _line, np.sinc)])
 
 
-def _line(f: Array) -> npt.NDArray[np.complex128]:
+def _line(f: Array) -> Complex:
     """Spectrum of a line at a cell's lower edge, from the cell's centre."""
     return np.asarray(np.exp(1j * np.pi * f))
 
 
-def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:
+def _to_spline(f: Array, per_cell: int) -> Complex:
     """Spline prefilter, and the shift from cell centres to grid points, along one axis."""
     return np.asarray(_prefilter(f / per_cell) * np.exp(2j * np.pi * f * (0.5 / per_cell - 0.5)))
 

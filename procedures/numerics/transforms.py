@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numpy.fft import fftfreq, ifft, irfft2
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Indices
 
 __all__ = ["fft2", "fftfreq", "ifft", "irfft2", "irfft_rows", "next_fast_len", "rfft2"]
 
@@ -56,7 +56,7 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
     return half
 
 
-def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> npt.NDArray[np.float32]:
+def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> Array32:
     """Real rows (rows, columns) whose half transforms are `spectra`, zero beyond them."""
     packed = np.zeros((len(spectra), columns), dtype=np.float32)  # alternating real and imaginary parts after the first
     parts = np.ascontiguousarray(spectra, dtype=np.complex64).view(np.float32)[:, : columns + 1]
@@ -126,7 +126,7 @@ np.empty(31 << 20, np.uint8)
 
 
 def sample_convolution(
-    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int,
+    raster: Array32, rows: Indices, columns: Indices, weight: Array32, s: int, k: int,
     more: int = 0,
 ) -> Array32:  # fmt: skip
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.

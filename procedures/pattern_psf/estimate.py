@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change, with_modes, with_parts
 from procedures.clipping import SensorModel
@@ -27,7 +26,7 @@ from procedures.numbers import (
     RESIDUAL_STD,
     S_OVER_T,
 )
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, verdict_of, with_refusal
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
@@ -361,7 +360,7 @@ class _Attempt:
     solution: Solution
 
 
-def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
+def _register(samples: Array32, sighting: ChartSighting | None) -> tuple[Array, Registration]:
     if sighting is None:
         sighting = find_chart(samples)
     else:
@@ -379,7 +378,7 @@ def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) 
 
 
 def _fit(
-    samples: npt.NDArray[np.float32],
+    samples: Array32,
     chart: Chart,
     corners: Array,
     registration: Registration,

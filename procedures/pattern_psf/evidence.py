@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
@@ -22,7 +21,7 @@ from procedures.corruption.noise import (
     texture_correlation,
 )
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, Array32, Mask
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
 from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import apply_homography, cubic_monomials, displacement_columns
@@ -196,7 +195,7 @@ class WholeChart:
             part = self._part(used, number)
         return part, used
 
-    def _clear(self, block: npt.NDArray[np.int64]) -> Mask:
+    def _clear(self, block: Indices) -> Mask:
         """Samples of the frame away from x-corners and from the rim, beyond which the surroundings are not known."""
         cell_px = block_size_px(self.fit.registration) / BLOCK
         rim, near = self.k / 2 / self.s / cell_px, CLEAR_PX / cell_px
@@ -211,7 +210,7 @@ class WholeChart:
                 touched |= corner[at[..., 0], at[..., 1]]
         return np.asarray(inside & ~noise & ~touched)
 
-    def _part(self, used: Mask, number: npt.NDArray[np.int64]) -> SampleGroup:
+    def _part(self, used: Mask, number: Indices) -> SampleGroup:
         rows, columns = np.nonzero(used)
         weight = self.weight[used]
         q = len(SHAPES)

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import quantile
+from procedures.numerics.arrays import Mask, quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
@@ -43,7 +42,7 @@ def excluded_samples(whole: Observation, kept: Observation) -> ExcludedSamples:
     return ExcludedSamples((int(np.count_nonzero(excluded)) - count) / len(whole), count)
 
 
-def _excluded(whole: Observation, kept: Observation) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+def _excluded(whole: Observation, kept: Observation) -> tuple[Mask, Mask]:
     excluded = np.zeros((int(whole.rows.max()) + 1, int(whole.columns.max()) + 1), dtype=np.float32)
     excluded[whole.rows, whole.columns] = 1
     excluded[kept.rows, kept.columns] = 0

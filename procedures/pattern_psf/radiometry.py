@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import SensorModel, find_clipping
-from procedures.numerics.arrays import Array, quantile
+from procedures.numerics.arrays import Array, Array32, Indices, Mask, quantile
 from procedures.outcome import Refused
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, WHITE_BLOCKS
 from procedures.pattern_psf.rasterise import Window
@@ -70,7 +69,7 @@ def quadratic(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> LightLevels:
+def measure_light(samples: Array32, registration: Registration, quantisation: float) -> LightLevels:
     """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
     samples : (rows, columns) float32 the plane
@@ -129,9 +128,7 @@ def bend_of_chart(light: LightLevels, sensor: SensorModel, plane: Plane) -> floa
     return max(4 * sensor.bend_uncertainty * share, MIN_BEND_UNCERTAINTY)
 
 
-def _block_pixels(
-    registration: Registration, shape: tuple[int, ...]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _block_pixels(registration: Registration, shape: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Pixels (x, y) inside the chart's blocks, away from their borders, and their blocks (column, row)."""
     points = Window.around(registration, shape, float(BLOCK), 0.0).pixels()
     cells = registration.to_pattern(points.astype(np.float64)) + BLOCK
@@ -147,18 +144,18 @@ class _Block:
     """Pixels of one block (n, 2), their monomials and samples, the mask of inliers, and the residuals of the block's
     own surface, of degree two because stray light from the neighbours enters, where there are enough samples."""
 
-    pixels: npt.NDArray[np.int64]
+    pixels: Indices
     design: Array
     value: Array
-    inliers: npt.NDArray[np.bool_]
+    inliers: Mask
     residuals: Array
 
 
 def _block_reader(
-    samples: npt.NDArray[np.float32],
+    samples: Array32,
     registration: Registration,
-    points: npt.NDArray[np.int64],
-    block: npt.NDArray[np.int64],
+    points: Indices,
+    block: Indices,
     quantisation: float,
 ) -> Callable[[tuple[int, int]], _Block]:
     number = block[:, 0] + BLOCKS * block[:, 1]
@@ -176,7 +173,7 @@ def _block_reader(
     return block_at
 
 
-def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
+def _find_inliers(design: Array, value: Array, least: float) -> tuple[Mask, Array]:
     """Mask (n,) of a block's samples free of specks, scratches and shadows, if most are; and the residuals of the
     surface through these."""
     if len(value) <= MIN_SAMPLES:

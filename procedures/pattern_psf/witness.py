@@ -11,14 +11,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from procedures.choice import with_modes
 from procedures.corruption.family import Strength, nuisance, threshold
 from procedures.corruption.noise import Variogram, mask_scores
 from procedures.numbers import WITNESS_BLACK, WITNESS_CURVATURE, WITNESS_PRINT_BLUR, WITNESS_RATIO, WITNESS_SHARPENING
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, print_blur_mode
@@ -148,7 +147,7 @@ def _scaled(samples: Array, low: float, high: float) -> Array:
     return np.asarray((samples - (low + high) / 2) / (high - low))
 
 
-def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> tuple[float, Strength]:
+def _strongest(difference: Array, known: Mask) -> tuple[float, Strength]:
     """Radius and strength of the mask with the largest score in noise whose variance is made equal over the picture."""
     local = uniform_filter(difference**2, 4 * TILE + 1)
     white = difference / np.sqrt(np.maximum(local, 1e-3 * float(local.mean())))

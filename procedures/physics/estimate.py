@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.display import summary
 from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, checked_type, verdict_of
 from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, bounds_of, names_of, start_of
 from procedures.psf import Psf
@@ -398,7 +397,7 @@ def _descend(
     parts: ModelParts,
     start: Array,
     bounds: tuple[Array, Array],
-    free: npt.NDArray[np.bool_] | None = None,
+    free: Mask | None = None,
 ) -> ModelFit:
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}

@@ -13,13 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.numerics.compiled import compiled
 from procedures.outcome import BadInput
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.uint32]
-Indices = npt.NDArray[np.int64]
 
 BINS = 20  # bins per colour
 EXPONENT = 2.2  # exponent of the sample's value by which bins widen
@@ -46,9 +44,9 @@ class Film:
         Samples dropped because they are not finite.
     """
 
-    histogram: Floats
-    mean: Doubles
-    moment2: Doubles | None
+    histogram: Array32
+    mean: Array
+    moment2: Array | None
     count: Counts
     dropped: Counts
 
@@ -66,11 +64,11 @@ class Film:
         )
 
     @property
-    def variance(self) -> Doubles | None:
+    def variance(self) -> Array | None:
         """Unbiased variance of single samples, (rows, columns, 3); 0 for a single sample; None if not recorded."""
         if self.moment2 is None:
             return None
-        variance: Doubles = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
+        variance: Array = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
         return variance
 
     def add(self, row: npt.ArrayLike, column: npt.ArrayLike, colour: npt.ArrayLike) -> None:
@@ -180,8 +178,8 @@ def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:
 
 @compiled
 def _expose(
-    rows: Indices, columns: Indices, colours: Doubles,
-    histogram: Floats, mean: Doubles, moment2: Doubles, count: Counts, dropped: Counts,
+    rows: Indices, columns: Indices, colours: Array,
+    histogram: Array32, mean: Array, moment2: Array, count: Counts, dropped: Counts,
 ) -> None:  # fmt: skip
     for i in range(rows.size):
         r, c = rows[i], columns[i]
@@ -198,7 +196,7 @@ def _expose(
 
 
 @compiled
-def vote(value: float, histogram: Floats) -> None:
+def vote(value: float, histogram: Array32) -> None:
     """Divide one vote between the two nodes next to the value."""
     last = histogram.size - 1
     v = (max(value, 0.0) / RANGE) ** (1.0 / EXPONENT)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
 from procedures.reading.arrays import Arrays, Shape, checked_array, read_npz
@@ -89,7 +90,7 @@ def _real(arrays: Arrays, name: str, shape: Shape) -> npt.NDArray[Any]:
 def _whole(numbers: npt.NDArray[Any], what: str, shape: Shape) -> npt.NDArray[np.uint32]:
     high = float(np.iinfo(np.uint32).max)
     remedy = "write the film again"
-    counts: npt.NDArray[np.float64] = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
+    counts: Array = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
     return np.rint(counts).astype(np.uint32)
 
 

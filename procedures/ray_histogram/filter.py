@@ -11,13 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32, Indices
 from procedures.outcome import BadInput, BadParameter
 from procedures.ray_histogram.kernels import Rules, Stack, fuse_band
-
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
 
 BAND_ROWS = 32
 """Rows filtered at once: large enough that the rows computed twice at the rims cost little."""
@@ -120,10 +117,10 @@ class Samples:
         Means of the samples' three colours and the variances of these means; None to compare histograms alone.
     """
 
-    picture: Floats
-    histogram: Floats
-    count: Floats
-    means: Floats | None = None
+    picture: Array32
+    histogram: Array32
+    count: Array32
+    means: Array32 | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +134,8 @@ class Fused:
         is low, more samples are needed.
     """
 
-    picture: Floats
-    similar: Floats
+    picture: Array32
+    similar: Array32
 
 
 def fuse_scale(
@@ -187,19 +184,19 @@ def fuse_scale(
     return Fused(fused, similar)
 
 
-def _compared(frame: Samples, parameters: FilterParameters) -> Floats:
+def _compared(frame: Samples, parameters: FilterParameters) -> Array32:
     if frame.means is None or parameters.welch == 0:
         return np.empty((*frame.count.shape, 0), np.float32)
     return frame.means
 
 
-def _stacked(arrays: list[Floats]) -> Floats:
+def _stacked(arrays: list[Array32]) -> Array32:
     if len(arrays) == 1:
         return np.ascontiguousarray(arrays[0], np.float32)[None]
     return np.ascontiguousarray(np.stack(arrays), np.float32)
 
 
-def search_block(half_size: int, frames: int) -> tuple[Ints, int]:
+def search_block(half_size: int, frames: int) -> tuple[Indices, int]:
     """Candidates (n, 3) as frame, row offset, column offset in the kernels' order, and the number of forward ones."""
     block = [(y, x) for y in range(-half_size, half_size + 1) for x in range(-half_size, half_size + 1)]
     forward = [offset for offset in block if offset > (0, 0)]

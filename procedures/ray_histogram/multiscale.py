@@ -10,14 +10,12 @@ from scipy import ndimage
 from scipy.sparse import csr_array
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
 from procedures.ray_histogram.rims import beside_lamps, lamp_rims
-
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 SIGMA = 0.55  # target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels
 
@@ -49,10 +47,10 @@ class FilteredFilm:
         Standard uncertainty of the picture (see `uncertainty`), if requested.
     """
 
-    picture: Floats
-    similar: Floats
+    picture: Array32
+    similar: Array32
     median_similar: tuple[float, ...]
-    uncertainty: Floats | None = None
+    uncertainty: Array32 | None = None
 
     __repr__ = summary
 
@@ -62,7 +60,7 @@ def filter_film(
     parameters: FilterParameters | None = None,
     *,
     neighbours: Sequence[Film] = (),
-    guides: Floats | None = None,
+    guides: Array32 | None = None,
     threads: int = 1,
 ) -> FilteredFilm:
     """Filter a film by Algorithm 2.
@@ -156,7 +154,7 @@ def downsample(frame: Samples, s: int) -> Samples:
     return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor, means)
 
 
-def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
+def recombine(pictures: Sequence[Array32], coarse: float) -> Array32:
     """Combine filtered scales, finest first: the low frequencies of each are replaced by the coarser scale's.
 
     The errors of the scales are partly independent, so that a mean of the two (`coarse` < 1) is better than either.
@@ -168,7 +166,7 @@ def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
     return result
 
 
-def allowed_variance(film: Film) -> Doubles:
+def allowed_variance(film: Film) -> Array:
     """Variance of each pixel's mean, (rows, columns, 3), raised to that of the pixels around where these are alike.
 
     A pixel's own samples underestimate it where they miss rare bright paths. Its neighbours are expected to have such
@@ -187,7 +185,7 @@ def allowed_variance(film: Film) -> Doubles:
     return np.where(known, raised, np.inf)
 
 
-def within_noise(picture: Floats, film: Film, deviations: float) -> Floats:
+def within_noise(picture: Array32, film: Film, deviations: float) -> Array32:
     """Limit the picture to what the samples of each pixel allow: `deviations` standard deviations of their mean.
 
     Similar patches with one bright pixel among dark ones would otherwise change the pixels beside a lamp. Where changes
@@ -202,11 +200,11 @@ def within_noise(picture: Floats, film: Film, deviations: float) -> Floats:
     return np.asarray(film.mean + change * np.where(bias, EXPLAINED / np.maximum(nearby, EXPLAINED), 1), np.float32)
 
 
-def _around(values: npt.ArrayLike) -> Doubles:
+def _around(values: npt.ArrayLike) -> Array:
     return np.asarray(ndimage.uniform_filter(np.asarray(values, np.float64), (AROUND_SIDE, AROUND_SIDE, 0)))
 
 
-def within_range(picture: Floats, noisy: Floats) -> Floats:
+def within_range(picture: Array32, noisy: Array32) -> Array32:
     """Limit the picture to the range of the noisy pixels nearby, which avoids a dark rim around a lamp.
 
     Exchanged low frequencies overshoot next to something much brighter.
@@ -215,17 +213,17 @@ def within_range(picture: Floats, noisy: Floats) -> Floats:
     return np.clip(picture, cv2.erode(noisy, around), cv2.dilate(noisy, around))
 
 
-def gaussian_downsample(picture: Floats, s: int) -> Floats:
+def gaussian_downsample(picture: Array32, s: int) -> Array32:
     """(rows, columns, channels) blurred and sampled at every 2^s-th pixel from the first: ceil(n / 2^s) pixels."""
     return _along_both(picture, *(_gaussian_rows(n, s) for n in picture.shape[:2]))
 
 
-def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
+def bicubic_upsample(picture: Array32, size: tuple[int, ...]) -> Array32:
     """(rows, columns, channels) twice as large, by Keys' cubic (a = -1/2), which keeps the samples."""
     return _along_both(picture, *(_bicubic_rows(n) for n in size))
 
 
-def _along_both(picture: Floats, along_rows: csr_array, along_columns: csr_array) -> Floats:
+def _along_both(picture: Array32, along_rows: csr_array, along_columns: csr_array) -> Array32:
     rows, columns, channels = picture.shape
     narrow = (along_rows @ picture.reshape(rows, -1)).reshape(-1, columns, channels)
     return np.stack([along_columns @ row for row in narrow])
@@ -250,7 +248,7 @@ def _bicubic_rows(n: int) -> csr_array:
     return _mirrored(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
 
 
-def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> csr_array:
+def _mirrored(indices: Indices, weights: Array, n: int) -> csr_array:
     """Matrix (rows, n) of weights (rows, k) at indices (rows, k), which are mirrored at the borders."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)

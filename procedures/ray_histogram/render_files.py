@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 from procedures.ray_histogram.blend import Render, divisor
 from procedures.ray_histogram.film import Film, film_of_samples
 from procedures.reading.arrays import checked_array, read_npz
 from procedures.reading.exr import read_exr
 
-Doubles = npt.NDArray[np.float64]
 Layers = Mapping[str, npt.NDArray[Any]]
 Halves = tuple[tuple[Render, Render], Render]
 
@@ -81,10 +81,10 @@ def halves_of_samples(arrays: Layers) -> Halves:
     return (first, second), whole
 
 
-def _of_samples(samples: npt.NDArray[Any], features: Mapping[str, Doubles], part: slice) -> Render:
+def _of_samples(samples: npt.NDArray[Any], features: Mapping[str, Array], part: slice) -> Render:
     chosen = samples[:, :, part]
-    means: dict[str, Doubles] = {}
-    variances: dict[str, Doubles] = {}
+    means: dict[str, Array] = {}
+    variances: dict[str, Array] = {}
     for name, values in features.items():
         each = values.ndim == (3 if name == "depth" else 4)
         chosen_values = values[:, :, part] if each else values[:, :, None]
@@ -116,7 +116,7 @@ def halves_of_pictures(first: Layers, second: Layers) -> Halves:
     return (a, b), both
 
 
-def _of_means(means: Layers, variances: Mapping[str, Doubles]) -> Render:
+def _of_means(means: Layers, variances: Mapping[str, Array]) -> Render:
     film = _film(means["image"], variances["image"])
     if "albedo" not in variances:
         return Render(film, guides=_guides(means, variances))
@@ -125,12 +125,12 @@ def _of_means(means: Layers, variances: Mapping[str, Doubles]) -> Render:
     return Render(film, means["albedo"], light, means.get("normal"), _guides(means, variances))
 
 
-def _film(mean: Doubles, variance: Doubles) -> Film:
+def _film(mean: Array, variance: Array) -> Film:
     count = np.full(mean.shape[:2], 2, np.uint32)
     return Film(np.zeros((*mean.shape, 0), np.float32), mean, 2 * variance, count, np.zeros_like(count))
 
 
-def _guides(means: Layers, variances: Mapping[str, Doubles]) -> npt.NDArray[np.float32] | None:
+def _guides(means: Layers, variances: Mapping[str, Array]) -> Array32 | None:
     """Normal and depth in units of the differences that matter, and their variances with that of such a difference."""
     values, squares = [], []
     if "normal" in variances:
@@ -145,7 +145,7 @@ def _guides(means: Layers, variances: Mapping[str, Doubles]) -> npt.NDArray[np.f
     return np.concatenate([*values, *(square + 0.5 for square in squares)], axis=-1).astype(np.float32)
 
 
-def _variance(difference: Doubles) -> Doubles:
+def _variance(difference: Array) -> Array:
     """Variance of the difference of two pictures: the mean square around each pixel.
 
     It is limited where the pixel itself and the median around are far below the mean: beside a lamp's rim.
@@ -156,7 +156,7 @@ def _variance(difference: Doubles) -> Doubles:
     return np.asarray(np.minimum(mean, MOST_OVER_MEDIAN * np.maximum(squares, median)))
 
 
-def read_layers(path: Path) -> dict[str, Doubles]:
+def read_layers(path: Path) -> dict[str, Array]:
     """Picture, and as far as present albedo, normal, depth and variance, of a layered OpenEXR.
 
     Raises BadInput if the file cannot be read, has no picture, or a value that is not finite.

@@ -18,11 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
 
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
-
-Doubles = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 REACH = 2  # half size of the neighbourhood that determines a rim, pixels
 SIDE = 2 * REACH + 1
@@ -57,7 +55,7 @@ QUANTILES = (np.arange(24) + 0.5) / 24  # quantiles of the posterior over which 
 PIXELS = 256  # pixels whose rims are determined at once
 
 
-def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Array, Array]:
     """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
 
     Pixels beside a lamp that see it by a single sample have a value only.
@@ -79,14 +77,14 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, D
     return values, uncertainty
 
 
-def beside_lamps(film: Film) -> npt.NDArray[np.bool_]:
+def beside_lamps(film: Film) -> Mask:
     """Pixels (rows, columns) beside a lamp: `CONTRAST` times as bright, and of samples that are nearly alike."""
     brightness, noise = film.mean.sum(-1), mean_variance(film).sum(-1) * film.count
     lamps = np.where(noise < QUIET * brightness**2, brightness, 0)
     return np.asarray(ndimage.maximum_filter(lamps, 2 * BESIDE + 1) > CONTRAST * np.maximum(brightness, 0))
 
 
-def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, Doubles]:
+def _estimates(expected: Array, rim: Mask) -> tuple[Array, Array]:
     """Values and uncertainties (n, 3) of the pixels at a rim (rows, columns), with what `_expected` knows of them."""
     part, variance, n, hits = expected[:4]
     lamp, dark = expected[4:7].T, expected[7:].T
@@ -106,7 +104,7 @@ def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, 
     return values, np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
 
 
-def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
+def _near_lamps(brightness: Array) -> Iterator[tuple[Indices, Indices]]:
     """Rows and columns of the pixels near something much brighter, some at a time."""
     most, least = ndimage.maximum_filter(brightness, SIDE), ndimage.minimum_filter(brightness, SIDE)
     near = (most > CONTRAST * np.maximum(least, 0)) & (brightness < most)
@@ -116,8 +114,8 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
 
 
 def _expected(
-    film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints
-) -> tuple[Doubles, Doubles]:
+    film: Film, noise: Array, picture: npt.NDArray[np.floating], rows: Indices, columns: Indices
+) -> tuple[Array, Array]:
     """Knowledge from the pixels around, (10, n): part covered, its variance, own samples, hits, lamp and dark values.
 
     NaN where not at a rim; and the values of pixels that see a lamp once, (n, 3).
@@ -142,7 +140,7 @@ def _expected(
     return np.where(rim, known, np.nan), np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
 
 
-def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+def _shapes(part: Array, n: Array) -> tuple[Array, Array, Array]:
     """Part of the central pixels expected from those around, its variance, and the deviance of the best shape.
 
     part, n : (pixels, SIDE^2) the parts covered by the samples of each pixel, and their number.
@@ -161,7 +159,7 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
 
 
 @cache
-def _parts_of_shapes() -> Doubles:
+def _parts_of_shapes() -> Array:
     """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2).
 
     Directions of an eighth of a turn suffice: the others are reflections of these. A subpixel is covered by the share
@@ -185,7 +183,7 @@ def _parts_of_shapes() -> Doubles:
     return np.unique(parts.reshape(len(parts), -1).round(4), axis=0)
 
 
-def _beta(mean: Doubles, variance: Doubles, most_samples: Doubles) -> tuple[Doubles, Doubles]:
+def _beta(mean: Array, variance: Array, most_samples: Array) -> tuple[Array, Array]:
     """Parameters of the beta distributions with these means and variances that count so many samples at most."""
     mean = np.clip(mean, 1e-6, 1 - 1e-6)
     most = mean * (1 - mean)

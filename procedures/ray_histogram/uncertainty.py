@@ -17,15 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Samples
 from procedures.ray_histogram.multiscale import allowed_variance, fuse_scales, recombine, samples_of
 from procedures.ray_histogram.rims import lamp_rims
-
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 DRAWS = 8
 """Pictures of noise: their variance in a pixel has a relative error of one half, and is then averaged (`NOISE_PX`)."""
@@ -46,12 +44,12 @@ SEED = 4
 
 def standard_uncertainty(
     film: Film,
-    smooth: Floats,
+    smooth: Array32,
     parameters: FilterParameters | None = None,
     *,
-    neighbours: Sequence[tuple[Film, Floats]] = (),
+    neighbours: Sequence[tuple[Film, Array32]] = (),
     threads: int = 1,
-) -> Floats:
+) -> Array32:
     """Standard uncertainty of a film's filtered picture, (rows, columns, 3), linear.
 
     Raises BadInput if a pixel has a single sample, or the film cannot be filtered.
@@ -83,7 +81,7 @@ def standard_uncertainty(
     return sigma
 
 
-def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
+def _excess(film: Film, smooth: Array32, shared: Array32, variance: Array32) -> Array32:
     """Mean square error (rows, columns, 1) near each pixel in excess of an estimated variance.
 
     shared : covariance of the film's noise before and after filtering. The difference of film and filtered picture has
@@ -95,7 +93,7 @@ def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Flo
     return np.asarray(np.maximum(excess, 0), np.float32)
 
 
-def weighting_variance(film: Film) -> Doubles:
+def weighting_variance(film: Film) -> Array:
     """Variance of each pixel's mean, (rows, columns, 3), for weights: bounded below, and never far below those beside.
 
     A pixel whose few samples happen to agree would otherwise count most.
@@ -104,12 +102,12 @@ def weighting_variance(film: Film) -> Doubles:
     return np.asarray(np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0))))
 
 
-def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:
+def coverage(picture: npt.NDArray[np.floating], uncertainty: Array32, truth: npt.NDArray[np.floating]) -> float:
     """Fraction of the values within two standard uncertainties of the truth."""
     return float(np.mean(np.abs(picture - truth) <= 2 * uncertainty))
 
 
-def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
+def _probe(film: Film, smooth: Array32, seed: int) -> Samples:
     """The film's samples with the filtered picture, and pictures of pure noise, in place of its own picture."""
     single = film.count < 2
     if single.any():
@@ -124,5 +122,5 @@ def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
     return replace(frame, picture=np.ascontiguousarray(planes, np.float32))
 
 
-def _around(squares: Floats, sigma_px: float) -> Floats:
+def _around(squares: Array32, sigma_px: float) -> Array32:
     return np.asarray(ndimage.gaussian_filter(squares, (sigma_px, sigma_px, 0)), np.float32)

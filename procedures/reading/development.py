@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
+
 
 @dataclass(frozen=True, eq=False)
 class Development:
@@ -39,7 +41,7 @@ class Development:
         """Standard deviation of the error of a level by rounding and coding, as part of white's."""
         return float(np.hypot((12**-0.5) / ((1 << self.bits) - 1), self.coding))
 
-    def light_error(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def light_error(self, light: npt.NDArray[np.floating]) -> Array32:
         """Standard deviation of the error of light by rounding and coding, white = 1."""
         return np.asarray(self.level_error * self.curve.slope(light), dtype=np.float32)
 
@@ -81,7 +83,6 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
 # ----------
 # IEC 61966-2-1:1999 (sRGB); ICC.1:2022, 10.6 (curveType), 10.18 (parametricCurveType).
 
-Array = npt.NDArray[np.float64]
 
 POINTS = 4096
 LINEAR, SRGB = "linear", "srgb"
@@ -96,17 +97,17 @@ class ToneCurve:
     name: str
     light: Array
 
-    def decoded(self, levels: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def decoded(self, levels: npt.NDArray[np.floating]) -> Array32:
         """Light of levels, white = 1."""
         if self.name == LINEAR:
             return np.asarray(levels, dtype=np.float32)
         return np.asarray(np.interp(levels, self._levels, self.light), dtype=np.float32)
 
-    def encoded(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def encoded(self, light: npt.NDArray[np.floating]) -> Array32:
         """Levels of light, clipped to 0 and 1."""
         return np.asarray(np.interp(light, self.light, self._levels), dtype=np.float32)
 
-    def slope(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def slope(self, light: npt.NDArray[np.floating]) -> Array32:
         """Change of light per change of level, at the levels of this light."""
         return np.asarray(np.interp(light, self.light, np.gradient(self.light, self._levels)), dtype=np.float32)
 

@@ -9,9 +9,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from procedures.numerics.arrays import Array32
 from procedures.outcome import BadInput
 
 OPCODE_LIST_2, OPCODE_LIST_3 = 51009, 51022
@@ -64,7 +62,7 @@ class GainMap:
     size: tuple[int, int]
     origin: tuple[int, int]
     pitch: int
-    gains: npt.NDArray[np.float32]
+    gains: Array32
 
     def opcode(self) -> Opcode:
         (columns, rows), (x, y), (v, h) = self.size, self.origin, self.gains.shape

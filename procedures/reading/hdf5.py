@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.reading.arrays import LARGEST, Shape, checked_array, checked_number
 from procedures.reading.guard import Room
 
@@ -69,7 +69,7 @@ class Stored:
         """Whether the group has this data set."""
         return name in self._group
 
-    def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> npt.NDArray[np.float64]:
+    def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> Array:
         """Data set of real numbers. Raises BadInput as `checked_array` and `Room.take`, ValueError, KeyError."""
         return checked_array(self.values(name), self._where(name), shape, low=-largest, high=largest)
 

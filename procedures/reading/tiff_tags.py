@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 
 WIDTH, LENGTH = 256, 257
@@ -201,7 +201,7 @@ def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tup
     return tuple(a / b if b else float("nan") for a, b in zip(numbers[::2], numbers[1::2], strict=True))
 
 
-def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> npt.NDArray[np.float32]:
+def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> Array32:
     """Black level of a mosaic's plane by its tags, one number or one per row and column.
 
     Raises BadInput if the number of levels is wrong, or a level is not a number.
@@ -222,9 +222,7 @@ def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], na
     return level.astype(np.float32)
 
 
-def written_black_everywhere(
-    tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str
-) -> npt.NDArray[np.float32]:
+def written_black_everywhere(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> Array32:
     """Black level of every pixel of a sensor without a mosaic. Raises BadInput."""
     black = np.empty(shape, np.float32)
     for row, column in np.ndindex(2, 2):
@@ -233,7 +231,7 @@ def written_black_everywhere(
     return black
 
 
-def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> npt.NDArray[np.float64]:
+def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> Array:
     """Offsets of the black level of each row or column of a plane."""
     offsets = np.array(values[max(first, 0) :: 2][:n], dtype=np.float64)
     if len(offsets) != n:
@@ -242,7 +240,7 @@ def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) 
     return offsets
 
 
-def _repeated_black(tags: Tags, name: str) -> npt.NDArray[np.float64]:
+def _repeated_black(tags: Tags, name: str) -> Array:
     """BlackLevel pattern (2, 2), by position in the active area."""
     rows, columns = (int(v) for v in (*tags.get(BLACK_REPEAT, ()), 1, 1)[:2])
     levels = np.array(tags[BLACK_LEVEL], dtype=np.float64)

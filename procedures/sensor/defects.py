@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
-from procedures.numerics.arrays import Array, Mask
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.outcome import Quantity
 from procedures.sensor.stacks import FrameStack, slow_part
 
@@ -108,7 +108,7 @@ class Histogram:
     """
 
     centres: Array
-    counts: npt.NDArray[np.int64]
+    counts: Indices
     model: Array
     limit: float
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import EdgeLine, Strip
 
@@ -125,7 +124,7 @@ def _reach(strip: Strip, line: EdgeLine) -> float:
     return float(np.clip(2 * wide, 4, max(strip.samples.shape[1] / 3, 4)))
 
 
-def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, Mask]:
     """Centroid of each row's derivative under a Tukey window about the course, and whether the row has one."""
     expected = course.at(strip.along)[:, None]
     steps = np.diff(strip.samples, axis=1) * (1 if course.rising else -1)
@@ -144,7 +143,7 @@ def tukey(x: Array, flat: float, end: float) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
-def _polynomial(along: Array, centroid: Array, valid: npt.NDArray[np.bool_], course: Course) -> Course:
+def _polynomial(along: Array, centroid: Array, valid: Mask, course: Course) -> Course:
     """Polynomial through the centroids without outliers, its degree by the Bayesian information criterion."""
     if np.count_nonzero(valid) < CENTROID_ORDER + 3:
         raise Refused("there is no edge in the region: too few rows show one", NO_EDGE)

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Budget, combined
 from procedures.corruption import probability
 from procedures.corruption.directions import mirrored
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF50, EDGE_MTF_NYQUIST, LEVELS
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -376,7 +375,7 @@ def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Cour
 
 
 def _displacement(
-    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: npt.NDArray[np.bool_]
+    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: Mask
 ) -> tuple[Array, Array]:
     """Least-squares change of the coefficients (p,), and its covariance for unit noise (p, p)."""
     t = np.broadcast_to((strip.along / course.half)[:, None], d.shape)[core]

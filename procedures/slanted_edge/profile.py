@@ -9,10 +9,9 @@ high.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
@@ -156,7 +155,7 @@ def values_of(light: Array, strip: Strip, d: Array) -> Array:
 
 
 def rebinned(
-    profile: EdgeProfile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
+    profile: EdgeProfile, value: Array, d: Array, used: Mask, rounds: int = ROUNDS
 ) -> tuple[EdgeProfile, Array]:
     """Profile of values at distances, and the residual of each value (n, m), whose mean in every bin is 0."""
     K = profile.sums.shape[1] // 2
@@ -200,9 +199,7 @@ def _last_below(x: Array, level: Array, share: float) -> float:
     return float(x[i] + (share - level[i]) / max(level[i + 1] - level[i], 1e-9) * (x[i + 1] - x[i]))
 
 
-def _plains(
-    strip: Strip, d: Array, far: npt.NDArray[np.bool_], width_px: float
-) -> tuple[Array, Array, Array, float, Lean]:
+def _plains(strip: Strip, d: Array, far: Mask, width_px: float) -> tuple[Array, Array, Array, float, Lean]:
     """Parameters (6,) of the plains by least squares beyond the core, each row's normal equations, and the tail's
     priors."""
     bright = d > 0
@@ -232,7 +229,7 @@ def solve_light(normal: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
 
 
-def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tuple[Array, Array]:
+def _binned(value: Array, d: Array, used: Mask, K: int) -> tuple[Array, Array]:
     """Sums and numbers of the values in each row's bins, (n, 2 K)."""
     bins = np.floor(d * BINS).astype(int) + K
     inside = used & (bins >= 0) & (bins < 2 * K)
@@ -245,7 +242,7 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
     return sums, counts
 
 
-def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: EdgeProfile) -> Array:
+def _moved(value: Array, d: Array, used: Mask, profile: EdgeProfile) -> Array:
     """Values moved along the spread function, a spline between the bins' centres, so that a mean is a value at the
     centre."""
     esf = profile.esf

@@ -1,10 +1,9 @@
 """Checks on an edge and its MTF, but those of corruptions."""
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import EdgeProfile
@@ -60,7 +59,7 @@ def check_clipping(strip: Strip, course: Course) -> None:
         )
 
 
-def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
+def _noise_along(samples: Array, plain: Mask) -> float:
     """Noise of a plain from second differences along the edge; 0 where there are none."""
     bends = np.diff(samples, 2, axis=0)[plain[2:] & plain[1:-1] & plain[:-2]]
     return float(np.sqrt(np.mean(bends**2) / 6)) if len(bends) else 0.0

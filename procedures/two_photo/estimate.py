@@ -10,12 +10,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Trial, choose, remaining_change, with_modes, with_parts
 from procedures.corruption import probability
 from procedures.display import html, summary
 from procedures.numbers import GAIN, MTF50_HORIZONTAL, NOISE, PROBABILITY, RESIDUAL_STD, SCALE
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
@@ -35,8 +35,6 @@ from procedures.two_photo.trust import MAX_UNCERTAINTY, check_distance, check_li
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 START_S = 3  # first s that is tried: a finer grid needs detail that few walls have
 

@@ -14,19 +14,15 @@ centred.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.splines import photograph_spline, read_spline
 from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
 
 GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six additive quadratics, five multiplicative."""
@@ -55,7 +51,7 @@ class FarSamples:
     points: Array
     y: Array
 
-    def kept(self, mask: npt.NDArray[np.bool_]) -> "FarSamples":
+    def kept(self, mask: Mask) -> "FarSamples":
         """The selected samples."""
         return FarSamples(self.rows[mask], self.columns[mask], self.points[mask], self.y[mask])
 

@@ -16,16 +16,13 @@ Four properties that the fit itself does not test:
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from procedures.corruption.ring import missing_light
+from procedures.numerics.arrays import Array, Array32
 from procedures.psf import Psf
 from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.sharpness import patch_spectra
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose residuals are compared."""

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
 from procedures.choice import remaining_change, with_modes, with_parts
 from procedures.numbers import MTF_CROSSINGS
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import BadParameter, Check, Outcome, Verdict
 from procedures.psf import Psf
@@ -33,8 +33,6 @@ from procedures.two_photo.estimate import (
     solved_psf,
 )
 from procedures.two_photo.registration import PairSighting, register
-
-Array = npt.NDArray[np.float64]
 
 RIDGE = 0.1
 """Variance added in the weights, relative to the mean variance of the samples: model errors have no small variances."""

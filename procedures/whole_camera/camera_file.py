@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.budget import TERMS
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
@@ -20,7 +20,6 @@ from procedures.whole_camera.from_field import CovarianceBlock, WholeCamera
 if TYPE_CHECKING:
     import h5py
 
-Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/camera/1"
 CONVENTIONS = """\

@@ -6,13 +6,9 @@ The products for least squares are summed during rendering, so that the blurred 
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.compiled import vectorised
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
 
 COLUMNS = 5
 """Parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
@@ -74,7 +70,7 @@ def cells_along(look: RenderModel, first: float, y: float, step: float, cells: A
 
 
 @vectorised
-def own_pixels(look: RenderModel, centre: Array, offset: Array, low: Indices, own: npt.NDArray[np.bool_]) -> Indices:
+def own_pixels(look: RenderModel, centre: Array, offset: Array, low: Indices, own: Mask) -> Indices:
     """Mark the pixels of a bin; gives the first and last place along each fine row required by its derivatives.
 
     Rows without any have a first greater than the last.
@@ -176,7 +172,7 @@ def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, hig
 
 
 @vectorised
-def add_products(look: RenderModel, u: Array, own: npt.NDArray[np.bool_], low: Indices, sums: Array) -> None:
+def add_products(look: RenderModel, u: Array, own: Mask, low: Indices, sums: Array) -> None:
     """Products of the columns of `fit_bins` over the pixels of a bin, from the chart rendered around it."""
     n, count = look.n, 0
     rows = np.empty((COLUMNS + 1, own.size))

@@ -14,17 +14,14 @@ from math import ceil
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.chart_bins.bin_kernels import COLUMNS, MARGIN, RenderModel, fit_bins
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.outcome import Refused
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.correspondences import BINS, Correspondences
 from procedures.pattern_psf.rasterise import whole_chart
 from procedures.pattern_psf.registration import Registration
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 BLUR_PX = 0.8  # initial standard deviation of the blur; the fit corrects it
 BLUR_ITERATIONS, BLUR_TOLERANCE_PX = 5, 0.005
@@ -144,10 +141,10 @@ class _Fit:
     shift: Array
     covariance: Array
     widening: Array
-    good: npt.NDArray[np.bool_]
+    good: Mask
 
 
-def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
+def _fit(scene: _Scene, points: Array, chosen: Indices) -> _Fit:
     look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
     low, high = _reach(scene, points)
     inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)
@@ -170,7 +167,7 @@ def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
     return _Fit(solution[:, 3:] / contrast[:, None], covariance, 2 * solution[:, 2] / contrast, good)
 
 
-def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _reach(scene: _Scene, points: Array) -> tuple[Indices, Indices]:
     """First and last pixel (x, y) to render for bins at points (m, 2)."""
     half, middle = scene.look.half, (scene.look.factor - 1) / 2
     cells = scene.registration.to_pattern((points - middle) / scene.look.factor)

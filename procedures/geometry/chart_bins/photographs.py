@@ -5,19 +5,17 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.chart_bins.turned_view import TurnedView, find_turned, joined, quarters
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array32
 from procedures.outcome import Outcome, Refused, Verdict, with_refusal
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest, locate_bins
 from procedures.raw import Plane, PlaneLike, as_plane
-
-Array32 = npt.NDArray[np.float32]
 
 MAX_SAMPLES = 4  # samples of the PSF per pixel: the geometry does not improve with more
 WIDE_PX, REDUCED_PX = 280.0, 200.0

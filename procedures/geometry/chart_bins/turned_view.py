@@ -11,18 +11,15 @@ from itertools import product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.chart_bins.large_chart import reduced
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.warps import apply_homography, cubic_monomials, fit_homography, inverse
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 FOCAL_RATIOS, NEARER = (1.5, 0.64, 1.1, 0.83, 0.52), (0.95, 1.05, 0.9, 1.1)
 """Focal lengths relative to half the frame's diagonal, the usual ones first: 0.64 for 180 degrees over the diagonal.

@@ -7,10 +7,9 @@ equally spaced collinear saddles propose a side; saddles at the other nine point
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules, field_of
+from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules, Mask, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 
@@ -55,7 +54,7 @@ class Layouts:
     """
 
     maps: Array
-    hits: npt.NDArray[np.bool_]
+    hits: Mask
 
 
 def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, Array]:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.warps import apply_homography, homography_jacobian
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
@@ -37,7 +37,6 @@ MIN_VISIBLE = 6  # least number of visible marks, of 12, that distinguish a char
 ORIENTATION_MARGIN = 0.1  # least difference in agreement between the best orientation and any other
 SMALLEST_LEVEL = 48  # least side of a level of the pyramid
 MIDDLE = np.full(2, CELLS / 2)
-Image = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class ChartSighting:
 
     corners: Array
     H_sensor_pattern: Array
-    visible: npt.NDArray[np.bool_]
+    visible: Mask
     score: float
     mirrored: bool
     negative: bool
@@ -102,7 +101,7 @@ def _to_full(factor: int) -> Array:
     return np.array([[factor, 0, shift], [0, factor, shift], [0, 0, 1]], dtype=np.float64)
 
 
-def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
+def _pyramid(image: Array32) -> Iterator[tuple[int, Array32]]:
     """Levels of the picture, (factor, means over factor x factor pixels), from full resolution down."""
     factor, level = 1, image
     while min(level.shape) >= SMALLEST_LEVEL:
@@ -113,7 +112,7 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
                        interpolation=cv2.INTER_AREA), dtype=np.float32)  # fmt: skip
 
 
-def _candidates(level: Image) -> Iterator[Array]:
+def _candidates(level: Array32) -> Iterator[Array]:
     """Homographies from cells to the level's pixels, oriented by the frame, the best agreement first."""
     layouts = find_layouts(find_saddles(level))
     scores = chart_frame.screen(level, layouts)
@@ -124,7 +123,7 @@ def _candidates(level: Image) -> Iterator[Array]:
             yield layouts.maps[n] @ np.linalg.inv(chart_frame.symmetries()[best[n]][0])
 
 
-def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) -> Array | None:
+def _homography(pixels: Array, chosen: Mask, tolerance: float) -> Array | None:
     """Homography from cells to the chosen marks' pixels; tolerance 0 fits all, else those that agree within it."""
     if np.count_nonzero(chosen) < MIN_VISIBLE:
         return None
@@ -132,7 +131,7 @@ def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) 
     return None if H is None else np.asarray(H, dtype=np.float64)
 
 
-def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
+def _verify(levels: list[tuple[int, Array32]], start: Array) -> ChartSighting | None:
     """Locate the marks near a homography from cells to pixels, and verify the chart; None for clutter."""
     block = BLOCK * np.sqrt(abs(np.linalg.det(homography_jacobian(start, MIDDLE))))
     factor, level = levels[int(np.clip(np.log2(block / LOCATING_BLOCK_PX), 0, len(levels) - 1))]
@@ -164,7 +163,7 @@ def _centre(H: Array) -> Array:
     return np.asarray(apply_homography(H, MIDDLE[None])[0])
 
 
-def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
+def _frame_scores(rectified: Array32, visible: Mask) -> Array:
     """Agreements (8,) with the visible frame in its eight orientations."""
     where = chart_frame.ring() & ~chart_frame.around_marks(~visible)
     return chart_frame.agreements(rectified, chart_frame.oriented_frames(), where)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Complex, field_of, quantile
+from procedures.numerics.arrays import Array, Array32, Complex, field_of, quantile
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
@@ -38,7 +38,6 @@ MAX_SQUARE_PER_PIXEL = 400
 pairs is proportional. Textures yield hundreds of thousands, a chart twelve."""
 PRESELECTION_FACTOR = 4  # factor by which more saddles are kept before their purity is computed
 NOISE_BAND_DISTANCE = 128  # distance between the bands of rows in which noise is measured
-Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -52,14 +51,14 @@ class Saddles:
 
     points: Complex
     axes: Complex
-    strengths: npt.NDArray[np.float64]
+    strengths: Array
 
     def take(self, chosen: npt.NDArray[np.generic]) -> "Saddles":
         """Subset by index or mask."""
         return Saddles(self.points[chosen], self.axes[chosen], self.strengths[chosen])
 
 
-def _kernels() -> Picture:
+def _kernels() -> Array32:
     """Right halves (3, 5) of the sampled Gaussian and its first two derivatives, with exact moments 0, 1 and 2."""
     x = np.arange(-KERNEL_RADIUS, KERNEL_RADIUS + 1, dtype=np.float64)
     g = np.exp(-0.5 * (x / SCALE) ** 2)
@@ -79,7 +78,7 @@ def _noise_gain() -> float:
     return float(np.sqrt((half**2).sum() + (np.outer(d, d) ** 2).sum()))
 
 
-def find_saddles(image: Picture) -> Saddles:
+def find_saddles(image: Array32) -> Saddles:
     """Find the saddle points of a picture that exceed its noise and resemble x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal

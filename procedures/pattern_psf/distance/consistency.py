@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32
 from procedures.numerics.warps import apply_homography, inverse
 from procedures.pattern import CELLS, DEFAULT_SEED
 from procedures.pattern_psf.chart_finding.detection import ChartSighting
@@ -168,7 +168,7 @@ def _inside(sighting: ChartSighting, plane: Plane) -> tuple[int, int, int, int]:
     return x, y, int(min(high[0], plane.samples.shape[1])) - x, int(min(high[1], plane.samples.shape[0])) - y
 
 
-def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int, int]) -> npt.NDArray[np.float32]:
+def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int, int]) -> Array32:
     """Cells imaged by the pixels of the box, each the mean of FINE x FINE points."""
     x, y, columns, rows = box
     part = (np.arange(FINE) + 0.5) / FINE - 0.5
@@ -179,5 +179,5 @@ def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int
     return np.asarray(cells, dtype=np.float32)
 
 
-def _high_pass(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _high_pass(picture: Array32) -> Array32:
     return np.asarray(picture - cv2.GaussianBlur(picture, (0, 0), SMOOTH_PX), dtype=np.float32)
