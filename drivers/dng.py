@@ -51,12 +51,9 @@ def write_dng(
 
     Raises ValueError if a number does not fit into `bits`.
 
-    cfa : str or None
-        Colours of the 2 x 2 tile, row by row; None writes a monochrome file.
-    black : (4,)
-        Black level of each position of the tile, row by row.
-    bits : int
-        Width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first.
+    cfa : str or None, colours of the 2 x 2 tile, row by row; None writes a monochrome file
+    black : (4,) black level of each position of the tile, row by row
+    bits : int, width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first
     """
     if int(mosaic.max(initial=0)) >= 2**bits:
         raise ValueError(f"numbers up to {int(mosaic.max())} do not fit into {bits} bits; write 16")

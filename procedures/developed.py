@@ -39,10 +39,8 @@ def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes
 
     Raises BadInput if it is no such file, or cannot be decoded completely.
 
-    encoding : str, optional
-        "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none.
-    data : bytes, optional
-        Content of the file, if already read.
+    encoding : str, "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none
+    data : bytes, content of the file, if already read
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data

@@ -95,12 +95,8 @@ def triangles() -> Array:
 class Chart:
     """A chart: its cells, and their seed (None if the cells were given).
 
-    Attributes
-    ----------
-    cells : (256, 256) uint8
-        1 = white, 0 = black, [row, column].
-    edges : bool
-        Whether it has the two slanted edges.
+    cells : (256, 256) uint8, 1 = white, 0 = black, [row, column]
+    edges : bool, whether it has the two slanted edges
     """
 
     cells: Cells

@@ -99,18 +99,12 @@ class PsfTail:
 class Psf:
     """A PSF sampled s times per pixel of its plane: its support, and the tail outside it.
 
-    Attributes
-    ----------
-    h : (k, k) float64
-        Samples [row, column], k odd, sum 1. The centre sample is the centre by the chart's marks, or the centroid
-        without marks. The photograph is the *convolution* with h: a tail to larger columns smears light to larger
-        columns.
-    s : int
-        Samples per sensor pixel of the plane: the pitch is 1/s pixel.
-    covariance : (k^2, k^2) float64
-        Covariance of `h.ravel()`, nuisance parameters included.
-    tail : PsfTail
-        Tail outside the support; none by default.
+    h : (k, k) float64, samples [row, column], k odd, sum 1. The centre sample is the centre by the chart's marks, or
+        the centroid without marks. The photograph is the *convolution* with h: a tail to larger columns smears light to
+        larger columns.
+    s : int, samples per sensor pixel of the plane: the pitch is 1/s pixel
+    covariance : (k^2, k^2) float64, covariance of `h.ravel()`, nuisance parameters included
+    tail : PsfTail, tail outside the support; none by default
     lacking : (k^2, k^2) float64 or None
         Part of `covariance` that is model error instead of noise, as between the nodes of a field: unlike noise, it
         adds no energy to the samples. None: all of it is noise.

@@ -124,14 +124,10 @@ CUTOFFS = (1e-3, 1e3)  # plausible range of the diffraction cutoff, in cycles/pi
 class Diffraction:
     """Diffraction limit of a plane.
 
-    Attributes
-    ----------
     f_number : float
-    pixel_pitch_um : float
-        Pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres.
+    pixel_pitch_um : float, pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres
     wavelength_nm : float
-    told_by : str
-        Source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another.
+    told_by : str, source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another
     """
 
     f_number: float
@@ -192,17 +188,12 @@ def assess(
 ) -> Quality:  # fmt: skip
     """Compute the curves and numbers of a PSF.
 
-    Parameters
-    ----------
     psf : Psf
-    n : int
-        Number of samples from which the PSF was estimated, for the record.
-    diffraction : Diffraction, optional
-        Diffraction limit; with it the Strehl ratio is reported too.
+    n : int, number of samples from which the PSF was estimated, for the record
+    diffraction : Diffraction, diffraction limit; with it the Strehl ratio is reported too
     at : sequence of float
         Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
-    unconverged : float
-        Relative change of the frequencies that is expected if k is raised.
+    unconverged : float, relative change of the frequencies that is expected if k is raised
     origin : "centre", "marks", "centroid" or "peak"
         The point about which widths, encircled energies and the Strehl ratio are taken.
     """

@@ -45,24 +45,16 @@ GREY_PLANE = "Y"  # plane of a grey image, or of a sensor without a mosaic
 class Plane:
     """One linear colour plane of a photograph.
 
-    Attributes
-    ----------
-    name : str
-        "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image or a monochrome sensor.
+    name : str, "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image or a monochrome sensor
     samples : (rows, columns) float32
         Black level subtracted, scaled so that white is 1; values below black stay negative.
-    quantisation : float
-        One step of the digital numbers, in units of `samples`.
-    pitch : int
-        Sensor pixels per pixel of the plane: 2 for a Bayer plane, 1 for a grey image.
+    quantisation : float, one step of the digital numbers, in units of `samples`
+    pitch : int, sensor pixels per pixel of the plane: 2 for a Bayer plane, 1 for a grey image
     origin : (int, int)
         Position (x, y) of the plane's first pixel on the sensor, counted from the first pixel that is no border.
-    black, white : float
-        Digital numbers of 0 and 1; where black varies over the plane, its mean.
-    bad_pixels : (n, 2) intp
-        [row, column] of pixels stuck at white or at the digital number 0.
-    raw : bool
-        Whether it comes from a RAW file or a sensor's dump, processed by the camera at most.
+    black, white : float, digital numbers of 0 and 1; where black varies over the plane, its mean
+    bad_pixels : (n, 2) intp, [row, column] of pixels stuck at white or at the digital number 0
+    raw : bool, whether it comes from a RAW file or a sensor's dump, processed by the camera at most
     """
 
     name: str
@@ -158,16 +150,11 @@ def read_frame(
 
     RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files and monochrome DNGs give Y.
 
-    Parameters
-    ----------
     path : path of the file
-    names : sequence of str, optional
-        Planes to read; all by default. Others take no memory.
-    layout : DumpLayout, optional
-        Layout of a file without a header; the file is then read only in this layout.
-    data : bytes, optional
-        Content of the file, if already read. Hash and planes always refer to the same bytes, even if the file is
-        replaced meanwhile.
+    names : sequence of str, planes to read; all by default. Others take no memory.
+    layout : DumpLayout, layout of a file without a header; the file is then read only in this layout
+    data : bytes, content of the file, if already read. Hash and planes always refer to the same bytes, even if the file
+        is replaced meanwhile.
 
     Raises
     ------

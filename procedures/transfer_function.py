@@ -33,8 +33,6 @@ def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
 def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
     """|OTF| over the square |fx|, |fy| <= s/2.
 
-    Parameters
-    ----------
     n : frequencies along each axis, odd
 
     Returns

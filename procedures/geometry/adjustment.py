@@ -40,10 +40,8 @@ POSE = 6
 class AdjustmentState:
     """Camera, or cameras, poses of the chart in the camera of every view, and the shape of the chart.
 
-    terms_mm : (q,) float64
-        Shape terms.
-    errors_mm : (N, 3) float64
-        Error of each node in addition to the terms.
+    terms_mm : (q,) float64, shape terms
+    errors_mm : (N, 3) float64, error of each node in addition to the terms
     """
 
     camera: CameraModel
@@ -63,12 +61,9 @@ class System:
     The first M unknowns are the camera parameters (p), the shape terms (q), six per pose, further unknowns, and the
     multipliers; each node has three more.
 
-    U : (M, M), u : (M,)
-        J'J and J'r of the first unknowns.
-    V : (N, 3, 3), v : (N, 3)
-        J'J and J'r of the node errors.
-    W : (N, 3, M)
-        J'J between node errors and first unknowns.
+    U : (M, M), u : (M,) J'J and J'r of the first unknowns
+    V : (N, 3, 3), v : (N, 3) J'J and J'r of the node errors
+    W : (N, 3, M) J'J between node errors and first unknowns
     """
 
     U: Array
@@ -102,8 +97,7 @@ class System:
 class AdjustmentProblem:
     """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
-    nodes : (N, 3) float64
-        The plan of the chart, in mm.
+    nodes : (N, 3) float64, the plan of the chart, in mm
     views : sequence of ChartView
     shape : ShapeModel
     """
@@ -238,10 +232,8 @@ def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
 class ModelDoubt:
     """Independent errors of one standard deviation each, by terms that a camera model does not have.
 
-    unknowns : (j, known) float64
-        Errors of the unknowns of the adjustment, in the order of its covariance.
-    terms : (j, k) float64
-        The missing terms, in the order of `model_doubt.missing_terms`.
+    unknowns : (j, known) float64, errors of the unknowns of the adjustment, in the order of its covariance
+    terms : (j, k) float64, the missing terms, in the order of `model_doubt.missing_terms`
     """
 
     unknowns: Array
@@ -252,10 +244,8 @@ class ModelDoubt:
 class ExtraTerms:
     """The normal equations of further unknowns after elimination of all others.
 
-    matrix : (k, k), right : (k,)
-        Information and right side.
-    response : (known, k)
-        Change of the other unknowns per unit of the further ones.
+    matrix : (k, k), right : (k,) information and right side
+    response : (known, k) change of the other unknowns per unit of the further ones
     """
 
     matrix: Array
@@ -271,14 +261,11 @@ class Adjustment:
     state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
         Of the camera parameters, the shape terms, and the changes of the poses, in this order.
-    errors_variance : (N, 3) float64
-        Of the node errors, in square mm.
-    chi_square : float
-        Of the points alone.
+    errors_variance : (N, 3) float64, of the node errors, in square mm
+    chi_square : float, of the points alone
     freedom : float
         Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
-    doubt : ModelDoubt or None
-        Effect of terms that the camera model does not have.
+    doubt : ModelDoubt or None, effect of terms that the camera model does not have
     """
 
     problem: AdjustmentProblem

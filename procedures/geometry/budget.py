@@ -24,8 +24,7 @@ class VarianceParts:
     """Covariances of the unknowns of an adjustment by source; that of the model is the rest.
 
     points, flatness : (known, known) float64
-    shutter : (known,) float64
-        Change of the unknowns by one standard uncertainty of the row time.
+    shutter : (known,) float64, change of the unknowns by one standard uncertainty of the row time
     """
 
     points: Array
@@ -35,14 +34,10 @@ class VarianceParts:
     def budget(self, total: float, J: Array, count: int = 1, scale: float = 0.0) -> dict[str, float]:
         """Terms of a number's standard uncertainty.
 
-        total : float
-            The stated standard uncertainty.
-        J : (m, known) float64
-            Derivative by the unknowns.
-        count : int
-            The number is the root of the sum of the m squared components, divided by this count.
-        scale : float
-            Contribution of the chart's scale.
+        total : float, the stated standard uncertainty
+        J : (m, known) float64, derivative by the unknowns
+        count : int, the number is the root of the sum of the m squared components, divided by this count
+        scale : float, contribution of the chart's scale
         """
         squares = {
             POINTS: float(np.sum((J @ self.points) * J)) / count,

@@ -49,8 +49,7 @@ def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]
 
     Raises Refused if none of the focal lengths gives a solution.
 
-    nodes : (N, 3) float64
-        The flat chart, in mm.
+    nodes : (N, 3) float64, the flat chart, in mm
     size : (columns, rows) of the frame
     """
     chosen = np.random.default_rng(0).permutation(len(nodes))[:FIRST_NODES]

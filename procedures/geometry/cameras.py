@@ -49,12 +49,9 @@ The formulas are smooth and in double precision: the error stays below 1e-6 of t
 class CameraModel:
     """A camera model with its parameters.
 
-    model : str
-        Name of the model.
-    params : (p,) float64
-        In the order of `names`; the principal point with pixel centres at integers.
-    columns, rows : int
-        Size of the frame.
+    model : str, name of the model
+    params : (p,) float64, in the order of `names`; the principal point with pixel centres at integers
+    columns, rows : int, size of the frame
     """
 
     model: str

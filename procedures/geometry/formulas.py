@@ -30,14 +30,10 @@ class FittedFormula:
     """A formula fitted to the reference.
 
     camera : CameraModel
-    covariance : (p, p) float64
-        Of its parameters.
-    difference : Difference
-        Its loss: distance from the reference over the covered frame.
-    response : (p, P) float64
-        Change of its parameters by those of the reference.
-    share : float
-        Share of the covered frame that it describes: formulas of pinholes end 90 degrees from the axis.
+    covariance : (p, p) float64, of its parameters
+    difference : Difference, its loss: distance from the reference over the covered frame
+    response : (p, P) float64, change of its parameters by those of the reference
+    share : float, share of the covered frame that it describes: formulas of pinholes end 90 degrees from the axis
     """
 
     camera: CameraModel

@@ -26,12 +26,9 @@ INDEPENDENT = 0.01
 class Misfit:
     """The systematic residual.
 
-    probability : float
-        Of such a decrease by noise alone: p-value of the F test.
-    rms_px : float
-        Root mean square length of the field over the points, corrected for its noise.
-    coefficients : (2 k,) float64
-        Of the field's polynomials, for x, then y.
+    probability : float, of such a decrease by noise alone: p-value of the F test
+    rms_px : float, root mean square length of the field over the points, corrected for its noise
+    coefficients : (2 k,) float64, of the field's polynomials, for x, then y
     """
 
     probability: float

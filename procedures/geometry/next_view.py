@@ -45,15 +45,11 @@ PRIOR: Mapping[str, Callable[[CameraModel], float]] = {
 class NextView:
     """A pose to photograph.
 
-    at : (x, y)
-        Position of the chart's centre, in fractions of the frame from the top left.
-    yaw_deg, pitch_deg : float
-        Positive where the right edge is nearer, and where the lower edge is farther.
+    at : (x, y) position of the chart's centre, in fractions of the frame from the top left
+    yaw_deg, pitch_deg : float, positive where the right edge is nearer, and where the lower edge is farther
     distance_mm : float
-    before, after : float
-        The uncertainty without this view and with it.
-    of : str
-        Which uncertainty, with its unit.
+    before, after : float, the uncertainty without this view and with it
+    of : str, which uncertainty, with its unit
     """
 
     at: tuple[float, float]
@@ -96,21 +92,13 @@ def planned_view(
 ) -> NextView | None:
     """The pose to photograph next before any adjustment, for a nominal camera.
 
-    Parameters
-    ----------
-    camera : Camera
-        Without distortion; `PRIOR` holds the uncertainties of its parameters.
-    poses : sequence of Pose
-        Of the existing views.
+    camera : Camera, without distortion; `PRIOR` holds the uncertainties of its parameters
+    poses : sequence of Pose, of the existing views
     nodes : (N, 3) float64
-    distance_mm : float
-        Distance of the chart, constant as the focus is.
-    sigma_px : float
-        Standard deviation of a node's position in a photograph.
-    rim : (x, y)
-        Least distance of the chart's centre from the sides, in fractions of the frame.
-    pixel : (x, y), optional
-        Whose direction matters; None: the whole frame.
+    distance_mm : float, distance of the chart, constant as the focus is
+    sigma_px : float, standard deviation of a node's position in a photograph
+    rim : (x, y) least distance of the chart's centre from the sides, in fractions of the frame
+    pixel : (x, y) whose direction matters; None: the whole frame
 
     Returns
     -------

@@ -43,11 +43,9 @@ FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
 class SmoothnessTrial:
     """A smoothness that was compared.
 
-    roughness_px : float
-        Standard deviation of the third differences of control points.
-    left_over : float
-        Mean square residual of points to which it was not fitted, in units of their covariances; inf where the
-        adjustment did not converge.
+    roughness_px : float, standard deviation of the third differences of control points
+    left_over : float, mean square residual of points to which it was not fitted, in units of their covariances; inf
+        where the adjustment did not converge
     """
 
     model: str
@@ -81,8 +79,7 @@ def fit_model(
 ) -> tuple[Adjustment, tuple[SmoothnessTrial, ...]]:
     """A model fitted to views, and for a spline the compared degrees of smoothness, the chosen one first.
 
-    model : str or None
-        None: the reference.
+    model : str or None, none: the reference
     """
     if model is not None and not any(split_model(model)[1]):
         return fit_formula(model, start, problem), ()

@@ -56,12 +56,9 @@ class RigCamera:
 
     camera : CameraModel
     views : tuple of ChartView
-    poses : tuple of Pose
-        Of the chart in every view.
-    nodes : (N, 3) float64
-        The plan of the chart, in mm.
-    cell_uncertainty : float
-        Relative standard uncertainty of the plan's scale.
+    poses : tuple of Pose, of the chart in every view
+    nodes : (N, 3) float64, the plan of the chart, in mm
+    cell_uncertainty : float, relative standard uncertainty of the plan's scale
     """
 
     camera: CameraModel
@@ -81,18 +78,13 @@ class RigPoses:
     """Poses of the further cameras relative to the first.
 
     poses : tuple of Pose
-    covariance : (6 (n - 1), 6 (n - 1)) float64
-        See CONVENTION; includes the print's scale.
-    charts : tuple of str
-        The photographs, by the first camera that saw each chart, from which they are estimated.
+    covariance : (6 (n - 1), 6 (n - 1)) float64, see CONVENTION; includes the print's scale
+    charts : tuple of str, the photographs, by the first camera that saw each chart, from which they are estimated
     misfit : float
         Root of chi^2 over the degrees of freedom of the charts; if above 1 the covariance is scaled by its square.
-    chance : float
-        Probability of a larger chi^2.
-    next_view : NextView or None
-        Pose of the chart in the first camera that reduces the uncertainty of a depth most.
-    scale : float
-        Relative standard uncertainty of the print's scale.
+    chance : float, probability of a larger chi^2
+    next_view : NextView or None, pose of the chart in the first camera that reduces the uncertainty of a depth most
+    scale : float, relative standard uncertainty of the print's scale
     """
 
     poses: tuple[Pose, ...]
@@ -134,10 +126,8 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
 def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 
-    cameras : sequence of RigCamera
-        Two or more, of one chart, in photographs taken at the same times.
-    depth_mm : float, optional
-        Depth on the first camera's axis whose uncertainty the proposed next view shall reduce.
+    cameras : sequence of RigCamera, two or more, of one chart, in photographs taken at the same times
+    depth_mm : float, depth on the first camera's axis whose uncertainty the proposed next view shall reduce
     """
     times = _times(cameras)
     # all cameras, poses, and the one chart

@@ -29,12 +29,9 @@ NAMES = (
 class ShapeModel:
     """Prior of a chart's shape.
 
-    terms : (N, 3, q) float64
-        Displacement of the nodes per mm of every term, 1 at the chart's edge.
-    prior_mm : (q,) float64
-        Standard deviations of the terms.
-    node_mm : (3,) float64
-        Standard deviations of the node errors along x, y and z; 0 without node errors.
+    terms : (N, 3, q) float64, displacement of the nodes per mm of every term, 1 at the chart's edge
+    prior_mm : (q,) float64, standard deviations of the terms
+    node_mm : (3,) float64, standard deviations of the node errors along x, y and z; 0 without node errors
     similarity : (N, 3, 7) float64
         Orthonormal displacements by a change of pose or scale, excluded from terms and node errors.
     """

@@ -45,8 +45,7 @@ NEAR = 4  # views before and after one, whose poses displace its points
 class ShutterTiming:
     """Row time of a camera.
 
-    row_s, uncertainty_s : float
-        Time between the exposures of neighbouring rows; positive where lower rows are later.
+    row_s, uncertainty_s : float, time between the exposures of neighbouring rows; positive where lower rows are later
     rows : int
     """
 
@@ -77,8 +76,7 @@ class ShutterTiming:
 class MovingProblem(AdjustmentProblem):
     """Views of a moving chart by a camera whose rows are exposed one after the other.
 
-    row_s : float
-        Time between neighbouring rows.
+    row_s : float, time between neighbouring rows
     """
 
     row_s: float = 0.0

@@ -46,8 +46,7 @@ def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
 class SplineCamera(CameraModel):
     """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row.
 
-    roughness_px : float
-        Prior standard deviation of the third differences of neighbouring control points.
+    roughness_px : float, prior standard deviation of the third differences of neighbouring control points
     """
 
     roughness_px: float = ROUGH_PX

@@ -21,8 +21,7 @@ OUTLINE_TOLERANCE = 0.003  # simplification of outlines, relative to their size
 def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
     """Derivative (n, 2, M) of the projection at places (n, 2) of the frame by the unknowns of the adjustment.
 
-    distance_mm : float
-        Of the object along the ray; inf: only rotations have an effect.
+    distance_mm : float, of the object along the ray; inf: only rotations have an effect
     """
     camera = fit.state.camera
     rays = camera.rays(pixels)
@@ -42,8 +41,7 @@ def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) ->
 def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, without_doubt: bool = False) -> Array:
     """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame.
 
-    without_doubt : bool
-        Whether to omit the doubt about the camera model, and count noise alone.
+    without_doubt : bool, whether to omit the doubt about the camera model, and count noise alone
     """
     J = projection_derivative(fit, pixels, distance_mm)
     squares = np.einsum("nai,ij,naj->n", J, fit.covariance * fit.scale**2, J, optimize=True)

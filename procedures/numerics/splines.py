@@ -103,8 +103,6 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     Frequencies f with J'f in [-band, band]^2 are retained. The rim is mirrored and faded out, so that the transform has
     no jump.
 
-    Parameters
-    ----------
     image : (rows, columns) float32 best centred about zero, for single precision
     J : (2, 2) d(pixels x, y of the image) / d(target x, y)
     band : largest frequency kept along each target axis, in cycles per unit of the target
@@ -157,8 +155,6 @@ def read_spline(
     The value at a target point p is that at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
     (p - centre) / radius. Points beyond the coefficients take the value at their rim.
 
-    Parameters
-    ----------
     coefficients : (rows, columns) float32 from `cell_image_spline` or `photograph_spline`
     H : (3, 3) target -> grid points of the coefficients
     centre, radius : normalisation of the displacement's argument

@@ -131,8 +131,6 @@ def sample_convolution(
 ) -> Array32:  # fmt: skip
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
 
-    Parameters
-    ----------
     raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the image on the s grid, with a border of k // 2 samples
     rows, columns : (m,) int64 the pixels
     weight : (m,) float32 one over the standard deviation of the pixel's sample

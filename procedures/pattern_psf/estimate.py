@@ -89,15 +89,11 @@ MIN_VISIBLE_SHARE = 0.5
 class PatternParameters(Sampling):
     """Sampling of the PSF and solver, see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
 
-    Attributes
-    ----------
-    chosen : bool
-        Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
+    chosen : bool, whether given s and k were chosen from another photograph; they are not flagged as doubtful then
     origin : "marks", "centroid" or "peak"
         The point about which widths, encircled energies and the Strehl ratio are taken.
-    print_blur : float, optional
-        Standard deviation of the print's blur in cells. None: by the printer's dots where the photograph shows them,
-        otherwise `corruptions.PRINT_UNKNOWN`.
+    print_blur : float, standard deviation of the print's blur in cells. None: by the printer's dots where the
+        photograph shows them, otherwise `corruptions.PRINT_UNKNOWN`.
     """
 
     s: int | None = None
@@ -211,15 +207,11 @@ def estimate_psf(
 ) -> Outcome[PatternPsf]:
     """Estimate the PSF of a plane that shows the chart.
 
-    Parameters
-    ----------
     plane : Plane, or (rows, columns) array
         Linear samples, black 0, white 1; the chart may lie anywhere.
-    chart : Chart
-        The printed cells.
+    chart : Chart, the printed cells
     parameters : PatternParameters, optional
-    diffraction : Diffraction, optional
-        Diffraction limit of this plane; with it the Strehl ratio is reported too.
+    diffraction : Diffraction, diffraction limit of this plane; with it the Strehl ratio is reported too
     sighting : ChartSighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is detected.
     sensor : SensorModel, optional

@@ -57,16 +57,10 @@ def estimate_physics(
 ) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
 
-    Parameters
-    ----------
-    psf : Psf
-        With its full covariance.
-    diffraction : Diffraction or None
-        Aperture, pitch of the plane's pixels, wavelength.
-    pitch : int
-        Sensor pixels per pixel of the plane.
-    progress : callable, optional
-        Called with a sentence after every model that was fitted.
+    psf : Psf, with its full covariance
+    diffraction : Diffraction or None, aperture, pitch of the plane's pixels, wavelength
+    pitch : int, sensor pixels per pixel of the plane
+    progress : callable, called with a sentence after every model that was fitted
 
     Raises
     ------

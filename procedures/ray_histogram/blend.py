@@ -50,12 +50,10 @@ LEAST_ALBEDO = 0.05
 class Render:
     """A film, or a half of it, with what the renderer knows of the surfaces.
 
-    film : Film
-        The light of the picture.
+    film : Film, the light of the picture
     albedo : (rows, columns, 3) float64 or None
         Diffuse reflectance of the surfaces.
-    light : Film or None
-        The film of the samples divided by `divisor(albedo)`: without texture, more pixels are similar.
+    light : Film or None, the film of the samples divided by `divisor(albedo)`: without texture, more pixels are similar
     normal : (rows, columns, 3) or None
         Normals of the surfaces.
     guides : (rows, columns, 2 n) float32 or None
@@ -89,16 +87,11 @@ def blend(
 
     Raises BadInput if a film cannot be filtered, or a half has a single sample in a pixel.
 
-    halves : (Render, Render)
-        Two disjoint halves of the samples.
-    whole : Render
-        All samples.
-    parameters : FilterParameters
-        Those of the histogram filter; the defaults if None.
-    denoiser : callable
-        One more candidate.
-    threads : int
-        Bands filtered at once.
+    halves : (Render, Render) two disjoint halves of the samples
+    whole : Render, all samples
+    parameters : FilterParameters, those of the histogram filter; the defaults if None
+    denoiser : callable, one more candidate
+    threads : int, bands filtered at once
     """
     for half in halves:
         if (half.film.count < 2).any():

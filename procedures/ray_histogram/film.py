@@ -34,14 +34,11 @@ class Film:
 
     histogram : (rows, columns, 3, 20) float32
         Votes; each colour's sum is the count. No bins, (rows, columns, 3, 0), where only mean and variance are known.
-    mean : (rows, columns, 3) float64
-        The picture: linear, 1 = white.
+    mean : (rows, columns, 3) float64, the picture: linear, 1 = white
     moment2 : (rows, columns, 3) float64 or None
         Sum of squared differences from the mean; None if the film was made without it.
-    count : (rows, columns) uint32
-        Valid samples.
-    dropped : (rows, columns) uint32
-        Samples dropped because they are not finite.
+    count : (rows, columns) uint32, valid samples
+    dropped : (rows, columns) uint32, samples dropped because they are not finite
     """
 
     histogram: Array32

@@ -25,15 +25,11 @@ PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
 def read_film(path: Path, picture: Path | None = None) -> Film:
     """Read a film from an npz, or from an OpenEXR of histograms with its picture.
 
-    Parameters
-    ----------
-    path : Path
-        `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count.
-    picture : Path, optional
-        The OpenEXR with the picture's R, G and B, if `path` does not contain them. The published renderer writes two
-        files: histograms in single precision, and the picture in half precision with alpha and, for a part of the
-        frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not with
-        files of the renderer itself.
+    path : Path, `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count
+    picture : Path, the OpenEXR with the picture's R, G and B, if `path` does not contain them. The published renderer
+        writes two files: histograms in single precision, and the picture in half precision with alpha and, for a part
+        of the frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not
+        with files of the renderer itself.
 
     Raises
     ------

@@ -26,38 +26,22 @@ BAND_FLOATS = 16_000_000
 class FilterParameters:
     """Criteria of similarity, and the range of the search.
 
-    Attributes
-    ----------
-    kappa : float
-        Chi-square per bin with a weight of one half; 1 suits a path tracer.
-    scales : int
-        Scales of Algorithm 2; 1 removes no noise wider than the search block.
-    search, patch : int
-        Half sizes of the search block (6: 13 x 13) and of the patches (1: 3 x 3), pixels of the scale.
-    at_least : int
-        Number of other patches averaged with every patch at the finest scale, however different.
-    least_count : float
-        A bin is used when the two pixels together have more samples than this in it.
-    welch, doubt : float
-        Where two means differ by more than `doubt` standard deviations, the excess of the squared difference, in these
-        units, is added to chi-square, times `welch`, for each colour; 0 ignores means.
-    softness : float
-        The weight falls from 1 to 0 between kappa (1 - softness) and kappa (1 + softness).
-    trend : bool
-        Whether to fit a plane through the similar patches instead of their mean.
-    trust : float
-        Weight of patch estimates: their number of similar patches to this power.
-    ease : float
-        Where few patches are similar at the finest scale, kappa is raised by this fraction of it per sample, at most
-        to twice itself.
-    coarse : float
-        Fraction of the low frequencies taken from the next coarser scale.
-    pixel : float
-        Two patches differ by at least this fraction of the chi-square per bin of their most different pixels.
-    bound : float
-        Largest change of a pixel in standard deviations of its samples' mean; 0 for no limit.
-    rims : bool
-        Whether to estimate pixels at rims of lamps from the rim's shape (see `rims`).
+    kappa : float, chi-square per bin with a weight of one half; 1 suits a path tracer
+    scales : int, scales of Algorithm 2; 1 removes no noise wider than the search block
+    search, patch : int, half sizes of the search block (6: 13 x 13) and of the patches (1: 3 x 3), pixels of the scale
+    at_least : int, number of other patches averaged with every patch at the finest scale, however different
+    least_count : float, a bin is used when the two pixels together have more samples than this in it
+    welch, doubt : float, where two means differ by more than `doubt` standard deviations, the excess of the squared
+        difference, in these units, is added to chi-square, times `welch`, for each colour; 0 ignores means
+    softness : float, the weight falls from 1 to 0 between kappa (1 - softness) and kappa (1 + softness)
+    trend : bool, whether to fit a plane through the similar patches instead of their mean
+    trust : float, weight of patch estimates: their number of similar patches to this power
+    ease : float, where few patches are similar at the finest scale, kappa is raised by this fraction of it per sample,
+        at most to twice itself
+    coarse : float, fraction of the low frequencies taken from the next coarser scale
+    pixel : float, two patches differ by at least this fraction of the chi-square per bin of their most different pixels
+    bound : float, largest change of a pixel in standard deviations of its samples' mean; 0 for no limit
+    rims : bool, whether to estimate pixels at rims of lamps from the rim's shape (see `rims`)
     """
 
     kappa: float = 1.0
@@ -107,12 +91,9 @@ PAPER = FilterParameters(
 class Samples:
     """One picture with statistics of its samples.
 
-    picture : (rows, columns, channels) float32
-        Means of the samples.
-    histogram : (rows, columns, bins) float32
-        Votes, colour by colour.
-    count : (rows, columns) float32
-        Samples per pixel.
+    picture : (rows, columns, channels) float32, means of the samples
+    histogram : (rows, columns, bins) float32, votes, colour by colour
+    count : (rows, columns) float32, samples per pixel
     means : (rows, columns, 6) float32 or None
         Means of the samples' three colours and the variances of these means; None to compare histograms alone.
     """
@@ -127,11 +108,9 @@ class Samples:
 class Fused:
     """A filtered picture.
 
-    picture : (rows, columns, channels) float32
-        The filtered picture.
-    similar : (rows, columns) float32
-        Number of patches similar to each pixel's patch, itself included, partly similar ones counted in part. Where it
-        is low, more samples are needed.
+    picture : (rows, columns, channels) float32, the filtered picture
+    similar : (rows, columns) float32, number of patches similar to each pixel's patch, itself included, partly similar
+        ones counted in part. Where it is low, more samples are needed.
     """
 
     picture: Array32
@@ -145,14 +124,11 @@ def fuse_scale(
 
     Raises BadInput if the frames differ in size.
 
-    frame : Samples
-        What to filter.
-    parameters : FilterParameters
-        `scales` and `coarse` are not used here.
+    frame : Samples, what to filter
+    parameters : FilterParameters, `scales` and `coarse` are not used here
     neighbours : sequence of Samples
         Frames before and after, of the same size, in which similar patches are searched for too.
-    threads : int
-        Bands filtered at once; the result does not depend on it.
+    threads : int, bands filtered at once; the result does not depend on it
     """
     frames = (frame, *neighbours)
     sizes = {f.count.shape for f in frames}

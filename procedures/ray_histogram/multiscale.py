@@ -37,12 +37,9 @@ square up to which noise explains them, in variances of the samples' means: with
 class FilteredFilm:
     """Result of filtering a film.
 
-    picture : (rows, columns, 3) float32
-        The filtered picture, linear.
-    similar : (rows, columns) float32
-        Similar patches per pixel at the finest scale (see `filter.Fused`).
-    median_similar : tuple of float
-        Their median at each scale, the finest first.
+    picture : (rows, columns, 3) float32, the filtered picture, linear
+    similar : (rows, columns) float32, similar patches per pixel at the finest scale (see `filter.Fused`)
+    median_similar : tuple of float, their median at each scale, the finest first
     uncertainty : (rows, columns, 3) float32 or None
         Standard uncertainty of the picture (see `uncertainty`), if requested.
     """
@@ -65,19 +62,13 @@ def filter_film(
 ) -> FilteredFilm:
     """Filter a film by Algorithm 2.
 
-    Parameters
-    ----------
-    film : Film
-        Checked here; at least one sample in each pixel.
-    parameters : FilterParameters
-        The defaults if None.
+    film : Film, checked here; at least one sample in each pixel
+    parameters : FilterParameters, the defaults if None
     neighbours : sequence of Film
         The frames before and after in a sequence, in which similar patches are searched for too.
-    guides : (rows, columns, 2 n) float32, optional
-        Values that differ between surfaces, such as normals, and their variances, in units of the difference that
-        matters; only for a film by itself.
-    threads : int
-        Bands filtered at once; the result does not depend on it.
+    guides : (rows, columns, 2 n) float32, values that differ between surfaces, such as normals, and their variances, in
+        units of the difference that matters; only for a film by itself
+    threads : int, bands filtered at once; the result does not depend on it
 
     Raises
     ------

@@ -29,10 +29,8 @@ NO_NOISE = 1e-10  # variance added to differences: two pixels without noise may 
 def regress(film: Film, features: Array, *, threads: int = 1) -> Array:
     """The film's picture, (rows, columns, 3), each pixel from linear fits over the windows that it is in.
 
-    features : (rows, columns, n) float64
-        In units of the differences over which light changes linearly; none is needed.
-    threads : int
-        Bands fitted at once; the result does not depend on it.
+    features : (rows, columns, n) float64, in units of the differences over which light changes linearly; none is needed
+    threads : int, bands fitted at once; the result does not depend on it
     """
     rows, columns = film.count.shape
     position = np.moveaxis(np.mgrid[:rows, :columns], 0, -1) / REACH

@@ -46,10 +46,9 @@ def read_halves(paths: Iterable[Path]) -> Halves:
 
     Raises BadInput if a file cannot be read, or the files do not make two halves.
 
-    paths : iterable of Path
-        An npz of `samples` (rows, columns, n, 3), optionally with `albedo`, `normal` (rows, columns, n, 3) and `depth`
-        (rows, columns, n) of the samples or (rows, columns, ...) of the pixels; or two OpenEXR pictures with other
-        random numbers.
+    paths : iterable of Path, an npz of `samples` (rows, columns, n, 3), optionally with `albedo`, `normal` (rows,
+        columns, n, 3) and `depth` (rows, columns, n) of the samples or (rows, columns, ...) of the pixels; or two
+        OpenEXR pictures with other random numbers
     """
     files = tuple(paths)
     if len(files) == 2 and all(path.suffix.lower() == ".exr" for path in files):

@@ -63,8 +63,7 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Array, Arr
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
 
-    picture : (rows, columns, 3)
-        The filtered one: what is beside the lamps.
+    picture : (rows, columns, 3) the filtered one: what is beside the lamps
     """
     values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:

@@ -54,16 +54,12 @@ def standard_uncertainty(
 
     Raises BadInput if a pixel has a single sample, or the film cannot be filtered.
 
-    film : Film
-        At least two samples in each pixel.
-    smooth : (rows, columns, 3) float32
-        The filtered picture, in place of the truth.
-    parameters : FilterParameters
-        Parameters of the filtering.
+    film : Film, at least two samples in each pixel
+    smooth : (rows, columns, 3) float32, the filtered picture, in place of the truth
+    parameters : FilterParameters, parameters of the filtering
     neighbours : sequence of (Film, (rows, columns, 3))
         The frames it was filtered with, and their pictures, filtered in the same way.
-    threads : int
-        Bands filtered at once.
+    threads : int, bands filtered at once
     """
     parameters = parameters or FilterParameters()
     frames = ((film, smooth), *neighbours)

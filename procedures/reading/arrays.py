@@ -107,12 +107,9 @@ def checked_array(
 
     Raises BadInput if it has another shape, is not real, or has numbers out of range.
 
-    what : str
-        Name and source of the value, the subject of the message.
-    low, high : float
-        Inclusive limits of the numbers.
-    finite : bool
-        False disables the check of the range where infinities and NaN have a meaning.
+    what : str, name and source of the value, the subject of the message
+    low, high : float, inclusive limits of the numbers
+    finite : bool, false disables the check of the range where infinities and NaN have a meaning
     dtype : float type or None
         Type of the result; None keeps that of the array.
     """

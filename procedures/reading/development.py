@@ -15,17 +15,12 @@ from procedures.numerics.arrays import Array, Array32
 class Development:
     """How a picture's file encodes light.
 
-    format : str
-        "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none.
+    format : str, "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none
     curve : ToneCurve
-    assumed : bool
-        Whether the curve is neither stated by the operator nor by the file's ICC profile.
-    bits : int
-        Of a sample: 8 or 16.
-    coding : float
-        Standard deviation of the error of block coding, as part of white's level; 0 for files without loss.
-    icc, exif : bytes
-        Profile and metadata of the file; empty where it has none.
+    assumed : bool, whether the curve is neither stated by the operator nor by the file's ICC profile
+    bits : int, of a sample: 8 or 16
+    coding : float, standard deviation of the error of block coding, as part of white's level; 0 for files without loss
+    icc, exif : bytes, profile and metadata of the file; empty where it has none
     """
 
     format: str

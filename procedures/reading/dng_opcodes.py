@@ -50,13 +50,10 @@ def fix_vignette_radial(terms: Sequence[float], centre: tuple[float, float]) -> 
 class GainMap:
     """Gains over the frame, with bilinear interpolation.
 
-    size : (columns, rows)
-        Size of the mosaic.
-    origin : (x, y)
-        First pixel that it applies to; others follow at intervals of `pitch`.
-    gains : (rows, columns) float32
-        Gains at equally spaced points, the first at 0, the last at 1 of the frame, whose pixels' centres lie at
-        (i + 1/2) / n.
+    size : (columns, rows) size of the mosaic
+    origin : (x, y) first pixel that it applies to; others follow at intervals of `pitch`
+    gains : (rows, columns) float32, gains at equally spaced points, the first at 0, the last at 1 of the frame, whose
+        pixels' centres lie at (i + 1/2) / n
     """
 
     size: tuple[int, int]
@@ -76,10 +73,8 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
 
     Raises BadInput if it is not a DNG, or its directories are damaged.
 
-    opcodes : sequence of Opcode
-        Opcodes for the demosaicked picture.
-    on_mosaic : sequence of Opcode
-        Opcodes for the mosaic; if empty, those of the file stay.
+    opcodes : sequence of Opcode, opcodes for the demosaicked picture
+    on_mosaic : sequence of Opcode, opcodes for the mosaic; if empty, those of the file stay
     """
     try:
         data = _with_version(data)

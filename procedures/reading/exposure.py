@@ -36,8 +36,7 @@ def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
 
     file : a seekable binary file
         Read for EXIF.
-    raw : rawpy.RawPy, optional
-        The file opened by LibRaw, whose answers have priority.
+    raw : rawpy.RawPy, the file opened by LibRaw, whose answers have priority
     """
     tags = _exif_tags(file)
     answers: dict[str, Field] = {}
@@ -183,8 +182,7 @@ def check_typed(exposure: Exposure, typed: Mapping[str, float | None], name: str
     Raises BadParameter if a setting differs from the recorded one.
 
     name : name of the photograph
-    insist : str
-        Instruction to keep the typed value.
+    insist : str, instruction to keep the typed value
     """
     fields = disagreements(exposure, typed)
     if fields:

@@ -47,8 +47,7 @@ with contextlib.suppress(Exception), h5py.File(path, "r") as file:
 def check_ends(path: Path, largest: int) -> None:
     """Raise ValueError if the library does not terminate or crashes.
 
-    largest : int
-        Size in bytes of the largest data set that is read.
+    largest : int, size in bytes of the largest data set that is read
     """
     command = [sys.executable, "-c", PROGRAM, str(path), str(largest), str(CPU_LIMIT_S)]
     try:

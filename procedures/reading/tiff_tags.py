@@ -89,8 +89,7 @@ def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
 
     file : a seekable binary file
         Files other than TIFF, or damaged ones, give no directories.
-    name : str
-        Name of the file for messages.
+    name : str, name of the file for messages
     """
     try:
         # all image directories: the chain from the header, and their sub-directories

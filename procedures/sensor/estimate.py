@@ -89,8 +89,6 @@ class SensorResult:
 def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:
     """All numbers of one plane with their intervals, or the reason why there are none.
 
-    Parameters
-    ----------
     rng : for the draws behind the intervals of the temporal numbers
     """
     for checks_on in (count_checks, ladder_checks):  # the second requires what the first checks

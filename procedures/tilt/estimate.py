@@ -122,8 +122,6 @@ def estimate_tilt(
 
     Raises BadParameter if the focal length is required and unknown, or the distance of a tilted chart.
 
-    Parameters
-    ----------
     bracket : mapping of position in mm to nodes; of one plane; charts at about the same place of the frame are combined
     shape : rows and columns of the plane, with pixels `pitch` sensor pixels wide
 

@@ -46,8 +46,6 @@ MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 25, 3e-5
 class NearSpectrum:
     """Difference of the near photograph's OTF from the estimated one, for a wall with detail of all sizes.
 
-    Attributes
-    ----------
     softness : (2,), variance of a blur along x and y, in squared near pixels; negative where it is sharper
     sharpening : amplitude of unsharp masking of width `MASK_PX`
     turned : (2,), growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the
@@ -74,8 +72,6 @@ class NearSpectrum:
 class PairConsistency:
     """Consistency of both photographs.
 
-    Attributes
-    ----------
     left_over : amplitude of the residual at coarse detail without noise, over that of the wall there
     colour : power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter
     smoothing : the same at middle detail over the finest: a smoothed far photograph has less fine noise, while another

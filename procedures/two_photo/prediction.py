@@ -39,10 +39,8 @@ def together(uncertainties: Sequence[float]) -> float:
 def information(near: Array32, ratio: float, noise: float, s: int, k: int) -> Array:
     """Information matrix (k^2, k^2) of the kernel by a far photograph from `ratio` times the near distance.
 
-    near : (rows, columns)
-        The near photograph, linear.
-    noise : float
-        Standard deviation of the far photograph's noise, in its units.
+    near : (rows, columns) the near photograph, linear
+    noise : float, standard deviation of the far photograph's noise, in its units
     """
     rows, columns = (int(n * s / ratio) for n in near.shape)
     texture = cv2.resize(near, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)

@@ -65,8 +65,6 @@ def estimate_vignetting(
 ) -> dict[str, Outcome[PlaneVignetting]]:
     """Vignetting of every plane, and colour shading relative to green.
 
-    Parameters
-    ----------
     flats : sequence of (name of the photograph, its planes), of RawFrame, or of (rows, columns) arrays
         From one camera, lens, aperture and focus, with camera or light rotated between them.
 

@@ -29,16 +29,11 @@ WHITE_E_PER_S = 1.5e5
 class Staging:
     """One photograph: frame, and position, size and orientation of the chart.
 
-    name : str
-        Name of the files.
-    title : str
-        Displayed title.
-    at : (x, y)
-        The chart's centre, in fractions of the frame from the top left.
-    s_over_t : float
-        Sampling ratio with four samples per pixel.
-    slope : (float, float)
-        Relative change of the illumination from the chart's centre to the edges of its noise region.
+    name : str, name of the files
+    title : str, displayed title
+    at : (x, y) the chart's centre, in fractions of the frame from the top left
+    s_over_t : float, sampling ratio with four samples per pixel
+    slope : (float, float) relative change of the illumination from the chart's centre to the edges of its noise region
     """
 
     name: str

@@ -56,11 +56,9 @@ class Mount:
 class SensorMount:
     """The sensor's tilt and the screws that hold it, equally spaced around its centre.
 
-    slopes : (x, y)
-        Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
-        photograph.
-    offset_um : float
-        Distance of its centre from its first place, away from the lens.
+    slopes : (x, y) slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in
+        the photograph
+    offset_um : float, distance of its centre from its first place, away from the lens
     count, radius_mm, pitch_mm, first_deg
         Of the screws: number, radius, pitch, and angle of the first, clockwise from the top as seen from behind the
         camera.

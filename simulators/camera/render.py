@@ -40,8 +40,7 @@ def photograph_render(
     picture : (n rows, n columns, 3)
         Linear light, 1 = white, each value the mean over its cell; n cells per sensor pixel along each axis. The
         optics act on what these cells resolve: with n = 1 what lies beyond half a cycle per pixel has aliased already.
-    white_e : float
-        Electrons that white gives in green, or without a mosaic.
+    white_e : float, electrons that white gives in green, or without a mosaic
     """
     n = picture.shape[0] // sensor.rows
     if picture.shape != (n * sensor.rows, n * sensor.columns, 3) or n == 0:
@@ -156,10 +155,8 @@ def render_region(
 
     colours : mapping of (x, y) to str
         The colour of each pixel of the mosaic's tile, by position: {(0, 0): "Y"} without a mosaic.
-    oversampling : int
-        Fine samples per sensor pixel along each axis.
-    margin_px : int or None
-        Sensor pixels to render around the region; None: as far as the optics reach.
+    oversampling : int, fine samples per sensor pixel along each axis
+    margin_px : int or None, sensor pixels to render around the region; None: as far as the optics reach
     """
     period = 1 + max(x for x, _ in colours)
     wide = region.grown(margin_px or max(LEAST_MARGIN_PX, optics.margin_px()))
@@ -187,8 +184,7 @@ def render_frame(
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. Objects on the wall are
     drawn with fewer, in the tiles that they touch.
 
-    optics : callable
-        The optics at a chart, or at the wall (None): they may differ by distance and place in the frame.
+    optics : callable, the optics at a chart, or at the wall (None): they may differ by distance and place in the frame
     """
     y, x = (np.arange(size, dtype=np.float64) for size in shape)
     frame = np.empty(shape, dtype=np.float32)

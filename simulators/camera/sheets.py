@@ -33,10 +33,8 @@ class FlatSheet:
     """A picture on a flat sheet.
 
     reflectance : (rows, columns) float32
-    texel_mm : float
-        Side of a texel.
-    behind_mm : float
-        Distance behind the position of a chart.
+    texel_mm : float, side of a texel
+    behind_mm : float, distance behind the position of a chart
     cover : (rows, columns) float32 or None
         1 on the sheet, 0 outside it; None: the sheet continues beyond its picture, mirrored.
     """

@@ -57,16 +57,11 @@ class Illumination:
 class PlacedChart:
     """A printed chart in space.
 
-    pose : Pose
-        Of the chart's centre, cell (128, 128), and of its plane.
-    cell_mm : float
-        Side of one printed cell.
-    mirrored : bool
-        Printed or viewed through the back: x runs to the left.
-    margin_cells : float
-        Width of the white paper around the frame of blocks.
-    covers : tuple of Shape
-        Objects in front of the chart, in pattern coordinates (cells).
+    pose : Pose, of the chart's centre, cell (128, 128), and of its plane
+    cell_mm : float, side of one printed cell
+    mirrored : bool, printed or viewed through the back: x runs to the left
+    margin_cells : float, width of the white paper around the frame of blocks
+    covers : tuple of Shape, objects in front of the chart, in pattern coordinates (cells)
     """
 
     chart: Chart

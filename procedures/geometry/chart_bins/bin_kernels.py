@@ -154,10 +154,8 @@ def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, hig
     The columns are 1, the rendered chart u, lap u, -u_x, -u_y, and the samples; `sums` (bins, 6, 6) are those of all
     pairs over the pixels of a bin.
 
-    centres, points : (bins, 2) float64
-        In cells, and in pixels.
-    low, high : (bins, 2) int64
-        First and last pixel (x, y) to render at most.
+    centres, points : (bins, 2) float64, in cells, and in pixels
+    low, high : (bins, 2) int64, first and last pixel (x, y) to render at most
     """
     at = np.empty((2, 1))
     for i in range(len(points)):

@@ -76,13 +76,10 @@ def refine_bins(
 
     Raises Refused if hardly any bin is near its position in the reduced plane.
 
-    samples : (rows, columns) float32
-        The plane.
+    samples : (rows, columns) float32, the plane
     chart : Chart
-    registration : Registration
-        From pixels of the plane reduced by `factor` to cells.
-    bins : Correspondences
-        Of the reduced plane.
+    registration : Registration, from pixels of the plane reduced by `factor` to cells
+    bins : Correspondences, of the reduced plane
     factor : int
     """
     start = enlarged(bins, factor)

@@ -56,16 +56,11 @@ def locate_chart(samples: Array32) -> ChartLocation:
 def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
-    Parameters
-    ----------
     plane : Plane, or (rows, columns) array
         Linear samples; the chart may lie anywhere in it, from 60 pixels wide to the size of the frame.
-    chart : Chart
-        The printed cells.
-    source : str
-        Name of the view.
-    location : SeenChart, optional
-        The chart in another plane, moved to this one; None: it is searched for.
+    chart : Chart, the printed cells
+    source : str, name of the view
+    location : SeenChart, the chart in another plane, moved to this one; None: it is searched for
     """
     plane = as_plane(plane)
     location = location or locate_chart(plane.samples)

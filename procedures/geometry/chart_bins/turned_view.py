@@ -35,16 +35,12 @@ SURROUNDINGS = 1.3
 class TurnedView:
     """A pinhole camera in place of an equidistant one.
 
-    centre : (2,) float64
-        Of the equidistant picture, (x, y) in pixels.
-    focal_px : float
-        Its focal length.
+    centre : (2,) float64, of the equidistant picture, (x, y) in pixels
+    focal_px : float, its focal length
     turn : (2,) float64
         Direction of the pinhole camera: a place of the picture relative to its centre, divided by the focal length.
-    scale : float
-        Focal length of the pinhole camera, relative to `focal_px`.
-    half_px : int
-        The pinhole's picture extends so far to all sides of its central pixel.
+    scale : float, focal length of the pinhole camera, relative to `focal_px`
+    half_px : int, the pinhole's picture extends so far to all sides of its central pixel
     """
 
     centre: Array
@@ -107,10 +103,8 @@ def find_turned(
     """The chart with the most marks in the pictures of turned cameras, by the camera turned towards it.
 
     samples : (rows, columns) float32
-    most_px : float
-        Greatest width of the chart in the picture.
-    sighting : ChartSighting, optional
-        What the plane itself shows of it; None: it is searched for.
+    most_px : float, greatest width of the chart in the picture
+    sighting : ChartSighting, what the plane itself shows of it; None: it is searched for
     """
     size = np.array(samples.shape[::-1], dtype=np.float64)
     if sighting is None:
