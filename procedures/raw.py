@@ -156,12 +156,8 @@ def read_frame(
     data : bytes, content of the file, if already read. Hash and planes always refer to the same bytes, even if the file
         is replaced meanwhile.
 
-    Raises
-    ------
-    BadInput
-        If there is no such file, it is not a linear mosaic or grey image, or parts of it are missing.
-    BadParameter
-        If the file does not have a requested plane.
+    Raises BadInput if there is no such file, it is not a linear mosaic or grey image, or parts of it are missing;
+    BadParameter if the file does not have a requested plane.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data

@@ -187,12 +187,8 @@ def estimate_field(
     dict of str to Outcome[PsfField]
         Refused for a plane whose nodes are too few, on one line or sampled differently.
 
-    Raises
-    ------
-    Refused
-        If there is no chart in a photograph, or no photograph.
-    BadInput
-        If the photographs have different planes or sizes.
+    Raises Refused if there is no chart in a photograph, or no photograph; BadInput if the photographs have different
+    planes or sizes.
     """
     nodes: dict[str, list[Node]] = {}
     shapes: Mapping[str, tuple[int, int]] = {}

@@ -67,10 +67,7 @@ def write_field(
 
     `camera` is what all photographs have in common: camera, lens, aperture, focus.
 
-    Raises
-    ------
-    TypeError
-        If one of them is no field, as the outcome of an estimate.
+    Raises TypeError if one of them is no field, as the outcome of an estimate.
     """
     import h5py
 

@@ -249,10 +249,7 @@ def calibrate_geometry(
     nodes : (N, 3) float64, optional
         The plan of another board, in mm, to which the views' indices refer; None: the bins of the noise chart.
 
-    Raises
-    ------
-    BadParameter
-        If the model is not known.
+    Raises BadParameter if the model is not known.
     """
     if parameters.model is not None:
         parameter_names(parameters.model)

@@ -140,9 +140,7 @@ def sample_convolution(
     -------
     (m, k^2 + more) float32
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
     A = np.empty((len(rows), k * k + more), np.float32)  # NumPy allocates large pages
     loops.fill_convolution(A, raster, rows, columns, weight, s, k)

@@ -62,10 +62,7 @@ def estimate_physics(
     pitch : int, sensor pixels per pixel of the plane
     progress : callable, called with a sentence after every model that was fitted
 
-    Raises
-    ------
-    BadParameter
-        If aperture or pitch are not known: without them diffraction and defocus cannot be separated.
+    Raises BadParameter if aperture or pitch are not known: without them diffraction and defocus cannot be separated.
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))

@@ -31,10 +31,7 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
         of the frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not
         with files of the renderer itself.
 
-    Raises
-    ------
-    BadInput
-        If the file cannot be read, or something is missing; `Film.checked` checks the contents.
+    Raises BadInput if the file cannot be read, or something is missing; `Film.checked` checks the contents.
     """
     if path.suffix.lower() == ".exr":
         return _read_exr(path, picture)

@@ -70,10 +70,8 @@ def filter_film(
         units of the difference that matters; only for a film by itself
     threads : int, bands filtered at once; the result does not depend on it
 
-    Raises
-    ------
-    BadInput
-        If a film cannot be filtered, the films differ in size, or the picture is too small for the number of scales.
+    Raises BadInput if a film cannot be filtered, the films differ in size, or the picture is too small for the number
+    of scales.
     """
     parameters = parameters or FilterParameters()
     frames = [samples_of(f.checked()) for f in (film, *neighbours)]

@@ -199,10 +199,7 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
 
     pictures : at least two (rows, columns) of digital numbers
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two.
+    Raises ValueError if there are fewer than two.
     """
     if len(pictures) < 2:
         raise ValueError(f"temporal noise needs two pictures of a level; got {len(pictures)}")

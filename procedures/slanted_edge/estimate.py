@@ -140,10 +140,7 @@ def estimate_edge(plane: PlaneLike, roi: Roi, diffraction: Diffraction | None = 
 
     The region of an edge of `estimate_edges` gives the same result as there.
 
-    Raises
-    ------
-    BadParameter
-        If the region does not lie in the plane.
+    Raises BadParameter if the region does not lie in the plane.
     """
     plane = as_plane(plane)
     strip = strip_of(plane.samples, checked_type(roi, Roi, "pass Roi(x, y, width, height) in pixels of the plane"))

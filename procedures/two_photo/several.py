@@ -57,10 +57,7 @@ def estimate_psf_of_wall(
     Outcome[TwoPhotoPsf]
         Kernel, scale, gain and noise are those of the pair whose far photograph is nearest.
 
-    Raises
-    ------
-    BadParameter
-        If there are fewer than two photographs.
+    Raises BadParameter if there are fewer than two photographs.
     """
     planes, parameters = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
     if len(planes) < 2:

@@ -72,10 +72,7 @@ def estimate_vignetting(
     -------
     dict of plane to Outcome[PlaneVignetting]
 
-    Raises
-    ------
-    Refused
-        If there is none.
+    Raises Refused if there is none.
     """
     if not flats:
         raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
