@@ -24,8 +24,7 @@ PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
 LONGEST = 600
 REPLY_S = 1.0
-PERIODS = 100
-"""Periods of a lamp's modulation in an exposure, one more or less of which changes its light by 1 %."""
+PERIODS = 100  # periods of a lamp's modulation in an exposure, one more or less of which changes its light by 1 %
 Channels = Annotated[
     tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
     option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),

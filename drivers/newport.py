@@ -22,8 +22,7 @@ from drivers.protocols.framing import Decoder, LineSplitter, text_of
 from drivers.wire.connection import StepQuestion, anything, roll_call
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
-POWER = 1 << 4
-"""Bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle."""
+POWER = 1 << 4  # bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle
 ERRORS_KEPT = 11
 UNITS = {"mm": "2", "deg": "7"}  # codes of the units of an ESP301
 

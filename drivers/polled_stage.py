@@ -81,8 +81,7 @@ class PolledAxis:
 class AxisStage(ABC, Generic[E, A]):
     """A Stage over the orders that a driver implements, for axes of its own kind; `PolledStage` with `PolledAxis`."""
 
-    stop_bytes: bytes
-    """Stop all axes, whatever was sent before; written again and again until they stand."""
+    stop_bytes: bytes  # stop all axes, whatever was sent before; written again and again until they stand
     emergency_bytes = b""  # stop them without deceleration, where the protocol has such an order
     has_checksums = False  # one reading is enough
 

@@ -26,8 +26,7 @@ BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port 
 AGAIN_S = 0.05  # before it is asked again: a port that takes no bytes may fail at once
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
-FLASH_S = 1.0
-"""Longest time from the opening of the contacts to the hot shoe: lag of the body's shutter."""
+FLASH_S = 1.0  # longest time from the opening of the contacts to the hot shoe: lag of the body's shutter
 DRIFT = 1e-4  # bound of the relative error of a crystal
 REFUSALS = {
     3: "wait for the shot, or abort it",

@@ -9,8 +9,7 @@ from procedures.clipping import NOMINAL
 from procedures.plan import Advice, CameraFacts, Fact, Reading
 from procedures.raw import Exposure, Plane
 
-WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
-"""Target of white on the sensor's scale, and the accepted range."""
+WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9  # target of white on the sensor's scale, and the accepted range
 MOST_CLIPPED = 0.005  # accepted fraction of clipped samples: glints, dust, hot pixels
 BASE_ISO = 100.0
 LONGEST_S = 2.0  # longest proposed exposure time; beyond it, more light is proposed

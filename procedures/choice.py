@@ -24,11 +24,9 @@ MAX_K = 41
 MIN_SAMPLES_PER_VALUE = 8  # least number of samples per PSF value of an automatic trial
 RIM, OPEN = 0.8, 0.05
 """The band is open where the OTF's root mean square over the frequencies beyond `RIM` of it exceeds `OPEN`."""
-MAX_TRUNCATION_SIGMAS = 0.5
-"""Greatest truncation that is accepted, in combined standard uncertainties."""
+MAX_TRUNCATION_SIGMAS = 0.5  # greatest truncation that is accepted, in combined standard uncertainties
 MAX_TRIALS = 4
-MAX_WIDENING = 1.6
-"""Greatest ratio of successive widths of the support, as the truncation is known only roughly."""
+MAX_WIDENING = 1.6  # greatest ratio of successive widths of the support, as the truncation is known only roughly
 
 T = TypeVar("T")
 
@@ -188,10 +186,8 @@ TERMS = {
 """Descriptions of the terms, in the order of reports."""
 UNSEEN = ("processing", "wide mask", "ghost", "variation", PRINT_BLUR)
 """Terms by corruptions that a photograph does not exclude."""
-COMMON = ("mismatch", *UNSEEN)
-"""Terms that may be common to all photographs of one chart by one camera."""
-FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
-"""Prefixes of the numbers that are frequencies."""
+COMMON = ("mismatch", *UNSEEN)  # terms that may be common to all photographs of one chart by one camera
+FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)  # prefixes of the numbers that are frequencies
 
 
 def combined(budget: Budget) -> float:

@@ -92,8 +92,7 @@ def _abrupt(values: Array, peak: float, blur: float) -> bool:
 
 # --- Model of a calibrated sensor for other procedures: noise, response, saturation ---
 
-TABLE = 513
-"""Number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6."""
+TABLE = 513  # number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,7 @@ def _profiled(icc: bytes) -> ToneCurve | None:
 # --- formats ---
 
 LOSSY, RAW = ("JPEG", "WEBP", "HEIF"), "RAW"
-USUAL_CODING = 0.01
-"""Error of block coding where the file does not state its tables, as part of white's level."""
+USUAL_CODING = 0.01  # error of block coding where the file does not state its tables, as part of white's level
 
 
 def _format(data: bytes, path: Path) -> str:

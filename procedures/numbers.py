@@ -12,8 +12,7 @@ from itertools import product
 LEVELS = (50, 30, 20, 10)  # contrast levels, in per cent, whose frequencies are reported
 CYCLES = "cycles/pixel"
 MEDIAN = "_median"  # ends the name of a number that is the median of a map over the frame
-_WITHOUT_PHOTOSITE = "_without_photosite"
-"""Ends the name of a map's number after division by the photosite's MTF."""
+_WITHOUT_PHOTOSITE = "_without_photosite"  # ends the name of a map's number after division by the photosite's MTF
 
 
 class Group(StrEnum):

@@ -22,8 +22,7 @@ DEFAULT_SEED = 1  # seed of the default chart
 
 # sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma` gives the noise amplification over it
 AIM_S_OVER_T = 1.3  # target of s/t: gamma is within a few per cent of its minimum
-BEST_S_OVER_T = (1.0, 1.5)
-"""Range in which the PSF's error by noise is at most a third above its minimum."""
+BEST_S_OVER_T = (1.0, 1.5)  # range in which the PSF's error by noise is at most a third above its minimum
 GOOD_S_OVER_T = (0.7, 1.8)
 """Range in which it is at most 2.5 times its minimum; at 2 the cells' spectrum has a zero at the band's edge, and gamma
 is unbounded."""

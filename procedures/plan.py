@@ -190,8 +190,7 @@ class Ask:
     names_file: Callable[[str], bool] = lambda part: False
 
 
-HAS_SHAKER = "has_shaker"
-"""The fact that the bench has a shaker, which moves the camera around a path."""
+HAS_SHAKER = "has_shaker"  # the fact that the bench has a shaker, which moves the camera around a path
 HAS_IMU = "has_imu"  # the fact that the bench has an IMU
 
 
@@ -403,8 +402,7 @@ class Plan:
 K = TypeVar("K")
 T = TypeVar("T")
 AT, LOW, HIGH = "at_", "low_", "high_"
-INSISTED = "insisted_"
-"""Prefix of a name: the operator confirmed that answer despite a contradiction."""
+INSISTED = "insisted_"  # prefix of a name: the operator confirmed that answer despite a contradiction
 INPUTS, GATHERED = "inputs", "gathered"
 
 

@@ -27,8 +27,7 @@ from procedures.outcome import BadParameter
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_PER_PX, MOST_SAMPLES = 16, 101
-"""Largest s and k: the covariance of 101 x 101 samples takes 0.8 GB."""
+MOST_PER_PX, MOST_SAMPLES = 16, 101  # largest s and k: the covariance of 101 x 101 samples takes 0.8 GB
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,8 @@ class Psf:
     s : int, samples per sensor pixel of the plane: the pitch is 1/s pixel
     covariance : (k^2, k^2) float64, covariance of `h.ravel()`, nuisance parameters included
     tail : PsfTail, tail outside the support; none by default
-    lacking : (k^2, k^2) float64 or None
-        Part of `covariance` that is model error instead of noise, as between the nodes of a field: unlike noise, it
-        adds no energy to the samples. None: all of it is noise.
+    lacking : (k^2, k^2) float64 or None, part of `covariance` that is model error instead of noise, as between the
+        nodes of a field: unlike noise, it adds no energy to the samples. None: all of it is noise.
 
     Notes
     -----

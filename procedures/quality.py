@@ -52,8 +52,7 @@ Indices = npt.NDArray[np.intp]
 STEPS_PER_CYCLE = 50  # frequencies of the curves per cycle/pixel
 KNOTS = slice(5, None, 5)
 """Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
-STEP = 0.005
-"""Half the interval around a crossing over which a curve's slope is taken, in cycles per pixel."""
+STEP = 0.005  # half the interval around a crossing over which a curve's slope is taken, in cycles per pixel
 DIRECTIONS = 16  # directions of the radial mean over half a turn, a multiple of four
 NARROW_BANDS = (0.67, 0.75, 0.85)
 """Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing

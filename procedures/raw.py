@@ -87,8 +87,7 @@ class Plane:
         return cls(name, ((samples - black) / (white - black)).astype(np.float32), step, black=black, white=white)
 
 
-UNLIKELY_IN_RAW = 0.3
-"""Prior of processing as a cause for a RAW file, relative to a picture written by a program."""
+UNLIKELY_IN_RAW = 0.3  # prior of processing as a cause for a RAW file, relative to a picture written by a program
 
 
 def unprocessed(raw: bool, remedy: str) -> str:

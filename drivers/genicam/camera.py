@@ -18,8 +18,7 @@ from drivers.wire.connection import closed_after_errors, not_connected
 BUFFERS = 4
 SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 MICROSECONDS = 1e6
-ROUNDING = 0.05
-"""Allowed relative deviation from the requested exposure: cameras count in lines or clock ticks."""
+ROUNDING = 0.05  # allowed relative deviation from the requested exposure: cameras count in lines or clock ticks
 GAIN_STEP_DB = 0.1  # allowed deviation from the requested gain
 REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool-0.8 features` lists them"
 

@@ -98,8 +98,7 @@ def check_device(core: Any, label: str, kind: int, what: str, config: str) -> No
         raise BadConfiguration(f"{config}: {label} {state}; a {what} is required", f"name one of its {what}s: {there}")
 
 
-CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6
-"""Micro-Manager's device type numbers (MMDeviceConstants.h)."""
+CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6  # Micro-Manager's device type numbers (MMDeviceConstants.h)
 
 
 Label = Annotated[str, text('"Camera"', "a device's label in that configuration in quotes")]

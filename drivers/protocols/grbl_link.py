@@ -35,8 +35,7 @@ REPLY_S = 1.0
 STATUS_S = 0.5
 STILL = ("Idle", "Alarm", "Sleep", "Check")
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
-RESETS = 4
-"""Resets sent in that time: GRBL ignores input for half a second after `ALARM:1` and `ALARM:2`."""
+RESETS = 4  # resets sent in that time: GRBL ignores input for half a second after `ALARM:1` and `ALARM:2`
 
 
 @dataclass(frozen=True)

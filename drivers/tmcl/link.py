@@ -216,8 +216,7 @@ def library() -> _Library:
 # Source: TMCL firmware manuals, "binary command format" and "reply format".
 
 LENGTH = 9
-OK, LOADED, DAMAGED = 100, 101, 1
-"""Statuses: done, stored for later, and wrong checksum of the order."""
+OK, LOADED, DAMAGED = 100, 101, 1  # statuses: done, stored for later, and wrong checksum of the order
 STATUSES = frozenset({*range(1, 16), OK, LOADED})
 MODULE, STATUS, COMMAND = 1, 2, 3  # byte positions in an answer
 

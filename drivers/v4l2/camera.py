@@ -25,8 +25,7 @@ from drivers.wire.connection import closed_after_errors, line_condition, not_con
 BUFFERS = 4
 SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 EXPOSURE_UNIT_S = 1e-4
-ROUNDING = 0.05
-"""Allowed relative deviation from the requested exposure: the interface counts in units of 0.1 ms."""
+ROUNDING = 0.05  # allowed relative deviation from the requested exposure: the interface counts in units of 0.1 ms
 MOST_LISTED = 256  # largest number of formats or sizes of a device
 DEPTHS = ((8, ""), (10, ""), (12, ""), (14, ""), (16, ""), (10, "csi2"), (12, "csi2"), (14, "csi2"))
 FORMATS = {

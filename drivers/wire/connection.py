@@ -107,12 +107,10 @@ class LineDevice(Generic[L]):
 # what it then writes would follow the stop. Here no lock is held while waiting for a port with a descriptor.
 
 WRITE_S = 1.0  # time limit for a port to accept bytes
-URGENT_S = 0.03
-"""How long bytes that end a motion wait for a port before the driver stops by stronger means."""
+URGENT_S = 0.03  # how long bytes that end a motion wait for a port before the driver stops by stronger means
 STOP_TRIES = 6
 """How often a stop is offered to a port that takes no bytes, each time for `WRITE_S`: what moves goes on meanwhile."""
-HELD_UP_S = 0.005
-"""How long a stop waits for an order that is being written to a port without a descriptor."""
+HELD_UP_S = 0.005  # how long a stop waits for an order that is being written to a port without a descriptor
 GONE = (OSError, ValueError, TypeError, AttributeError)
 """Exceptions of ports that were unplugged or closed meanwhile."""
 

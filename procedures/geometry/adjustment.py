@@ -178,8 +178,7 @@ class AdjustmentProblem:
     def system(self, state: AdjustmentState, extra: Sequence[Array] | None = None) -> System:
         """The normal equations with the priors.
 
-        extra : sequence of (n, 2, k), optional
-            Derivatives of the points of every view, in pixels, by k further unknowns.
+        extra : sequence of (n, 2, k), derivatives of the points of every view, in pixels, by k further unknowns
         """
         system, shape = self.point_system(state, self.view_residuals(state), extra), self.shape
         U, u, V, v, W = system.U, system.u, system.V, system.v, system.W

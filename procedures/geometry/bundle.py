@@ -24,10 +24,8 @@ from procedures.geometry.views import ChartView, Pose
 from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 
-FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Initial focal lengths, relative to the longer side of the frame."""
-WIDE_RATIOS = (0.3, 0.45, 0.7)
-"""Initial focal lengths of wide lenses, relative to the longer side of the frame."""
+FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)  # initial focal lengths, relative to the longer side of the frame
+WIDE_RATIOS = (0.3, 0.45, 0.7)  # initial focal lengths of wide lenses, relative to the longer side of the frame
 WIDE_PX = 2.0  # residual of a pinhole with radial distortion above which the lens may be wide
 FIRST_NODES, FEWEST_NODES = 60, 4
 """Nodes of the initial estimate, chosen at random so that they are not collinear; nodes of a view at least."""

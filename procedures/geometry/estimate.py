@@ -30,14 +30,12 @@ LEAST_VIEWS = 6  # with fewer, the shape of the chart and that of the lens are h
 FEWEST_VIEWS = 3  # fewer do not determine five pinhole parameters and the shape of a plane chart
 NODE_ERROR_ROUNDS = 2  # repetitions of the estimate of the node errors' standard deviation
 SMALL_SHARE = 0.6  # share of the frame covered by charts below which too much of it is extrapolated
-LOOSE_FOCAL = 0.005
-"""Relative standard uncertainty of the focal length above which the views are too similar."""
+LOOSE_FOCAL = 0.005  # relative standard uncertainty of the focal length above which the views are too similar
 NEGLIGIBLE_PX = 0.005
 """A systematic residual below this, or below the stated uncertainty, is reported but does not affect the verdict."""
 LARGE_RESIDUAL = 2.0
 """Residual, in units of the stated covariances, above which camera, chart and noise do not explain the photographs."""
-MAP, COARSE = (31, 21), (15, 11)
-"""Columns and rows of the maps over the frame, and of the grid of a budget."""
+MAP, COARSE = (31, 21), (15, 11)  # columns and rows of the maps over the frame, and of the grid of a budget
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,7 @@ class GeometryParameters:
     distances_mm : tuple of float
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
     is_video : bool, whether the views are frames of a video, with their times: the row time of the shutter is estimated
-    advise_px : (x, y) or None
-        Pixel whose direction the next view shall improve; None: the whole frame.
+    advise_px : (x, y) or None, pixel whose direction the next view shall improve; None: the whole frame
     """
 
     cell_mm: float

@@ -25,11 +25,9 @@ from procedures.numerics.arrays import Array
 ASYMMETRIC = 1e-3
 """Prior standard deviation of decentring and thin prism, relative to the squared radius in focal lengths; terms of
 higher powers are as large at the corner."""
-RADIAL = 3e-3
-"""Prior standard deviation of a radial term, relative to the radius, at the frame's corner."""
+RADIAL = 3e-3  # prior standard deviation of a radial term, relative to the radius, at the frame's corner
 LARGEST_EXPONENT = 500.0  # bound of an exponent, above which a probability is 1
-ASPECT = 1e-3
-"""Prior standard deviation of the relative difference of the focal lengths along x and y."""
+ASPECT = 1e-3  # prior standard deviation of the relative difference of the focal lengths along x and y
 
 
 def missing_terms(camera: CameraModel, pixels: Array) -> Array:

@@ -20,8 +20,7 @@ from procedures.geometry.views import Pose
 from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import hull_area
 
-PLACES = (0.2, 0.5, 0.8)
-"""Positions of the chart's centre, in fractions of the frame, along both sides."""
+PLACES = (0.2, 0.5, 0.8)  # positions of the chart's centre, in fractions of the frame, along both sides
 TILTS_DEG = ((0.0, 0.0), (30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (0.0, -30.0))
 """Yaw (positive: the right edge is nearer) and pitch (positive: the lower edge is farther)."""
 STEEPEST_DEG = 40.0
@@ -30,8 +29,7 @@ DISTANCE_RATIOS = (0.7, 1.0, 1.4)  # distances relative to the median of the vie
 VISIBLE_SHARE = 0.8  # part of the chart that must lie in the frame
 FRAME = (13, 9)
 ENOUGH_NODES = 120  # nodes of a chart from which the information of a view is computed
-COVER = 0.65
-"""Share of the frame that planned views cover before other criteria apply: a result needs 0.6."""
+COVER = 0.65  # share of the frame that planned views cover before other criteria apply: a result needs 0.6
 LEAST_GAIN, NEARLY_BEST = 0.01, 0.9
 """Least share of the frame that a view must add to the coverage; share of the largest gain that is as good."""
 PRIOR: Mapping[str, Callable[[CameraModel], float]] = {

@@ -58,10 +58,8 @@ TURN_DEG = 7.0  # tolerance of its yaw and pitch
 SURE_DEG, STEP_DEG = 20.0, 25.0
 """A tilt below the first shows in perspective alone, which resembles distortion: from there the chart is turned by at
 most the second before the next photograph, lest it be turned out of sight."""
-LEAST_WHITE = 0.15
-"""Least white of a usable photograph, in fractions of full scale: a tilted chart is darker."""
-SCATTER_PX = 0.02
-"""Standard deviation of a point, in sensor pixels, assumed for the choice of views."""
+LEAST_WHITE = 0.15  # least white of a usable photograph, in fractions of full scale: a tilted chart is darker
+SCATTER_PX = 0.02  # standard deviation of a point, in sensor pixels, assumed for the choice of views
 
 
 def plan() -> Plan:

@@ -41,8 +41,7 @@ from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdi
 
 FEWEST_CHARTS = 3  # fewer charts do not show whether the rig is rigid
 ITERATIONS = 4
-UNLIKELY = 0.001
-"""Probability of such differences among the charts, below which the rig is doubtful."""
+UNLIKELY = 0.001  # probability of such differences among the charts, below which the rig is doubtful
 CONVENTION = (
     "X_camera = R X_first + t; the errors of every further camera are a rotation vector w in radians and a shift d in "
     "mm, in that camera's frame: X_camera -> exp([w]x) X_camera + d"

@@ -15,8 +15,7 @@ STRETCH, UNEVEN, BEND = 0.005, 0.002, 0.02
 """Prior standard deviations relative to half the chart: of stretch and shear, of quadratic errors in the plane, and of
 bending out of it."""
 NODE_MM = 0.05  # initial standard deviation of the node errors, in the plane and out of it
-LEAST_MM = 1e-4
-"""Lower limit of that standard deviation: keeps the system of an ideal chart solvable."""
+LEAST_MM = 1e-4  # lower limit of that standard deviation: keeps the system of an ideal chart solvable
 NAMES = (
     "stretch", "shear",
     "uneven_x_xx", "uneven_x_xy", "uneven_x_yy", "uneven_y_xx", "uneven_y_xy", "uneven_y_yy",

@@ -21,8 +21,7 @@ from procedures.numerics.arrays import Array
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4", "p3", "p4")
 RADIAL = slice(4, 8)
 PRIOR = 1.5e-3  # prior standard deviation of p1 to p4: what real lenses have
-EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)
-"""First terms of the series of the angle, r = f a."""
+EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)  # first terms of the series of the angle, r = f a
 MAX_ITERATIONS, TOLERANCE = 50, 1e-13  # limits of Newton's iteration for the radius
 
 

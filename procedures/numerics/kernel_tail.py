@@ -19,8 +19,7 @@ from procedures.numerics.transforms import integral_of_j0, j0, j1
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,
 which a shorter reach biases, as varying light from beyond is attributed to it."""
-FAR = 128
-"""Greatest distance in pixels of light beyond the reach; light from further away is taken as constant."""
+FAR = 128  # greatest distance in pixels of light beyond the reach; light from further away is taken as constant
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""

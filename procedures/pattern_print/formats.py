@@ -117,8 +117,7 @@ def _svg_text(text: Text) -> str:
 Bitmap = npt.NDArray[np.uint8]
 
 CELL_PIXELS = 8
-EDGE_BLOCKS = 2
-"""Blocks of white and black beyond the margin, on the right and below, for slanted edges."""
+EDGE_BLOCKS = 2  # blocks of white and black beyond the margin, on the right and below, for slanted edges
 LARGEST_CELL_PIXELS = 32
 
 

@@ -37,10 +37,8 @@ from procedures.pattern_print.sheet import (
 )
 from procedures.pattern_print.source import Source
 
-BLEED_MM = 1.5
-"""Width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper."""
-ARM_MM = 3.0
-"""Half the size of a cross; along the seam it extends over the whole band beyond the bleed."""
+BLEED_MM = 1.5  # width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper
+ARM_MM = 3.0  # half the size of a cross; along the seam it extends over the whole band beyond the bleed
 THICKNESS_MM, TYPE_MM = 0.15, 2.5
 ORIGIN_LETTERS = 24  # number of characters of a long origin on the label
 
@@ -210,11 +208,9 @@ def _in_chart(start: int, end: int) -> tuple[int, int]:
 
 # --- Division of a chart into several sheets ---
 
-AUTHORS_WIDTH_MM = 300.0
-"""Width of the whole chart, ten blocks, printed by the authors of the method."""
+AUTHORS_WIDTH_MM = 300.0  # width of the whole chart, ten blocks, printed by the authors of the method
 DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)  # cells across the chart with its white margin
-BAND_MM = 10.0
-"""Width of the band around a sheet's cells, which is cut off or covered by the neighbour."""
+BAND_MM = 10.0  # width of the band around a sheet's cells, which is cut off or covered by the neighbour
 MOST_SHEETS = 100  # greatest number of sheets that can be joined accurately
 
 

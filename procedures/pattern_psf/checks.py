@@ -26,8 +26,7 @@ from procedures.raw import Plane, RawFrame
 
 PREFERRED_PLANES = ("G1", "Y")  # planes used for geometry, in order of preference
 FLAT = 0.8  # least level of the darkest white block over the brightest
-CENTRED = 0.12
-"""Greatest distance of the chart's centre from the frame's, as a fraction of the frame's width."""
+CENTRED = 0.12  # greatest distance of the chart's centre from the frame's, as a fraction of the frame's width
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0
 """Tolerance of yaw and pitch, and of roll, which only rotates the PSF's axes on the chart."""
 

@@ -28,8 +28,7 @@ from procedures.quality import Diffraction, Quality, assess
 
 UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
 """p-values of chi^2 below which the result is doubtful, and below which it is refused."""
-MAX_SPREAD = 0.03
-"""Relative distance of a shot from the mean below which a disagreement is only doubtful."""
+MAX_SPREAD = 0.03  # relative distance of a shot from the mean below which a disagreement is only doubtful
 CENTRE_PX = 0.05  # scatter of the centre, in pixels, above which the result is doubtful
 
 

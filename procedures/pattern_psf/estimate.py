@@ -81,8 +81,7 @@ or vignetted pupils, rounded f-numbers."""
 SAMPLES_PER_CELL = 2.0
 """Largest s/t chosen automatically: there the cells' spectrum reaches zero at the band's edge."""
 MAX_EXCLUSIONS = 10  # greatest number of fits that exclude hidden places
-MIN_VISIBLE_SHARE = 0.5
-"""Least share of the noise region's samples that remain when hidden places are excluded."""
+MIN_VISIBLE_SHARE = 0.5  # least share of the noise region's samples that remain when hidden places are excluded
 
 
 @dataclass(frozen=True)
@@ -207,8 +206,7 @@ def estimate_psf(
 ) -> Outcome[PatternPsf]:
     """Estimate the PSF of a plane that shows the chart.
 
-    plane : Plane, or (rows, columns) array
-        Linear samples, black 0, white 1; the chart may lie anywhere.
+    plane : Plane, or (rows, columns) array, linear samples, black 0, white 1; the chart may lie anywhere
     chart : Chart, the printed cells
     parameters : PatternParameters, optional
     diffraction : Diffraction, diffraction limit of this plane; with it the Strehl ratio is reported too

@@ -80,10 +80,8 @@ def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:
 # the s grid, band-limited to it. Closer than s/t = 1 more samples cover the noise region, and the chart's spectrum
 # falls, to zero at the band's edge for s/t = 2; farther away the cells average to grey.
 
-RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)
-"""Sampling ratios of the curve."""
-NODES = 200
-"""Nodes of the quadrature over the band, in which the spectra oscillate about ten times at most."""
+RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)  # sampling ratios of the curve
+NODES = 200  # nodes of the quadrature over the band, in which the spectra oscillate about ten times at most
 
 
 @dataclass(frozen=True)

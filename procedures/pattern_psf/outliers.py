@@ -11,10 +11,8 @@ from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
 OUTLIER_SIGMAS = 6.0  # robust standard deviations beyond which no noise explains a sample
-PATCH_PX = 9
-"""Side of the windows of the local mean square residual, which is then known to a sixth."""
-MAX_LOCAL_RATIO = 2.5
-"""Mean square residual of a window, over the median, above which the chart is hidden there."""
+PATCH_PX = 9  # side of the windows of the local mean square residual, which is then known to a sixth
+MAX_LOCAL_RATIO = 2.5  # mean square residual of a window, over the median, above which the chart is hidden there
 LEVEL_MARGIN = 0.5
 """Distance below black or above white, in units of their contrast and in addition to noise, that no sample of the chart
 reaches even if sharpened. A few extreme samples would dominate the fit."""

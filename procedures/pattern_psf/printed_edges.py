@@ -24,8 +24,7 @@ Indices = npt.NDArray[np.int32]
 
 LINES = CELLS + 1  # lines between the cells along one axis, the noise region's rim included
 OVERSAMPLING = 4  # samples of the interpolated PSF per sample of the s grid
-MIN_PRIOR_RMS = 0.001
-"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve."""
+MIN_PRIOR_RMS = 0.001  # narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve
 CORE_SHARE = 0.03
 """Share of the PSF's peak below which its samples are excluded from the columns, as the offsets are corrections."""
 

@@ -20,8 +20,7 @@ MIN_SAMPLES = 12
 """Samples of a block above which a surface of degree two is fitted to them, and outliers are searched for; for fewer
 than half of them it is a constant, for those between a plane."""
 MAX_SIGNAL_SHARE = 0.97  # share of the saturation signal up to which the response is known
-MIN_BEND_UNCERTAINTY = 1e-4
-"""Least uncertainty of the response's curvature: the model error of its polynomial."""
+MIN_BEND_UNCERTAINTY = 1e-4  # least uncertainty of the response's curvature: the model error of its polynomial
 
 
 @dataclass(frozen=True)

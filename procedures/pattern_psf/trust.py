@@ -19,27 +19,22 @@ from procedures.pattern_psf.registration import mark_residuals
 from procedures.psf import Psf, Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
-MIN_AGREEMENT = 0.3
-"""Least share of the noise region's variance that the expected cells must explain."""
+MIN_AGREEMENT = 0.3  # least share of the noise region's variance that the expected cells must explain
 MAX_UNEXPLAINED = 0.15
 """Greatest share of the variance that is neither chart nor noise; above it the result is refused."""
 DOUBTFUL_UNEXPLAINED = 0.03
 """Share of the variance that is neither chart nor noise above which a result is doubtful."""
 MAX_RESIDUAL_CORRELATION = 0.3
 """Correlation of the residual at neighbouring pixels above which a result is doubtful."""
-MAX_NOISE_CORRELATION = 0.25
-"""Noise correlation of neighbouring samples above which the picture was processed."""
+MAX_NOISE_CORRELATION = 0.25  # noise correlation of neighbouring samples above which the picture was processed
 MAX_CURVATURE = 0.15
 """Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
 MAX_INK_SPREAD = 0.25  # ink spread, in cells, above which the model of thin outlines fails
-MAX_SUPPORT_CUT = 0.15
-"""Share of the PSF's energy outside its support above which a result is doubtful."""
-MIN_CONTRAST_STEPS = 16
-"""Digital numbers between black and white above which rounding is no worse than noise."""
+MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above which a result is doubtful
+MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
 TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
-MISSING_LIGHT_SIGMAS = 3.0
-"""Standard uncertainties of missing light above which the picture was sharpened."""
+MISSING_LIGHT_SIGMAS = 3.0  # standard uncertainties of missing light above which the picture was sharpened
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
 the picture was processed or taken at another gain."""
@@ -48,8 +43,7 @@ MAX_RESIDUAL = 2.0  # residual in units of the noise above which a result is dou
 MAX_MISMATCH = 9.0
 """Variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful."""
 MAX_STRAY = 0.03  # share of hot or dead samples above which a result is doubtful
-MAX_VARIATION = 0.03
-"""Relative difference of MTF50 between the chart's halves above which it is reported."""
+MAX_VARIATION = 0.03  # relative difference of MTF50 between the chart's halves above which it is reported
 
 
 @dataclass(frozen=True)
@@ -158,8 +152,7 @@ def refusal_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, 
     ]  # fmt: skip
 
 
-IN_RAW = "the camera applied noise reduction, or the light flickered"
-"""Cause of correlated noise in a RAW file."""
+IN_RAW = "the camera applied noise reduction, or the light flickered"  # cause of correlated noise in a RAW file
 
 
 def _processing(raw: bool) -> float:

@@ -102,8 +102,7 @@ TERMS = (
     "defocus", "astigmatism_oblique", "astigmatism", "coma_y", "coma_x", "trefoil_y", "trefoil_x", "spherical",
 )  # fmt: skip
 """Noll's polynomials 4 to 11, of unit root mean square over the pupil."""
-LEAST_ACROSS = 48
-"""Samples across the pupil: the error of the discs' overlap is then 2e-3 of its peak."""
+LEAST_ACROSS = 48  # samples across the pupil: the error of the discs' overlap is then 2e-3 of its peak
 SUBSAMPLES = 8
 
 

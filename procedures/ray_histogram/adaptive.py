@@ -10,8 +10,7 @@ from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.film import Film
 
-SMOOTHING = 3
-"""Side of the neighbourhood over which variances are averaged, as those of single pixels are noisy."""
+SMOOTHING = 3  # side of the neighbourhood over which variances are averaged, as those of single pixels are noisy
 FAINT = 1e-3
 """Smallest variance of a sample as a fraction of the picture's mean: an apparently noiseless pixel may not be."""
 

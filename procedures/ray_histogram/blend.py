@@ -28,22 +28,18 @@ Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 """A filter from outside: it takes the film's picture and its features."""
 
 HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
-DENOISED, UNFILTERED = "denoiser", "unfiltered"
-"""The candidates, in the order in which they are blended."""
+DENOISED, UNFILTERED = "denoiser", "unfiltered"  # the candidates, in the order in which they are blended
 WEIGHT_PX = 4.0  # standard deviation of the neighbourhood in which a weight is determined, pixels
 SIGNIFICANCE = 4.0
 """A candidate's weight is reduced by this factor times its squared relative error, so that chance adds no noise."""
-ERROR_PX = 4.0
-"""Standard deviation of the neighbourhood over which squared errors are averaged, pixels."""
-CHANCE = 0.2
-"""Standard deviations subtracted from squared biases, as chance makes those above zero that are zero."""
+ERROR_PX = 4.0  # standard deviation of the neighbourhood over which squared errors are averaged, pixels
+CHANCE = 0.2  # standard deviations subtracted from squared biases, as chance makes those above zero that are zero
 NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the noise is averaged, which differs more between pixels."""
 SMOOTH_PX = 1.0  # standard deviation by which weights are smoothed
 ALBEDO_STEP, GUIDE_STEPS = 0.2, 5.0
 """Differences of albedo, and of guides in their units, over which a regression takes light as linear."""
-LEAST_ALBEDO = 0.05
-"""Pixels that reflect less are not divided by their albedo: lamps, glass and metal."""
+LEAST_ALBEDO = 0.05  # pixels that reflect less are not divided by their albedo: lamps, glass and metal
 
 
 @dataclass(frozen=True)
@@ -51,13 +47,10 @@ class Render:
     """A film, or a half of it, with what the renderer knows of the surfaces.
 
     film : Film, the light of the picture
-    albedo : (rows, columns, 3) float64 or None
-        Diffuse reflectance of the surfaces.
+    albedo : (rows, columns, 3) float64 or None, diffuse reflectance of the surfaces
     light : Film or None, the film of the samples divided by `divisor(albedo)`: without texture, more pixels are similar
-    normal : (rows, columns, 3) or None
-        Normals of the surfaces.
-    guides : (rows, columns, 2 n) float32 or None
-        Features for `filter_film`.
+    normal : (rows, columns, 3) or None, normals of the surfaces
+    guides : (rows, columns, 2 n) float32 or None, features for `filter_film`
     """
 
     film: Film

@@ -16,10 +16,8 @@ from procedures.numerics.arrays import Array32, Indices
 from procedures.outcome import BadInput, BadParameter
 from procedures.ray_histogram.kernels import Rules, Stack, fuse_band
 
-BAND_ROWS = 32
-"""Rows filtered at once: large enough that the rows computed twice at the rims cost little."""
-BAND_FLOATS = 16_000_000
-"""Maximum number of ratios per thread; bands of wide pictures have fewer rows."""
+BAND_ROWS = 32  # rows filtered at once: large enough that the rows computed twice at the rims cost little
+BAND_FLOATS = 16_000_000  # maximum number of ratios per thread; bands of wide pictures have fewer rows
 
 
 @dataclass(frozen=True)

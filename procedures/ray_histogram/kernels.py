@@ -14,8 +14,7 @@ import numpy as np
 from procedures.numerics.arrays import Array32, Indices
 from procedures.numerics.compiled import vectorised
 
-FAR = np.float32(1e30)
-"""Ratio of a pair that cannot be compared: outside the picture, or without a valid bin."""
+FAR = np.float32(1e30)  # ratio of a pair that cannot be compared: outside the picture, or without a valid bin
 RIDGE = np.float32(0.5)
 """Variance of position, pixel^2, added before the trend is fitted: two patches in a row determine no slope across
 it."""

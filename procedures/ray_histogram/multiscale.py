@@ -23,8 +23,7 @@ FAINT = 1e-3  # smallest variance of a pixel's mean, as a fraction of the averag
 LEAST_VARIANCE = 1e-12  # smallest variance where no pixel is noisy
 
 RANGE_SIDE = 5  # side of the neighbourhood, in pixels, whose noisy values bound the filtered one
-AROUND_SIDE = 7
-"""Side of the neighbourhood, in pixels, whose variance bounds the filtered value too."""
+AROUND_SIDE = 7  # side of the neighbourhood, in pixels, whose variance bounds the filtered value too
 ALIKE, UNLIKE = 1.5, 3.0
 """Variance of the means around a pixel over that of their noise: up to the first all pixels there are alike, from the
 second on the pixel's own variance counts alone. Of 49 values the ratio has a standard deviation of 0.2."""

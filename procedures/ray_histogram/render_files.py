@@ -32,8 +32,7 @@ LAYERS = {
 """Names of the layers, without the render layer's name before them, in lower case; the first that is present counts."""
 COMPONENTS = {"image": "rgb", "albedo": "rgb", "normal": "xyz", "depth": "zvtryx", "variance": "rgb"}
 """Components; of the depth the first that is present."""
-NORMAL_STEP, DEPTH_STEP = 0.1, 0.02
-"""Differences of normals, and of depths over the median depth, that matter."""
+NORMAL_STEP, DEPTH_STEP = 0.1, 0.02  # differences of normals, and of depths over the median depth, that matter
 VARIANCE_PX = 1.0
 """Standard deviation of the neighbourhood over which the squared difference of two pictures is averaged."""
 MEDIAN_SIDE, MOST_OVER_MEDIAN = 3, 4.0

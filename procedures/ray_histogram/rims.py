@@ -26,13 +26,11 @@ REACH = 2  # half size of the neighbourhood that determines a rim, pixels
 SIDE = 2 * REACH + 1
 CENTRE = SIDE * SIDE // 2
 CONTRAST = 10.0  # how many times as bright as the darkest pixel nearby a lamp is
-QUIET = 0.01
-"""Largest variance of a lamp's own samples, as a fraction of its squared step in brightness."""
+QUIET = 0.01  # largest variance of a lamp's own samples, as a fraction of its squared step in brightness
 SHAPE_ERROR = 0.05
 """Largest standard deviation of covered parts from those of lines and circles: at a half covered pixel."""
 MISFIT = 30.0  # deviance of 24 pixels above which neither a line nor a circle is a rim's shape
-LEAST_HITS = 0.25
-"""Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
+LEAST_HITS = 0.25  # samples seeing the lamp, or not seeing it, below which none does: the rest is noise
 LEAST = 0.02  # smallest part, and smallest rest, of a shape that is compared with the parts seen
 LEAST_PART = 0.005  # parts expected by the shape below which a pixel is not at the rim
 SHOWN = 0.5
@@ -44,8 +42,7 @@ TRUST_PX, TRUST = 3.0, 2.0
 """Standard deviation of the neighbourhood in which the prior's error is determined, pixels, and a factor on the noise
 in that comparison: pixels that all miss a lamp have none."""
 FLOOR = 0.01  # added to squared values in relative squared errors
-BESIDE = 6
-"""Distance to a lamp up to which a pixel is beside it: half the side of the filter's search."""
+BESIDE = 6  # distance to a lamp up to which a pixel is beside it: half the side of the filter's search
 LONE = 0.7
 """Squared relative noise above which a pixel's light is that of a single sample: 1 - 1/n for one, half for two."""
 RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0  # radii of round rims, pixels

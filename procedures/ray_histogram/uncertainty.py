@@ -27,18 +27,15 @@ from procedures.ray_histogram.rims import lamp_rims
 
 DRAWS = 8
 """Pictures of noise: their variance in a pixel has a relative error of one half, and is then averaged (`NOISE_PX`)."""
-NOISE_PX = 2.0
-"""Standard deviation of the neighbourhood over which the variance of the draws is averaged, pixels."""
-BIAS_PX = 1.0
-"""Standard deviation for averaging the squared bias, which varies from pixel to pixel along edges."""
+NOISE_PX = 2.0  # standard deviation of the neighbourhood over which the variance of the draws is averaged, pixels
+BIAS_PX = 1.0  # standard deviation for averaging the squared bias, which varies from pixel to pixel along edges
 LOST_DETAIL = 2.0
 """Mean square of the true bias over that of the estimated one: 1.9 on the Cornell box at 64 samples, 2.0 at 256."""
 EXCESS_PX = 8.0
 """Standard deviation of the neighbourhood over which the excess is averaged: a single one is mostly chance."""
 RELATIVE_VARIANCE, DARK = 1e-2, 0.01
 """Lower bound of the variance in weights: this fraction of the squared value, plus that of a dark pixel."""
-SMOOTH_PX = 1.0
-"""Standard deviation of the neighbourhood whose variance bounds a pixel's in weights."""
+SMOOTH_PX = 1.0  # standard deviation of the neighbourhood whose variance bounds a pixel's in weights
 SEED = 4
 
 

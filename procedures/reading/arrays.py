@@ -24,8 +24,7 @@ LONGEST_HEAD = 1 << 14  # greatest length of an array's header, in bytes
 LARGEST_DIRECTORY = 1 << 20
 """Greatest size of an archive's central directory, in bytes: some ten thousand members."""
 BLOCK = 1 << 20
-LARGEST, SMALLEST = 1e30, 1e-30
-"""Range of magnitudes that are read: squares and ratios of them stay finite."""
+LARGEST, SMALLEST = 1e30, 1e-30  # range of magnitudes that are read: squares and ratios of them stay finite
 LONGEST = 1_000_000  # limit of pixels along a side of a frame, beyond any sensor
 Shape = tuple[int | str | None, ...]
 """Lengths of the axes: a number, a letter for axes of equal length, None for any. Only 0 allows an empty axis."""
@@ -110,8 +109,7 @@ def checked_array(
     what : str, name and source of the value, the subject of the message
     low, high : float, inclusive limits of the numbers
     finite : bool, false disables the check of the range where infinities and NaN have a meaning
-    dtype : float type or None
-        Type of the result; None keeps that of the array.
+    dtype : float type or None, type of the result; None keeps that of the array
     """
     try:
         array = np.asarray(value)

@@ -81,8 +81,7 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
 
 POINTS = 4096
 LINEAR, SRGB = "linear", "srgb"
-_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}
-"""Number of parameters by the type of a parametric curve."""
+_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # number of parameters by the type of a parametric curve
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,7 @@ Tags = Mapping[str, Any]
 def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
     """Read the exposure data of one file.
 
-    file : a seekable binary file
-        Read for EXIF.
+    file : a seekable binary file, read for EXIF
     raw : rawpy.RawPy, the file opened by LibRaw, whose answers have priority
     """
     tags = _exif_tags(file)

@@ -14,8 +14,7 @@ from procedures.reading.guard import Room, decoding, read_file
 
 BYTES_PER_BYTE = 30
 """Bytes in memory per byte of text: a number of two characters becomes an object of 32 bytes in a list."""
-LARGEST_WHOLE = 1 << 63
-"""Limit of integers, as in TOML 1.0.0 ("Integer"): larger ones do not fit into an array."""
+LARGEST_WHOLE = 1 << 63  # limit of integers, as in TOML 1.0.0 ("Integer"): larger ones do not fit into an array
 
 
 def read_text(path: Path, kind: str, remedy: str, errors: str = "strict") -> str:

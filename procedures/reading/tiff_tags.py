@@ -87,8 +87,7 @@ def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
 
     Raises BadInput if it has too many directories, or too many tags in one of them.
 
-    file : a seekable binary file
-        Files other than TIFF, or damaged ones, give no directories.
+    file : a seekable binary file; files other than TIFF, or damaged ones, give no directories
     name : str, name of the file for messages
     """
     try:
@@ -159,8 +158,7 @@ def _form(file: BinaryIO) -> _Form | None:
     return _Form(order, "Q", "Q", 20) if file.read(4) == struct.pack(order + "HH", 8, 0) else None
 
 
-LARGEST_COUNT = 0xFFFF
-"""Limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory."""
+LARGEST_COUNT = 0xFFFF  # limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory
 BIG = 43  # version number of BigTIFF
 
 

@@ -46,8 +46,7 @@ if TYPE_CHECKING:
 
 WIDENINGS = (3.2, 1.8, 1.0)  # widths of the windows tried, relative to the narrowest
 WIDE_UNCERTAINTY = 0.008  # relative uncertainty of MTF50 up to which a wide window is used
-MIN_FALLEN = 0.9
-"""Least share of the resampled curves that must fall to a level for its frequency to be reported."""
+MIN_FALLEN = 0.9  # least share of the resampled curves that must fall to a level for its frequency to be reported
 NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
 METHOD = "ISO 12233:2023 e-SFR, four bins per pixel; uncertainty by resampling rows"
 

@@ -18,8 +18,7 @@ UNEVEN = 0.08  # change, relative to the edge's contrast, at which a plain area 
 END_PX = 3.0  # length excluded at an edge's ends, in addition to that due to its slant
 MIN_CONTRAST = 0.02  # least contrast, relative to white
 MAX_SEGMENTS = 600  # number of segments examined, the longest first; textures have any number
-NOISE_LEVELS = 1.5
-"""Noise, in 256ths, to which the picture is smoothed before segments are detected."""
+NOISE_LEVELS = 1.5  # noise, in 256ths, to which the picture is smoothed before segments are detected
 
 
 @dataclass(frozen=True, eq=False)

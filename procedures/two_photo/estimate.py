@@ -122,8 +122,7 @@ def estimate_psf_of_pair(
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two photographs of one wall, in any order.
 
-    a, b : Plane, or (rows, columns) arrays
-        Linear samples of the same plane, black 0, white 1.
+    a, b : Plane, or (rows, columns) arrays, linear samples of the same plane, black 0, white 1
     parameters : TwoPhotoParameters, s and k that are not given are chosen
     diffraction : Diffraction, diffraction limit of this plane, for the Strehl ratio
 

@@ -18,8 +18,7 @@ from procedures.corruption.noise import (
 from procedures.numerics.arrays import Array, Array32
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 
-CONTRAST = 4.0
-"""Standard deviations of a wall's light that count as the contrast of black and white."""
+CONTRAST = 4.0  # standard deviations of a wall's light that count as the contrast of black and white
 
 
 def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEvidence:

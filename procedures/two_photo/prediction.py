@@ -19,8 +19,7 @@ DISTANCES = (3.2, 4.0, 5.0, 6.3)
 REPORTED = 1.4
 """Reported uncertainty by noise over that of the kernel alone, because of recursion, registration and light: 1.3 to 1.5
 for walls of two kinds from 3.45, 4.6 and 5.75 times the near distance."""
-HALF = 0.5
-"""MTF at the predicted frequency, by which its derivative by the sum of the kernel is weighted."""
+HALF = 0.5  # MTF at the predicted frequency, by which its derivative by the sum of the kernel is weighted
 RIDGE = 1e-9
 """Relative to the mean diagonal: the near photograph's own blur leaves the band's corners almost without texture."""
 

@@ -47,8 +47,7 @@ def estimate_psf_of_wall(
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two or more photographs of one wall at different distances, in any order.
 
-    photographs : sequence of Plane, or of (rows, columns) arrays
-        Linear samples of the same plane, black 0, white 1.
+    photographs : sequence of Plane, or of (rows, columns) arrays, linear samples of the same plane, black 0, white 1
     parameters : TwoPhotoParameters, s and k that are not given are chosen by the far photograph nearest to the wall
     diffraction : Diffraction, diffraction limit of this plane, for the Strehl ratio
 

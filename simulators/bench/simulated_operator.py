@@ -19,8 +19,7 @@ from simulators.devices.serial_device import SimClock
 from simulators.world.world import SinusoidalDrive, World
 
 Known = str | float | bool
-HAND = "hand_"
-"""Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
+HAND = "hand_"  # prefix of a fact's name: the sum of all manual changes of that name requested so far
 EYES_DIOPTRES = 0.04  # largest error of focusing by eye or autofocus
 STEP_DIOPTRES = 0.03  # a small turn of the focus ring
 EXACT = ("exposure_ev", "aperture_ev")  # settings with detents
@@ -34,8 +33,7 @@ SET_UP = (
     "focused_far", "first", "first_moves", "second", "third", "truth",
 )  # fmt: skip
 """Keys of the questions that trigger an action, in order."""
-MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
-"""Index of the rig's motion, by the question."""
+MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}  # index of the rig's motion, by the question
 F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
 """f-number set for each question where apertures blur."""
 LENS_AND_MOTIONS = {"first": 8.0, "truth": 22.0}

@@ -82,8 +82,7 @@ LEAST_MARGIN_PX = 24
 """Smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic."""
 
 SURROUND_PX = 16  # sensor pixels around a chart's sheet that are rendered as exactly as the chart
-FINE_SIDE = 3072
-"""Fine samples per side of a transform, without margins; larger regions are rendered in tiles."""
+FINE_SIDE = 3072  # fine samples per side of a transform, without margins; larger regions are rendered in tiles
 PLAIN_OVERSAMPLING = 2
 """Fine samples per sensor pixel outside charts, where the image is accurate to a few per cent of an edge."""
 TILE_PX = 512  # side of the tiles in which the rest of a frame is drawn

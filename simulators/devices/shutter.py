@@ -47,8 +47,7 @@ class Actuators(Protocol):
 
 Inertial = Callable[[float], Sequence[int]]
 """Three accelerations and three rotation rates at a time, in digits of 8 g and 500 degrees per second in 16 bits."""
-Enable = Callable[[bool, float], None]
-"""Callback of a box's motor enable output: on or off, and when."""
+Enable = Callable[[bool, float], None]  # callback of a box's motor enable output: on or off, and when
 
 
 @dataclass

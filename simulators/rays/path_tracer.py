@@ -146,8 +146,7 @@ def cast(
 
     Raises ValueError if `wanted` or `taken` are not of the picture's size, or the scene has no shapes.
 
-    wanted : int or (rows, columns) int
-        Samples per pixel, in all.
+    wanted : int or (rows, columns) int, samples per pixel, in all
     receive : callable, takes rows (n,), columns (n,) and linear colours (n, 3); called from the caller's thread
     taken : (rows, columns) int, samples already cast for each pixel, including dropped ones
     progress : callable, called with the numbers of samples cast and to be cast

@@ -10,8 +10,7 @@ import numpy as np
 from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.compiled import vectorised
 
-COLUMNS = 5
-"""Parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
+COLUMNS = 5  # parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y
 MARGIN = 6  # pixels rendered around a bin, from which the blur contributes
 
 

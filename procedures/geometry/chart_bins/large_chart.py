@@ -32,8 +32,7 @@ FINE, FEWEST_FINE = 6.0, 3
 LEAST_DETERMINANT = 1e-12  # determinant, for columns of norm 1, below which a bin is not determined
 MAX_ITERATIONS = 3
 TOLERANCE_PX = 0.005  # shift at which a bin has converged: each iteration reduces it about tenfold
-LOST_PX = 2.0
-"""A bin displaced by more than this from its position in the reduced picture is a mismatch."""
+LOST_PX = 2.0  # a bin displaced by more than this from its position in the reduced picture is a mismatch
 OUTLIER_RATIO = 5.0
 """Uncertainty relative to the median at which a bin is excluded: hidden, at the edge, in a reflection."""
 FEWEST_BINS = 100  # fewer bins show too little of a chart

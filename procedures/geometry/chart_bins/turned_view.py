@@ -27,8 +27,7 @@ Then those near the best one: all marks of a chart lie on straight lines up to 5
 SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""
 SEARCHED_PX = 400  # half the side of a picture that is searched: 45 degrees
-SURROUNDINGS = 1.3
-"""Half the side of a picture of one chart, relative to the width of its noise region."""
+SURROUNDINGS = 1.3  # half the side of a picture of one chart, relative to the width of its noise region
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ RIM_BLOCKS = 1  # blocks of surroundings rectified around the chart
 SIDE = (BLOCKS + 2 * RIM_BLOCKS) * PIXELS
 PIXELS_PER_CELL = PIXELS / BLOCK
 ORIGIN = -BLOCK * (1 + RIM_BLOCKS)  # cell coordinate of the rectified picture's top left edge
-BLUR = 0.1 * PIXELS
-"""Blur of the template, that of a typical photograph; the agreement hardly depends on it."""
+BLUR = 0.1 * PIXELS  # blur of the template, that of a typical photograph; the agreement hardly depends on it
 SCREEN_SAMPLES = 4  # samples of a block along one side when candidates are screened
 SCREENED_AT_ONCE = 128  # candidates whose samples fit the processor's cache together
 MARK_HALF, SEARCH = 5, 6

@@ -27,8 +27,7 @@ RULES = LayoutRules(
 MAX_TRIPLES = 20_000
 BIN_SIDE = 12.0  # side of the bins of the spatial index, in pixels
 AFFINE = 0.25
-PROJECTIVE = 0.15
-"""Greatest distances from the predictions by affine and projective lattices, in steps."""
+PROJECTIVE = 0.15  # greatest distances from the predictions by affine and projective lattices, in steps
 MIN_HITS = 7  # least number of visible x-corners of a chart
 HITS_PER_OCTAVE = 4.0
 """Hits equivalent to twice the strength when layouts are ranked: a chart has the strongest saddles."""

@@ -29,8 +29,7 @@ MIN_SCORE = 0.75  # least agreement of a chart; clutter in the layout of the mar
 MIN_CORRELATION = 0.6  # least normalised correlation of a visible mark with its template
 POSITION_TOLERANCE = 0.08
 """Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
-POSITION_NOISE_PX = 0.6
-"""Least value of this distance in pixels, for noise and partly hidden small marks."""
+POSITION_NOISE_PX = 0.6  # least value of this distance in pixels, for noise and partly hidden small marks
 LOCATING_STEPS = 3  # number of times that the marks are located, each with the map of the last
 LOCATING_BLOCK_PX = 12  # pixels per block of the coarsest level on which marks are located
 MIN_VISIBLE = 6  # least number of visible marks, of 12, that distinguish a chart from clutter

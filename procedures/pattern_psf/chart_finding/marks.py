@@ -13,8 +13,7 @@ import numpy.typing as npt
 from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32, Complex, field_of, quantile
 
-SCALE = 1.25
-"""Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
+SCALE = 1.25  # standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level
 KERNEL_RADIUS = 4
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
