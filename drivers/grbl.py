@@ -132,7 +132,6 @@ class GrblStage:
         return Caveat(f"{reason} ($1={delay_ms:.0f})", "set $1=255, which keeps them on")
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now, in their own units. Raises DeviceError."""
         return self._user(self.link.settled_report())
 
     def _user(self, report: StatusReport) -> dict[str, float]:

@@ -144,7 +144,6 @@ class StreamingImu(LineDevice[Transport[E]], Generic[E]):
         return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._transport.wait(lambda: False, duration_s)
         return self._stream.take(self.address, duration_s)
 
@@ -309,7 +308,6 @@ class StrigImu(BoxDevice):
         self._box.command("IMU 0")
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._box.wait(lambda: False, duration_s)
         taken = self._samples[:]
         del self._samples[: len(taken)]

@@ -107,7 +107,6 @@ class Lamp(LineDevice[L]):
         return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
 
     def flicker(self, exposure_s: float) -> Caveat | None:
-        """The caveat about exposures that are too short for its modulation."""
         return self.panel.flicker(exposure_s) if self.level() > 0 else None
 
     @property

@@ -138,7 +138,6 @@ class ScpiProbe(ScpiInstrument):
         self._channels = channels
 
     def read(self) -> Mapping[str, ProbeReading]:
-        """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         return {
             one.quantity: ProbeReading(self._number(one.query), PROBE_UNITS[one.quantity], one.uncertainty)
             for one in self._channels

@@ -129,7 +129,6 @@ class StrigParser:
         self._checked = False
 
     def feed(self, data: bytes) -> list[Event]:
-        """The events completed by these bytes."""
         return [self._read(line) for line in self._lines.feed(data)]
 
     def _read(self, raw: bytes) -> Event:
@@ -209,7 +208,6 @@ class StrigShutter(LineDevice[Transport[Event]]):
                 self._flash_us = event.t_us
 
     def focus(self, pressed: bool) -> None:
-        """Half-press or release. Raises DeviceError."""
         self.command(f"FOCUS {int(pressed)}")
 
     @property

@@ -104,7 +104,6 @@ class SerialTransport(Generic[E]):
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is owned and has not been lost."""
         return self._port is not None and self._lost is None
 
     def close(self) -> None:

@@ -39,7 +39,6 @@ class ZaberAxis:
 
     @property
     def tolerance(self) -> float:
-        """The largest error of a move."""
         return PRECISION_STEPS * abs(self.unit_per_step)
 
     def to_steps(self, value: float) -> int:

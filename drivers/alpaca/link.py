@@ -272,7 +272,6 @@ class AlpacaProbe(LineDevice[AlpacaLink]):
         return True
 
     def read(self) -> Mapping[str, ProbeReading]:
-        """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         try:
             values = {name: self._link.number_of(name) for name in self._quantities}
         except Rejected as error:

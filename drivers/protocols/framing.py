@@ -27,7 +27,6 @@ class LineSplitter:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines completed by these bytes."""
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         self._rest = rest[-self._longest :]  # noise without a line end must not fill the memory
         return [line[-self._longest :] for line in lines if line]
@@ -75,7 +74,6 @@ class Decoder(Generic[E]):
         self._splitter, self._decode = splitter(), decode
 
     def feed(self, data: bytes) -> list[E]:
-        """The events completed by these bytes."""
         return [event for piece in self._splitter.feed(data) if (event := self._decode(piece)) is not None]
 
 

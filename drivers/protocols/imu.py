@@ -111,7 +111,6 @@ class FastParser:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[SampleBatch | TextMessage]:
-        """The events completed by these bytes."""
         *frames, rest = (self._rest + data).split(b"\0")
         self._rest = rest[-LONGEST_COBS:]
         return [event for frame in frames if frame and (event := read_fast(frame[-LONGEST_COBS:])) is not None]

@@ -54,11 +54,9 @@ class TmclLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is owned and has not been lost."""
         return self._transport.is_open
 
     def open(self, listen: Callable[[bytes, float], None]) -> None:
-        """Open the port. Raises LineLost."""
         self._mark_all_pending()
         self._transport.open(listen)
 
@@ -66,7 +64,6 @@ class TmclLink:
         self._transport.close()
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a change without a request. Raises what interrupts it."""
         return self._transport.wait(ready, timeout_s)
 
     def write(self, data: bytes, *, noted: bool = True, within_s: float = WRITE_S) -> None:
@@ -233,7 +230,6 @@ class TmclParser:
         self._received = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The datagrams completed by these bytes."""
         self._received += data
         frames = []
         while len(self._received) >= LENGTH:

@@ -166,7 +166,6 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
     # --- moving
 
     def _begin_homing(self, axis: TmclAxis, allowed: Callable[[], None]) -> None:
-        """Run the reference search configured in the module."""
         if axis is self._axes[0]:
             # write a number into every module, which a power cycle clears together with its position
             self._seals.clear()

@@ -108,7 +108,6 @@ class VisaTransport:
     def write(
         self, data: bytes, allowed: Callable[[], None] = anything, *, noted: bool = True, within_s: float = WRITE_S
     ) -> None:
-        """Write without waiting for a reply. Raises LineLost."""
         resource = self._there()
         allowed()
         self.transcript.record(self.clock.now_s(), ">", data)

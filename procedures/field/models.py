@@ -34,11 +34,9 @@ class Separate:
     reach: float = 0.0
 
     def predict(self, points: Array, values: Array) -> Array:
-        """(n, r)."""
         return np.asarray(self.smoother.weights(points) @ values)
 
     def transfer(self, points: Array, r: int) -> Array:
-        """(n, r, N, r)."""
         return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
 
     def carried(self, held: Array, points: Array) -> Array:
@@ -137,7 +135,6 @@ class AxialSymmetry:
         return f"symmetric lens, degree {self.degree}"
 
     def predict(self, points: Array, values: Array) -> Array:
-        """(n, r)."""
         return np.asarray(self.design(points) @ self._solved(values))
 
     def parts(self, values: Array) -> Array:
@@ -163,7 +160,6 @@ class AxialSymmetry:
         return np.asarray(points - np.array(self.axis))
 
     def transfer(self, points: Array, r: int) -> Array:
-        """(n, r, N, r)."""
         D, weight, factor = self._normal
         design = self.design(points)
         solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T

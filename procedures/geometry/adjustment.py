@@ -132,7 +132,6 @@ class AdjustmentProblem:
         return np.asarray(block_diag(state.camera.information, np.diag(self.shape.prior_mm**-2.0)))
 
     def linearise(self, state: AdjustmentState) -> "_ChartLinearisation":
-        """The normal equations at a state."""
         return _ChartLinearisation(state, self, self.residual(state))
 
     def moved(self, state: AdjustmentState, step: Array) -> AdjustmentState:
@@ -356,7 +355,6 @@ class _ChartLinearisation:
 
     @property
     def gradient(self) -> Array:
-        """J'r."""
         return self._system.right
 
     @cached_property
@@ -387,7 +385,6 @@ class _ChartLinearisation:
         return right
 
     def solve(self, right: Array, damping: float) -> Array:
-        """(J'J + damping D)^-1 times a right side."""
         system = self._system
         M = len(system.u)
         damped = replace(

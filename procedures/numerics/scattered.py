@@ -44,7 +44,6 @@ class Polynomial:
             raise ValueError(f"{len(design)} places do not determine a polynomial of degree {self.degree}")
 
     def weights(self, points: Array) -> Array:
-        """(n, N)."""
         return np.asarray(monomials(points, self.degree) @ self._solution)
 
     @cached_property
@@ -70,7 +69,6 @@ class ThinPlate:
     stiffness: float = 0.0
 
     def weights(self, points: Array) -> Array:
-        """(n, N)."""
         return np.asarray(self._splines(points))
 
     @cached_property

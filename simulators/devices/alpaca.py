@@ -48,7 +48,6 @@ class AlpacaFocusers:
         return self
 
     def happen(self, act: Callable[[float], None]) -> None:
-        """Apply an external event now."""
         with self._lock:
             act(self.clock.now_s())
 

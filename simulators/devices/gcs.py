@@ -37,7 +37,6 @@ class GcsTwin(MotorController[str]):
         self._error = 0
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Lines, and single bytes."""
         for byte in data:
             if byte == 0x18:
                 self._stop(now_s)

@@ -53,7 +53,6 @@ class FastClock:
         time.sleep(max(duration_s, 0.0) / self.speed)
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait, holding `condition`, until `ready()` or the deadline."""
         return condition.wait_for(ready, max(deadline_s - self.now_s(), 0.0) / self.speed)
 
     def real_s(self, moment_s: float) -> float | None:
