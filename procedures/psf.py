@@ -288,9 +288,11 @@ def truncation(psf: Psf) -> float:
 
     A tail of energy E outside a radius R has the density E R / (2 pi r^3). A relative deviation of `ROUGHNESS`,
     constant over a square pixel and independent between pixels, changes the OTF by ROUGHNESS E sqrt(pi / 2) / (2 pi R).
+    It is larger where the PSF's own shape extends beyond the support: see `tail_energy_uncertainty`.
     """
     radius = psf.k / 2 / psf.s
-    return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
+    rough = _excess_factor(psf) * ROUGHNESS
+    return rough * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
 
 
 def tail_energy_uncertainty(psf: Psf) -> float:
