@@ -49,7 +49,7 @@ LEVEL = 0.05
 
 EDGES = Effort(rounds=2, iterations=20)
 """Effort at edges in the intermediate restorations: each continues the last one, so that edges need not converge."""
-MOST_PIXELS, SEARCHED_PIXELS = 120_000, 40_000
+MOST_PIXELS, SEARCHED_PIXELS = 120_000, 50_000
 """Pixels of the frame around the flat part whose depth is matched roughly, and of the window in which paths are
 searched for: time grows with it, and paths improve slightly."""
 CONTRAST = 6.3e-3
@@ -59,13 +59,14 @@ JOINT_STEPS, JOINT_ITERATIONS, PICTURE_ITERATIONS = 5, 18, 20
 gradients of each, and of improving the picture alone."""
 MATCHED = 6
 """Pairs of curves whose depth is matched."""
-DONE = 0.6
-"""Fraction of the scheme's rounds that is skipped for a depth that was matched, or restored with other curves."""
-STEADY_PX = 0.02
-"""Change of the curves in a hop, pixels rms, below which only picture and depth change."""
+MATCHED_DONE, DONE = 0.4, 0.6
+"""Fractions of the scheme's rounds that are skipped for a depth that was matched, and restored with other curves: the
+first includes restarts of regions, which double the time."""
+STEADY = 0.005
+"""Relative change of the flat part's masks in a hop below which only picture and depth change."""
 LEAST_FALL = 0.003
 """Fall of the residual energy, relative to the noise, below which the search ends."""
-ENOUGH = 0.8
+ENOUGH = 0.83
 """Residual energy, relative to the noise, below which no other pair is optimised."""
 SCHEME = Scheme(10, 20, 20, 2, 10)
 """Scheme of the restorations meanwhile."""
@@ -301,7 +302,7 @@ def _settled(
         matched.append((_matched(view, points), hopping.about_origin(by)))
         step()
     for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]:
-        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else DONE), those), those))
+        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else MATCHED_DONE), those), those))
         step()
     ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda each: each[0].energy):
@@ -320,8 +321,9 @@ def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping, step: Callabl
     for _ in range(view.effort.more):
         other = _hop(view, fit, tried)
         step()
+        before, after = (masks_at(each.points, view.half, view.half, view.R) for each in (fit, other))
         falls = other.energy < fit.energy - LEAST_FALL
-        steady = float(np.std(basis() @ (other.points - fit.points))) < STEADY_PX or not falls
+        steady = not falls or np.linalg.norm(after - before) < STEADY * np.linalg.norm(before)
         fit = min(fit, other, key=lambda each: each.energy)
         if (steady and fit.energy < ENOUGH) or (not falls and tried is hopping):
             break
