@@ -325,7 +325,6 @@ class PhotographProcedure(Procedure[S]):
     def measure(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """Read the photographs, call `run`, and collect the planes."""
         reading = settings if isinstance(settings, PlaneSettings) else PlaneSettings()
         frames = []
         for path in paths:

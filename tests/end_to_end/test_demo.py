@@ -159,7 +159,7 @@ def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_
     fixed = [name for name in names if name.name not in ("result.json", demo.PAGE)]
     assert len(fixed) > 4 * len(PLANES)
     assert all((out / name).read_bytes() == (again / name).read_bytes() for name in fixed)
-    # an installation may have the loops of the estimate in C++, whose last bits differ from Numba's
+    # an installation may have the loops of the estimate in C++, whose last bits differ from those of array operations
     drawn = [name for name in fixed if name.parts[0] != "results"]
     assert len(drawn) == 2
     assert all((out / name).read_bytes() == (demonstration.out / name).read_bytes() for name in drawn)

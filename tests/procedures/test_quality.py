@@ -10,7 +10,7 @@ from procedures.choice import with_frequencies, with_parts
 from procedures.numbers import frequency_of
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
-from procedures.psf import Psf, PsfTail, tail_energy_uncertainty
+from procedures.psf import Psf, PsfTail, tail_energy_uncertainty, truncation
 from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
@@ -242,7 +242,10 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
         """Ratio to the estimate for rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of their priors."""
         amplitudes = 0.002 * np.array([1, *(np.array(others) * DIFFERS)])
         psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
-        return tail_energy_uncertainty(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
+        rough = 0.25 * psf.energy_outside[0] / (17 / 2 / S)
+        energy, spread = tail_energy_uncertainty(psf) / (rough / np.sqrt(8 * np.pi)), truncation(psf) / rough
+        assert spread * np.sqrt(8 * np.pi) == pytest.approx(energy, rel=1e-3)  # sqrt(pi / 2) / (2 pi): the same factor
+        return energy
 
     assert stray(0, 0, 0, 0, 0) == pytest.approx(1, rel=1e-3)  # so faint a tail is of no small aperture
     assert stray(1, 0, -1, 1, 1) == pytest.approx(1, rel=1e-3)

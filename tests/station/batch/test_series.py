@@ -10,7 +10,7 @@ import pytest
 from station.batch.item import ItemRow, PlaneRow
 from station.batch.procedure_file import read_procedure
 from station.calibration.series import Point, SeriesSetting, best_apertures, points_of, series_table, several
-from station.procedure.builtin.series import PROCEDURE
+from station.procedure.builtin.series import Series
 from station.reports.batches.series_page import series_page
 from tests.program import run
 
@@ -65,7 +65,7 @@ def test_a_series_has_a_table_and_a_page_of_every_point():
     rows = [row(4.0, 0.3, lens="50 mm", camera="one"), row(5.6, 0.3, lens="35 mm", camera="one"), row(8.0, 0.3)]
     assert several(rows) == ["the photographs are of several lenses: 35 mm, 50 mm"]
     rows = [row(4.0, 0.31), row(5.6, 0.33)]
-    found = PROCEDURE.summary(rows)
+    found = Series().summary(rows)
     assert list(found.files) == ["series.csv", "series.html"]
     assert found.files["series.csv"] == series_table(points_of(rows))
     assert found.lines[0].startswith("G1: best at f/5.6")

@@ -26,7 +26,7 @@ from station.calibration.folder_photographs import by_folder, find_frames
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.stored_cameras import StoredCamera, read_camera, read_rig_camera
-from station.procedure.builtin.geometry import PROCEDURE
+from station.procedure.builtin.geometry import CameraGeometry
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
@@ -57,7 +57,7 @@ def result(shoot, outcome, tmp_path_factory) -> Path:
     with ResultFolder(path) as folder:
         head = RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0})
         measured = geometry_measurement([PlaneGeometry(shoot, outcome)], head)
-        folder.write("report.html", PROCEDURE.page(measured))
+        folder.write("report.html", CameraGeometry().page(measured))
         write_measurement(folder, measured)
     return path
 

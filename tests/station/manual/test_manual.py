@@ -21,10 +21,8 @@ from station.__main__ import main
 from station.bench.device_models import BUILTIN, options_of
 from station.common.models import fields_of
 from station.manual.browser_pages import html_of, section_name, write_manual
-from station.manual.command_reference import SHOWN, commands_text
-from station.manual.field_reference import attributes
-from station.manual.formulas import FORMULA, plain_formulas
-from station.manual.pages import PICTURE, Page, find_page, for_terminal, read_pages, search
+from station.manual.command_reference import SHOWN, attributes, commands_text
+from station.manual.pages import FORMULA, PICTURE, Page, find_page, for_terminal, plain_formulas, read_pages, search
 from tests.printed import print_faults, screen_faults
 from tests.program import run
 

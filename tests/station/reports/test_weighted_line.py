@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from station.reports.weighted_line import weighted_line
+from station.reports.trend import weighted_line
 
 X = np.array([0.0, 0.4, 1.1, 1.5, 3.0, 3.2])
 U = np.array([0.1, 0.2, 0.1, 0.3, 0.1, 0.2])

@@ -44,27 +44,39 @@ def blurred(around, mask):
     return np.tensordot(views, mask, 2)[trim : trim + SIZE, trim : trim + SIZE]
 
 
-def test_evidence_is_chi_square_of_other_masks_for_the_same_picture(rng, points, around):
+def test_rows_keep_scalar_products(rng):
     x, y = rng.standard_normal((2, SIZE, SIZE))
     assert rows(np.fft.rfft2(x)) @ rows(np.fft.rfft2(y)) == pytest.approx(np.sum(x * y))
+
+
+def test_a_common_picture_leaves_nothing(rng, points):
     masks = masks_at(points, FLAT_W, FLAT_W, 4)
     v = np.fft.rfft2(rng.standard_normal((SIZE, SIZE)))
     wrapped = np.zeros((2, SIZE, SIZE))
     wrapped[:, :9, :9] = masks
     errors = np.fft.irfft2(v * np.fft.rfft2(np.roll(wrapped, (-4, -4), (1, 2))), (SIZE, SIZE))
     assert np.linalg.norm(unexplained(errors, filters(masks, SIZE))) < 1e-10 * np.linalg.norm(errors)
+
+
+def test_half_of_the_noise_is_unexplained(rng, points):
     errors = rng.standard_normal((200, 2, SIZE, SIZE))
     filtering = filters(masks_at(points, FLAT_W, FLAT_W, 4), SIZE)
     unexplained_power = np.mean([np.sum(unexplained(one, filtering) ** 2) for one in errors]) / SIZE**2
     # two samples per pixel, of which the picture takes one; the floor of the spectra takes some per cent
     assert 0.85 < unexplained_power < 1.02
+
+
+def test_chi_square_is_that_of_other_masks(rng, points, around):
     about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     errors = rng.standard_normal((2, SIZE, SIZE))
     gather(about, np.zeros_like(about.masks), [EvidenceTile(errors, around, flat=True)])
     other = masks_at(points + 0.1 * rng.standard_normal(points.shape), FLAT_W, FLAT_W, about.R)
     changed = errors - np.stack([blurred(around, d) for d in other - about.masks])
     expected = np.sum(unexplained(changed, filters(about.masks, SIZE)) ** 2)
-    assert about.chi_square(other) == pytest.approx(expected, rel=1e-9)
+    assert about.chi_square(other) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_wrong_depth_is_no_evidence_against_masks(points, around):
     about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     slope = (masks_at(points, FLAT_W, FLAT_W + 0.01, about.R) - masks_at(points, FLAT_W, FLAT_W - 0.01, about.R)) / 0.02
     tile = EvidenceTile(0.3 * np.stack([blurred(around, d) for d in slope]), around, flat=False)
@@ -89,19 +101,25 @@ def test_a_curve_is_fitted_to_evidence_of_three_sizes(rng, points):
     assert np.linalg.norm(after - true) < 0.35 * np.linalg.norm(before - true)
 
 
-def test_curves_that_are_fixed_or_without_prospect_end_the_descent(rng, points):
+def test_a_fixed_curve_is_unchanged(rng, points):
     one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e4)
     start = points + rng.normal(0, 0.05, points.shape)
     fit = fit_curves([one], start, FLAT_W, (1,))[1]
     assert (fit[0] == start[0]).all()
     assert (fit[1] != start[1]).any()
+
+
+def test_a_descent_without_prospect_is_abandoned(rng, points):
     one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
     start = points + rng.normal(0, 0.1, points.shape)
     least, first = fit_curves([one], start, FLAT_W)[0], cost([one], start, FLAT_W)
     assert fit_curves([one], start, FLAT_W, below=first / 30)[0] == first
     assert fit_curves([one], start, FLAT_W, below=first / 10)[0] == least
+
+
+def test_masks_keep_their_line(points):
     # a line's width grows with the masks (5.3)
     large = masks_at(points, FLAT_W, 2 * FLAT_W, 8)
     assert large.shape == (2, 17, 17)

@@ -6,7 +6,7 @@ import pytest
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence
 from procedures.restoration.unknown_motion.motion_splines import POINTS
-from procedures.restoration.unknown_motion.path_pairs import Search
+from procedures.restoration.unknown_motion.path_pairs import Search, distinct
 
 from ..motions import BOX, FLAT_W, curves, photographs
 
@@ -58,7 +58,8 @@ def test_wrong_curves_are_contradicted_and_descent_approaches_the_truth(sloping,
     true = contradiction(sloping, curves())
     assert pairs.disagreement - true < 0.3 * (contradiction(sloping, wrong) - true)
     search = Search(sloping, flat)
-    pairs = search.starts(curves(), [[wrong[0], curves()[0]], [curves()[1]]])
+    pools = [[wrong[0], curves()[0]], [curves()[1]]]
+    pairs = search.starts([distinct(flat, curves(), FLAT_W, k, pool) for k, pool in enumerate(pools)])
     contradictions = [pair.disagreement for pair in pairs]
     assert contradictions == sorted(contradictions)
     # where both converge to the same masks, one of them is dropped
