@@ -26,8 +26,7 @@ DMX, POLL, POLL_REPLY = 0x5000, 0x2000, 0x2100
 CHANNELS = 512
 REPLY_S = 1.0
 TRIES = 3
-AGAIN_S = 0.8
-"""Interval at which unchanged levels are sent; the specification requires at most 1 s."""
+AGAIN_S = 0.8  # interval at which unchanged levels are sent; the specification requires at most 1 s
 
 
 def packet(opcode: int, body: bytes) -> bytes:

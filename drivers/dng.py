@@ -51,17 +51,25 @@ def write_dng(
 
     Raises ValueError if a number does not fit into `bits`.
 
-    cfa : str or None
-        Colours of the 2 x 2 tile, row by row; None writes a monochrome file.
-    black : (4,)
-        Black level of each position of the tile, row by row.
-    bits : int
-        Width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first.
+    cfa : str or None, colours of the 2 x 2 tile, row by row; None writes a monochrome file
+    black : (4,) black level of each position of the tile, row by row
+    bits : int, width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first
     """
     if int(mosaic.max(initial=0)) >= 2**bits:
         raise ValueError(f"numbers up to {int(mosaic.max())} do not fit into {bits} bits; write 16")
     data = pack(mosaic, bits)
-    head = _header(mosaic.shape, len(data), shot, cfa, black, white, bits, orientation)
+    # everything before the pixels, padded to a multiple of 16 bytes
+    size = len(data)
+    rows, columns = mosaic.shape
+    tags = {
+        254: long(0), 256: long(columns), 257: long(rows), 258: short(bits), 259: short(1),
+        262: short(32803 if cfa else 34892), 271: text(shot.make), 272: text(shot.model), 274: short(orientation),
+        277: short(1), 278: long(rows), 279: long(size), 284: short(1), 305: text("calibration-station"),
+        306: text(shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")),
+        50706: byte(1, 4, 0, 0), 50707: byte(1, 1, 0, 0), 50708: text(f"{shot.make} {shot.model}"),
+        50713: short(2, 2), 50714: rational(*black), 50717: long(white), 50735: text(shot.serial),
+    }  # fmt: skip
+    head = tiff.head(tags | _colour_tags(cfa), _exif_tags(shot), [size])
     with open(path, "wb") as file:
         file.write(head)
         file.write(data)
@@ -84,23 +92,6 @@ def pack(mosaic: Mosaic, bits: int) -> bytes:
     word <<= np.uint64(64 - 4 * bits)
     octets = word.astype(">u8").view(np.uint8).reshape(rows, -1, 8)[:, :, : bits // 2]
     return octets.reshape(rows, -1)[:, : -(-columns * bits // 8)].tobytes()
-
-
-def _header(
-    shape: tuple[int, ...], size: int, shot: Shot, cfa: str | None, black: Sequence[float], white: int, bits: int,
-    orientation: int,
-) -> bytes:  # fmt: skip
-    """Everything before the pixels, padded to a multiple of 16 bytes."""
-    rows, columns = shape
-    tags = {
-        254: long(0), 256: long(columns), 257: long(rows), 258: short(bits), 259: short(1),
-        262: short(32803 if cfa else 34892), 271: text(shot.make), 272: text(shot.model), 274: short(orientation),
-        277: short(1), 278: long(rows), 279: long(size), 284: short(1), 305: text("calibration-station"),
-        306: text(shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")),
-        50706: byte(1, 4, 0, 0), 50707: byte(1, 1, 0, 0), 50708: text(f"{shot.make} {shot.model}"),
-        50713: short(2, 2), 50714: rational(*black), 50717: long(white), 50735: text(shot.serial),
-    }  # fmt: skip
-    return tiff.head(tags | _colour_tags(cfa), _exif_tags(shot), [size])
 
 
 def _colour_tags(cfa: str | None) -> dict[int, Entry]:
@@ -207,7 +198,6 @@ class DngFolder:
             raise LineLost(f"there is no folder {self.path}", "create it")
 
     def _next(self) -> Path:
-        """The next file name in the numbering."""
         numbers = (path.stem.removeprefix("IMG_") for path in self.path.glob("IMG_*"))
         last = max((int(number) for number in numbers if number.isdecimal()), default=0)
         return self.path / f"IMG_{last + 1:04d}.DNG"

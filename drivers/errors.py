@@ -122,5 +122,4 @@ class SystemClock:
         time.sleep(max(duration_s, 0.0))
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait, holding `condition`, until `ready()` or the deadline."""
         return condition.wait_for(ready, max(deadline_s - time.monotonic(), 0.0))

@@ -106,7 +106,14 @@ class FolderCamera:
     def expose(self) -> ExposedFile:
         """Fire once and return the one RAW file of that exposure. Raises FrameMissing, FrameWrong."""
         self._stopped = None
-        self._wait_for_strays()
+        # wait until the frames of earlier, failed exposures came: each could be taken for the next one's
+        candidates: dict[Path, Candidate] = {}
+        while self._strays > 0 and self.clock.now_s() < self._stray_until_s:
+            self._pause()
+            self._track(candidates)
+            self._strays -= sum(self._accept(path, candidates) is not None for path in list(candidates))
+        self._strays = 0
+        self._known |= self._look()
         requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
         pulse_s = exposure_s if self.tether.bulb and exposure_s else self.tether.pulse_s
@@ -120,16 +127,6 @@ class FolderCamera:
         exposure = self._record(path, digest, requested_s, shutter)
         check_settings(path, facts, self.settings)
         return exposure
-
-    def _wait_for_strays(self) -> None:
-        """Wait until the frames of earlier, failed exposures came: each could be taken for the next one's."""
-        candidates: dict[Path, Candidate] = {}
-        while self._strays > 0 and self.clock.now_s() < self._stray_until_s:
-            self._pause()
-            self._track(candidates)
-            self._strays -= sum(self._accept(path, candidates) is not None for path in list(candidates))
-        self._strays = 0
-        self._known |= self._look()
 
     def _pause(self) -> None:
         """Wait until the next poll of the folder. Raises an emergency stop that came meanwhile."""
@@ -174,7 +171,6 @@ class FolderCamera:
         )
 
     def _track(self, candidates: dict[Path, Candidate]) -> None:
-        """Update the candidates from the folder."""
         now_s, listed = self.clock.now_s(), self._look()
         for path in [path for path in candidates if path not in listed]:
             del candidates[path]

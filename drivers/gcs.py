@@ -8,6 +8,7 @@ Source: PI, GCS 2.0 commands, in the user manuals of the C-863 and C-884.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from drivers.errors import NoAnswer, Rejected
@@ -16,7 +17,7 @@ from drivers.making import LineOptions
 from drivers.move_checks import HOME
 from drivers.options import axes, text
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import Decoder, LineSplitter, text_of
 from drivers.wire.connection import URGENT_S, StepQuestion, anything
 
 TRIES = 3
@@ -33,15 +34,7 @@ ERRORS = {
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
 
 
-class GcsParser:
-    """Bytes to lines."""
-
-    def __init__(self) -> None:
-        self._lines = LineSplitter(256)
-
-    def feed(self, data: bytes) -> list[str]:
-        """The lines completed by these bytes."""
-        return [line.decode("ascii", "replace").strip() for line in self._lines.feed(data)]
+GcsParser = partial(Decoder[str], partial(LineSplitter, 256), text_of)
 
 
 class GcsStage(PolledStage[str]):

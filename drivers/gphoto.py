@@ -47,10 +47,8 @@ WIDGETS = {
     "f_number": ("aperture", "f-number"),
 }
 """Setting names by maker: Canon has an `aperture`, Nikon and Sony an `f-number`."""
-NEAREST = 0.12
-"""Allowed distance of a requested value from the choices: half of a third of a stop."""
-TAKES_S = 3.0
-"""Time limit for a body to accept a setting."""
+NEAREST = 0.12  # allowed distance of a requested value from the choices: half of a third of a stop
+TAKES_S = 3.0  # time limit for a body to accept a setting
 
 
 @dataclass(frozen=True)
@@ -260,7 +258,11 @@ class GphotoCamera(FrameCamera):
 
     def _expose(self) -> ExposedFile:
         requested_s = self.clock.now_s()
-        self._wait_for_stray()
+        # wait for the file of a stopped exposure, which could be taken for the next one's
+        if self._stray is not None:
+            with suppress(FrameMissing):
+                self._new_file(self._stray)
+            self._stray = None
         before = set(self.files()) if self._shutter else set()
         try:
             times = self._shutter.fire(self._pulse_s) if self._shutter else None
@@ -276,13 +278,6 @@ class GphotoCamera(FrameCamera):
         check_settings(path, facts, self.settings)
         received_s = self.clock.now_s()
         return ExposedFile(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
-
-    def _wait_for_stray(self) -> None:
-        """Wait for the file of a stopped exposure, which could be taken for the next one's."""
-        if self._stray is not None:
-            with suppress(FrameMissing):
-                self._new_file(self._stray)
-            self._stray = None
 
     def _new_file(self, before: set[BodyFile]) -> BodyFile:
         """The RAW file of an externally fired shot: from the body's events, or else by listing."""

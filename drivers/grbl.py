@@ -46,8 +46,7 @@ from drivers.protocols.grbl import (
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything, closed_after_errors
 
-RESUME_S = 5.0
-"""Time limit for a controller to resume after its door was closed."""
+RESUME_S = 5.0  # time limit for a controller to resume after its door was closed
 
 
 class GrblStage:
@@ -79,15 +78,12 @@ class GrblStage:
         """Open, await the greeting, read version and settings; the stage is unhomed afterwards. Raises DeviceError."""
         identity = self.link.connect(reset=self._reset_on_open == "expect")
         with closed_after_errors(self.link):
-            self._check_limits()
+            for number, name in ((20, "soft limits"), (22, "homing")):
+                if self.link.controls.flag(number) is False:
+                    raise BadConfiguration(f"{name} are off at {self.address} (${number}=0)", "set $22=1, then $20=1")
             self._envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
             self._user(self.link.report())
         return identity
-
-    def _check_limits(self) -> None:
-        for number, name in ((20, "soft limits"), (22, "homing")):
-            if self.link.controls.flag(number) is False:
-                raise BadConfiguration(f"{name} are off at {self.address} (${number}=0)", "set $22=1, then $20=1")
 
     def _envelope(self, axis: GrblAxis) -> GrblEnvelope:
         limits = envelope(axis, self.link.letters.index(axis.letter), self.link.controls)
@@ -119,12 +115,10 @@ class GrblStage:
             return Condition("not connected", False, "connect it")
         if (why := self.link.trust.why) is not None:
             return Condition(why.reason, False, why.remedy, self._caveat())
-        return Condition(self._state_in_words(), caveat=self._caveat())
-
-    def _state_in_words(self) -> str:
         pause = PAUSES.get((self.link.last_state, self.link.last_sub))
         word = ": ".join(pause) if pause else self.link.last_state.lower()
-        return word if self.link.feed_override == 100.0 else f"{word}, {self._override_in_words()}"
+        state_in_words = word if self.link.feed_override == 100.0 else f"{word}, {self._override_in_words()}"
+        return Condition(state_in_words, caveat=self._caveat())
 
     def _override_in_words(self) -> str:
         return f"the feed override is {self.link.feed_override:.0f} %"
@@ -138,7 +132,6 @@ class GrblStage:
         return Caveat(f"{reason} ($1={delay_ms:.0f})", "set $1=255, which keeps them on")
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now, in their own units. Raises DeviceError."""
         return self._user(self.link.settled_report())
 
     def _user(self, report: StatusReport) -> dict[str, float]:
@@ -162,19 +155,16 @@ class GrblStage:
                     self._find_switches(in_turn(allowed, partial(self.link.trust.undisturbed, epoch)))
             finally:
                 self._homing = False
-            self._check_machine_space()
+            # raises BadConfiguration if the axes, after homing, are outside the assumed machine space
+            machine = self.link.settled_report().machine
+            for name, one in self._envelopes.items():
+                if not one.homed_inside(machine[one.index]):
+                    raise BadConfiguration(
+                        f"{name} stands at machine position {machine[one.index]:g} after homing, outside the machine "
+                        f"space {one.low:g} .. {one.high:g}",
+                        "set `space` of the axis to its ends in machine coordinates",
+                    )
             self.link.trust.give(epoch)
-
-    def _check_machine_space(self) -> None:
-        """Raises BadConfiguration if the axes, after homing, are outside the assumed machine space."""
-        machine = self.link.settled_report().machine
-        for name, one in self._envelopes.items():
-            if not one.homed_inside(machine[one.index]):
-                raise BadConfiguration(
-                    f"{name} stands at machine position {machine[one.index]:g} after homing, outside the machine space"
-                    f" {one.low:g} .. {one.high:g}",
-                    "set `space` of the axis to its ends in machine coordinates",
-                )
 
     def _find_switches(self, allowed: Callable[[], None]) -> None:
         """Home. Reset the controller if homing ends without its answer, as it would continue searching."""
@@ -251,7 +241,6 @@ class GrblStage:
             self.link.pause(0.0 if report.state == "Idle" else self._poll_s)
 
     def _check_pause(self, report: StatusReport) -> None:
-        """Raises Held if a person has paused the machine."""
         if report.pause is not None:
             reason, remedy = report.pause
             raise Held(f"{self.address} {reason}", remedy)

@@ -34,8 +34,7 @@ ROUND_TRIPS = 5
 LEAST_SPAN_S = 10.0
 """Time between two blocks from which on they determine the drift better than the bound of a crystal."""
 MOST_BOX_HZ = 200
-FILTER_S = 0.002
-"""Bound of the delay in the filters of the unit on a box."""
+FILTER_S = 0.002  # bound of the delay in the filters of the unit on a box
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,6 @@ class StreamingImu(LineDevice[Transport[E]], Generic[E]):
         return f"{self._stream.rate_hz:g} Hz" if self._stream.rate_hz else "ready"
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._transport.wait(lambda: False, duration_s)
         return self._stream.take(self.address, duration_s)
 
@@ -221,7 +219,6 @@ class WitImu(StreamingImu[WitFrame]):
                 self._version = f"{frame.words[3] & 0xFFFF}"
 
     def _missing(self) -> int:
-        """Number of lost samples, from the gap in the device's time."""
         if self._before_s is None or self._device_s is None:
             return 0
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)
@@ -311,7 +308,6 @@ class StrigImu(BoxDevice):
         self._box.command("IMU 0")
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._box.wait(lambda: False, duration_s)
         taken = self._samples[:]
         del self._samples[: len(taken)]

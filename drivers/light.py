@@ -7,6 +7,7 @@ parameters, 10 the serial number.
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import msgspec
@@ -15,7 +16,7 @@ from drivers.errors import BadConfiguration, Clock, EmergencyStopped
 from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter
 from drivers.protocols.grbl_link import GrblLink, GrblOutput
 from drivers.wire.connection import L, LineDevice, opened
 
@@ -23,8 +24,7 @@ PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512
 LONGEST = 600
 REPLY_S = 1.0
-PERIODS = 100
-"""Periods of a lamp's modulation in an exposure, one more or less of which changes its light by 1 %."""
+PERIODS = 100  # periods of a lamp's modulation in an exposure, one more or less of which changes its light by 1 %
 Channels = Annotated[
     tuple[Annotated[int, msgspec.Meta(ge=1, le=512)], ...],
     option("[1]", "a list in [ ] of whole numbers from 1 to 512, none twice", holds=distinct),
@@ -55,15 +55,9 @@ def _measure(head: bytes) -> int:
     return length if head[length - 1] == 0xE7 else BAD
 
 
-class DmxParser:
-    """Bytes to messages."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(b"\x7e", _measure, LONGEST)
-
-    def feed(self, data: bytes) -> list[DmxFrame]:
-        """The messages completed by these bytes."""
-        return [DmxFrame(f[1], f[4:-1]) for f in self._frames.feed(data)]
+DmxParser = partial(
+    Decoder[DmxFrame], partial(FrameSplitter, b"\x7e", _measure, LONGEST), lambda one: DmxFrame(one[1], one[4:-1])
+)
 
 
 def check_level(level: float) -> float:
@@ -113,7 +107,6 @@ class Lamp(LineDevice[L]):
         return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
 
     def flicker(self, exposure_s: float) -> Caveat | None:
-        """The caveat about exposures that are too short for its modulation."""
         return self.panel.flicker(exposure_s) if self.level() > 0 else None
 
     @property

@@ -9,6 +9,7 @@ Source: Newport, ESP301 user's manual EDH0235; SMC100CC/PP user's manual EDH0206
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from drivers.errors import Alarm, BadConfiguration, Rejected
@@ -17,15 +18,13 @@ from drivers.making import LineOptions
 from drivers.move_checks import HOME
 from drivers.options import Baud, PollInterval, axes, option
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import Decoder, LineSplitter, text_of
 from drivers.wire.connection import StepQuestion, anything, roll_call
 
 NUMBER = r"([-+]?\d+\.?\d*(?:[Ee][-+]?\d+)?)"
-POWER = 1 << 4
-"""Bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle."""
+POWER = 1 << 4  # bit of an ESP301's status: the motor of an axis is on. All are off after a power cycle
 ERRORS_KEPT = 11
-UNITS = {"mm": "2", "deg": "7"}
-"""Codes of the units of an ESP301."""
+UNITS = {"mm": "2", "deg": "7"}  # codes of the units of an ESP301
 
 
 class NewportReply(NamedTuple):
@@ -35,17 +34,12 @@ class NewportReply(NamedTuple):
     value: str
 
 
-class NewportParser:
-    """Bytes to lines, of both dialects."""
+def _reply(line: bytes) -> NewportReply | None:
+    match = re.fullmatch(r"(\d{1,2}[A-Z]{2})?(.*)", text_of(line))
+    return None if match is None else NewportReply(match[1] or "", match[2].strip())
 
-    def __init__(self) -> None:
-        self._lines = LineSplitter(128)
 
-    def feed(self, data: bytes) -> list[NewportReply]:
-        """The lines completed by these bytes."""
-        lines = [line.decode("ascii", "replace").strip() for line in self._lines.feed(data)]
-        parts = [re.fullmatch(r"(\d{1,2}[A-Z]{2})?(.*)", line) for line in lines]
-        return [NewportReply(part[1] or "", part[2].strip()) for part in parts if part is not None]
+NewportParser = partial(Decoder[NewportReply], partial(LineSplitter, 128), _reply)
 
 
 class Esp301Stage(PolledStage[NewportReply]):
@@ -75,15 +69,12 @@ class Esp301Stage(PolledStage[NewportReply]):
     def _get(self, axis: PolledAxis, command: str, pattern: str = NUMBER) -> str:
         return self._ask(axis, f"{axis.number}{command}", pattern)[0]
 
-    def _forget_errors(self, axis: PolledAxis) -> None:
-        """Read all errors that damaged lines have left, as the next one would be taken for that of an order."""
-        for _ in range(ERRORS_KEPT):
-            if self._get(axis, "TE?", r"(\d+)") == "0":
-                return
-
     def _order(self, axis: PolledAxis, command: str, allowed: Callable[[], None] = anything) -> None:
         """An order, then its error. Raises Rejected."""
-        self._forget_errors(axis)
+        # all errors that damaged lines have left, as the next one would be taken for that of this order
+        for _ in range(ERRORS_KEPT):
+            if self._get(axis, "TE?", r"(\d+)") == "0":
+                break
         code, text = self._ask(axis, f"{axis.number}{command};TB?", r"(\d+), *\d+, *(.*)", allowed)
         if code != "0":
             raise Rejected(f"{axis.name} at {self.address} refused {command}: {text.lower()}", HOME, code)

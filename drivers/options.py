@@ -71,5 +71,4 @@ Seconds = Annotated[float, option("0.5", least=0)]
 TimeLimit = Annotated[float, positive("60")]
 Uncertainty = Annotated[float, positive("0.3")]
 PollInterval = Annotated[float, option("0.2", above=0, most=5)]
-Count = Annotated[int, option("0", least=0, most=2**16)]
-"""Number of a thing counted from 0."""
+Count = Annotated[int, option("0", least=0, most=2**16)]  # number of a thing counted from 0

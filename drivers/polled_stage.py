@@ -33,10 +33,8 @@ class StageAxis(Protocol):
 E = TypeVar("E")
 A = TypeVar("A", bound=StageAxis)
 REPLY_S = 0.3
-STOP_S = 6.0
-"""How long a stop is repeated."""
-READINGS = 4
-"""How often a position is read until two readings agree."""
+STOP_S = 6.0  # how long a stop is repeated
+READINGS = 4  # how often a position is read until two readings agree
 
 
 class AxisState(NamedTuple):
@@ -83,12 +81,9 @@ class PolledAxis:
 class AxisStage(ABC, Generic[E, A]):
     """A Stage over the orders that a driver implements, for axes of its own kind; `PolledStage` with `PolledAxis`."""
 
-    stop_bytes: bytes
-    """Stop all axes, whatever was sent before; written again and again until they stand."""
-    emergency_bytes = b""
-    """Stop them without deceleration, where the protocol has such an order."""
-    has_checksums = False
-    """One reading is enough."""
+    stop_bytes: bytes  # stop all axes, whatever was sent before; written again and again until they stand
+    emergency_bytes = b""  # stop them without deceleration, where the protocol has such an order
+    has_checksums = False  # one reading is enough
 
     def __init__(
         self, transport: Transport[E], axes: Sequence[A], *, clock: Clock | None = None, poll_s: float = 0.1
@@ -130,7 +125,6 @@ class AxisStage(ABC, Generic[E, A]):
         """Raises MoveFailed if these states cannot be those of axes that have homed."""
 
     def _homing_limit_s(self) -> float:
-        """Time limit of homing."""
         return 4 * max((t.high - t.low) / self._speed[name] for name, t in self._travel.items()) + 10
 
     def _duration_s(self, axis: A, way: float) -> float:
@@ -307,5 +301,4 @@ class AxisStage(ABC, Generic[E, A]):
         self._transport.preempt(self.emergency_bytes or self.stop_bytes, error)
 
 
-PolledStage = AxisStage[E, PolledAxis]
-"""The base of most drivers."""
+PolledStage = AxisStage[E, PolledAxis]  # the base of most drivers

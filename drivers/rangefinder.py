@@ -5,12 +5,13 @@ that begins with EE carries a status instead. Bosch: `status length payload CRC8
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Distance, Identity, Transport
 from drivers.making import LineOptions
 from drivers.options import Baud
-from drivers.protocols.framing import BAD, MORE, FrameSplitter, numbered
+from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter, numbered
 from drivers.wire.connection import LineDevice, opened
 
 RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A
@@ -43,15 +44,10 @@ def _measure_jrt(head: bytes) -> int:
     return length if sum(head[1 : length - 1]) & 0xFF == head[length - 1] else BAD
 
 
-class JrtParser:
-    """Bytes to AA and EE frames."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(b"\xaa\xee", _measure_jrt)
-
-    def feed(self, data: bytes) -> list[JrtFrame]:
-        """The frames completed by these bytes."""
-        return [JrtFrame(f[0] == 0xEE, int.from_bytes(f[2:4], "big"), f[6:-1]) for f in self._frames.feed(data)]
+JrtParser = partial(
+    Decoder[JrtFrame], partial(FrameSplitter, b"\xaa\xee", _measure_jrt),
+    lambda one: JrtFrame(one[0] == 0xEE, int.from_bytes(one[2:4], "big"), one[6:-1]),
+)  # fmt: skip
 
 
 class JrtRangefinder(LineDevice[Transport[JrtFrame]]):
@@ -135,15 +131,10 @@ def _measure_bosch(head: bytes) -> int:
     return length if crc8(head[: length - 1]) == head[length - 1] else BAD
 
 
-class BoschParser:
-    """Bytes to answers."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(bytes((0, *BOSCH_STATUSES)), _measure_bosch)
-
-    def feed(self, data: bytes) -> list[BoschFrame]:
-        """The answers completed by these bytes."""
-        return [BoschFrame(frame[0], frame[2:-1]) for frame in self._frames.feed(data)]
+BoschParser = partial(
+    Decoder[BoschFrame], partial(FrameSplitter, bytes((0, *BOSCH_STATUSES)), _measure_bosch),
+    lambda one: BoschFrame(one[0], one[2:-1]),
+)  # fmt: skip
 
 
 class BoschRangefinder(LineDevice[Transport[BoschFrame]]):

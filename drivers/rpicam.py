@@ -20,10 +20,8 @@ from drivers.making import DriverOptions, MakerContext
 from drivers.options import Count, FolderName, option, positive, text
 from drivers.wire.connection import line_condition, not_connected
 
-PROGRAMS = ("rpicam-still", "libcamera-still")
-"""Its name, and that of versions before 2023."""
-LISTED_S = 20.0
-"""Time limit of short requests to the program."""
+PROGRAMS = ("rpicam-still", "libcamera-still")  # its name, and that of versions before 2023
+LISTED_S = 20.0  # time limit of short requests to the program
 POLL_S = 0.02
 ISO_PER_GAIN = 100
 CAMERA = re.compile(r"^(\d+) : (\S+) \[(\d+)x(\d+)[^\]]*\] \((.*)\)$", re.MULTILINE)

@@ -8,6 +8,7 @@ Source: SCPI-99, volumes 1 and 2.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal
 
 from drivers.errors import Clock, NoReading, Rejected
@@ -15,7 +16,7 @@ from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading, Transport
 from drivers.light import Lamp, LampProperties, check_level
 from drivers.making import LineOptions, MakerContext
 from drivers.options import Baud, Uncertainty, option, positive, text
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import Decoder, LineSplitter, text_of
 from drivers.wire.connection import InStepLine, LineDevice, StepQuestion, opened
 from drivers.wire.visa import VISA, VisaTransport
 
@@ -27,15 +28,7 @@ QUESTIONS = 3
 ERRORS_KEPT = 20
 
 
-class ScpiParser:
-    """Bytes to lines."""
-
-    def __init__(self) -> None:
-        self._lines = LineSplitter(1024)
-
-    def feed(self, data: bytes) -> list[str]:
-        """The lines completed by these bytes."""
-        return [line.decode("ascii", "replace").strip() for line in self._lines.feed(data)]
+ScpiParser = partial(Decoder[str], partial(LineSplitter, 1024), text_of)
 
 
 class ScpiInstrument(LineDevice[Transport[str]]):
@@ -145,7 +138,6 @@ class ScpiProbe(ScpiInstrument):
         self._channels = channels
 
     def read(self) -> Mapping[str, ProbeReading]:
-        """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         return {
             one.quantity: ProbeReading(self._number(one.query), PROBE_UNITS[one.quantity], one.uncertainty)
             for one in self._channels

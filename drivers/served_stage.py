@@ -22,8 +22,7 @@ class ServedStage(ABC, Generic[P]):
     """A Stage over the orders that a driver implements; they raise DeviceError."""
 
     poll_s = 0.05
-    halted_s = 0.25
-    """How long a stop waits for slow software; its threads continue trying."""
+    halted_s = 0.25  # how long a stop waits for slow software; its threads continue trying
 
     def __init__(self, patience_s: float, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()

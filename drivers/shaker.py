@@ -15,8 +15,7 @@ from drivers.making import DriverOptions, MakerContext
 from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive
 from drivers.shutter import KEEP_ALIVE_S, BoxDevice, StrigShutter
 
-REST, DEEPEST = 2048, 2047
-"""In steps of a channel (0 to 4095): its rest position, and its amplitude."""
+REST, DEEPEST = 2048, 2047  # in steps of a channel (0 to 4095): its rest position, and its amplitude
 FEWEST, MOST = 2, 128
 SHORTEST_S, LONGEST_S = 0.001, 1.0
 ANSWER_S = 0.5

@@ -26,10 +26,8 @@ BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port 
 AGAIN_S = 0.05  # before it is asked again: a port that takes no bytes may fail at once
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
-FLASH_S = 1.0
-"""Longest time from the opening of the contacts to the hot shoe: lag of the body's shutter."""
-DRIFT = 1e-4
-"""Bound of the relative error of a crystal."""
+FLASH_S = 1.0  # longest time from the opening of the contacts to the hot shoe: lag of the body's shutter
+DRIFT = 1e-4  # bound of the relative error of a crystal
 REFUSALS = {
     3: "wait for the shot, or abort it",
     4: "wire a shaker to the box, or remove it from station.toml",
@@ -131,7 +129,6 @@ class StrigParser:
         self._checked = False
 
     def feed(self, data: bytes) -> list[Event]:
-        """The events completed by these bytes."""
         return [self._read(line) for line in self._lines.feed(data)]
 
     def _read(self, raw: bytes) -> Event:
@@ -190,18 +187,15 @@ class StrigShutter(LineDevice[Transport[Event]]):
         """Clock offset from the fastest of a few round trips: its error is below half of that trip."""
         trips = []
         for _ in range(times):
-            asked_s, tag = self.clock.now_s(), self._next_tag()
+            # the number of the next question for the time, so that a late answer to another one is none
+            self._tag = (self._tag + 1) % 1000
+            asked_s, tag = self.clock.now_s(), (self._tag if self.version >= 4 else None)
             question = b"SYNC?\n" if tag is None else b"SYNC? %d\n" % tag
             box = self._transport.request(question, partial(_time_of, tag), REPLY_S)
             received_s = self.clock.now_s()
             trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6, received_s))
         trip_s, self._offset_s, self._synchronised_s = min(trips)
         self._within_s = trip_s / 2
-
-    def _next_tag(self) -> int | None:
-        """The number of the next question for the time, so that a late answer to another one is none."""
-        self._tag = (self._tag + 1) % 1000
-        return self._tag if self.version >= 4 else None
 
     def _hear(self, event: Event, host_s: float) -> None:
         if isinstance(event, Sample):
@@ -214,7 +208,6 @@ class StrigShutter(LineDevice[Transport[Event]]):
                 self._flash_us = event.t_us
 
     def focus(self, pressed: bool) -> None:
-        """Half-press or release. Raises DeviceError."""
         self.command(f"FOCUS {int(pressed)}")
 
     @property

@@ -9,6 +9,7 @@ Source: Thorlabs, APT communications protocol, issue 29.
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 from drivers.errors import Alarm, NoAnswer
@@ -17,7 +18,7 @@ from drivers.making import LineOptions
 from drivers.move_checks import HOME
 from drivers.options import Interval, axes, option, positive
 from drivers.polled_stage import AxisState, PolledAxis, PolledStage
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter
 from drivers.wire.connection import StepQuestion, anything, roll_call
 
 HOST, CONTROLLER, BAY, LONG, HEADER = 0x01, 0x50, 0x20, 0x80, 6
@@ -61,15 +62,10 @@ def _measure(head: bytes) -> int:
     return total if len(head) >= total else MORE
 
 
-class AptParser:
-    """Bytes to messages."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(bytes(number & 0xFF for number in LENGTHS), _measure, 128)
-
-    def feed(self, data: bytes) -> list[AptMessage]:
-        """The messages completed by these bytes."""
-        return [AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]) for one in self._frames.feed(data)]
+AptParser = partial(
+    Decoder[AptMessage], partial(FrameSplitter, bytes(number & 0xFF for number in LENGTHS), _measure, 128),
+    lambda one: AptMessage(int.from_bytes(one[:2], "little"), one[5], one[HEADER:]),
+)  # fmt: skip
 
 
 class AptStage(PolledStage[AptMessage]):

@@ -6,13 +6,11 @@ from fractions import Fraction
 
 import numpy as np
 
-Entry = tuple[int, int, bytes]
-"""Type, count, and the values' bytes."""
+Entry = tuple[int, int, bytes]  # type, count, and the values' bytes
 
 BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
 STRIPS, EXIF = 273, 34665
-FIRST = 8
-"""Address of the first directory."""
+FIRST = 8  # address of the first directory
 
 
 def byte(*values: int) -> Entry:

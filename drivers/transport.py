@@ -79,7 +79,18 @@ class SerialTransport(Generic[E]):
         self.close()
         self._lost = None
         try:
-            self._port = self._opened(resolve(self.address))
+            url = resolve(self.address)
+            port = serial.serial_for_url(url, do_not_open=True)
+            port.baudrate = self.baud
+            port.timeout = POLL_S
+            port.write_timeout = WRITE_S
+            if "://" not in url:
+                port.exclusive = True
+            for line, level in self._preset.items():
+                if level is not None:
+                    setattr(port, line, level)
+            port.open()
+            self._port = port
         except PORT_ERRORS as error:
             raise LineLost(
                 f"cannot open {self.address}: {error}",
@@ -91,22 +102,8 @@ class SerialTransport(Generic[E]):
         )
         self._reader.start()
 
-    def _opened(self, url: str) -> Any:
-        port = serial.serial_for_url(url, do_not_open=True)
-        port.baudrate = self.baud
-        port.timeout = POLL_S
-        port.write_timeout = WRITE_S
-        if "://" not in url:
-            port.exclusive = True
-        for line, level in self._preset.items():
-            if level is not None:
-                setattr(port, line, level)
-        port.open()
-        return port
-
     @property
     def is_open(self) -> bool:
-        """Whether the port is owned and has not been lost."""
         return self._port is not None and self._lost is None
 
     def close(self) -> None:
@@ -265,18 +262,15 @@ class SerialTransport(Generic[E]):
             if self._lost is not None:
                 return
             if data:
-                self._deliver(data, parser, listen)
-
-    def _deliver(self, data: bytes, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
-        received_s = self.clock.now_s()
-        self.transcript.record(received_s, "<", data)
-        with self._news:
-            self.bytes_received += len(data)
-            for event in parser.feed(data):
-                listen(event, received_s)
-                if self._claim is not None:
-                    self._claim(event)
-            self._news.notify_all()
+                received_s = self.clock.now_s()
+                self.transcript.record(received_s, "<", data)
+                with self._news:
+                    self.bytes_received += len(data)
+                    for event in parser.feed(data):
+                        listen(event, received_s)
+                        if self._claim is not None:
+                            self._claim(event)
+                    self._news.notify_all()
 
     def _gone(self, error: Exception) -> LineLost:
         return LineLost(

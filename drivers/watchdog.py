@@ -17,14 +17,11 @@ from drivers.move_checks import HOME
 from drivers.options import ENABLED_STAGE, STRIG_BOX, device, distinct, option
 from drivers.shutter import BoxDevice, StrigShutter
 
-HEARTBEAT_S = 0.025
-"""Interval between heartbeats."""
-MOVING_MS, STANDING_MS = 100, 1000
-"""Deadlines of the next heartbeat."""
+HEARTBEAT_S = 0.025  # interval between heartbeats
+MOVING_MS, STANDING_MS = 100, 1000  # deadlines of the next heartbeat
 RELEASE = "RELEASE"
 LATE = "no heartbeat of this program came in time"
-END_S = 1.0
-"""How long closing waits for the last heartbeat to be written."""
+END_S = 1.0  # how long closing waits for the last heartbeat to be written
 Work = Callable[[], None]
 
 
@@ -78,7 +75,11 @@ class StrigWatchdog(BoxDevice):
         """
         with self._lock:
             if not self._holding:
-                self._enable()
+                self._require()
+                self._box.command("ENABLE 1")
+                self._box.motion.pop(RELEASE, None)  # of an earlier release
+                self._holding = True
+                self._keeper = self._begin(self._keep)
             self._moving += 1
         try:
             self._beat()
@@ -86,13 +87,6 @@ class StrigWatchdog(BoxDevice):
         finally:
             with self._lock:
                 self._moving -= 1
-
-    def _enable(self) -> None:
-        self._require()
-        self._box.command("ENABLE 1")
-        self._box.motion.pop(RELEASE, None)  # of an earlier release
-        self._holding = True
-        self._keeper = self._begin(self._keep)
 
     def _beat(self) -> None:
         with self._lock:  # a heartbeat with the long deadline must not follow the first one of a move

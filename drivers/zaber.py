@@ -20,8 +20,7 @@ from drivers.wire.connection import anything, roll_call
 REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
 PRECISION_STEPS = 4
-INTERRUPTED = "NI"
-"""Flag of an axis whose movement was interrupted."""
+INTERRUPTED = "NI"  # flag of an axis whose movement was interrupted
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,6 @@ class ZaberAxis:
 
     @property
     def tolerance(self) -> float:
-        """The largest error of a move."""
         return PRECISION_STEPS * abs(self.unit_per_step)
 
     def to_steps(self, value: float) -> int:
@@ -155,18 +153,16 @@ class ZaberStage(AxisStage[Event, ZaberAxis]):
         """The axis' state. Raises what its flag reports."""
         status = self._status(axis)
         if not (status.busy and status.flag in UNREFERENCED):
-            self._check_flag(axis, status.flag)
+            flag = status.flag
+            reason, remedy = FLAGS.get(flag, (f"flag {flag}", "see the device's manual"))
+            if flag.startswith("F"):
+                error = Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag)
+                self.trust.lose(error)
+                raise error
+            if flag in (*UNREFERENCED, "WL", "WM"):
+                self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
+                self.trust.require()
         return self._state_of(axis, status)
-
-    def _check_flag(self, axis: ZaberAxis, flag: str) -> None:
-        reason, remedy = FLAGS.get(flag, (f"flag {flag}", "see the device's manual"))
-        if flag.startswith("F"):
-            error = Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag)
-            self.trust.lose(error)
-            raise error
-        if flag in (*UNREFERENCED, "WL", "WM"):
-            self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
-            self.trust.require()
 
     def _begin_homing(self, axis: ZaberAxis, allowed: Callable[[], None]) -> None:
         self._query(axis.device, axis.axis, "warnings clear")

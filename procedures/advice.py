@@ -9,15 +9,11 @@ from procedures.clipping import NOMINAL
 from procedures.plan import Advice, CameraFacts, Fact, Reading
 from procedures.raw import Exposure, Plane
 
-WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
-"""Target of white on the sensor's scale, and the accepted range."""
-MOST_CLIPPED = 0.005
-"""Accepted fraction of clipped samples: glints, dust, hot pixels."""
+WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9  # target of white on the sensor's scale, and the accepted range
+MOST_CLIPPED = 0.005  # accepted fraction of clipped samples: glints, dust, hot pixels
 BASE_ISO = 100.0
-LONGEST_S = 2.0
-"""Longest proposed exposure time; beyond it, more light is proposed."""
-TILES = 64
-"""Tiles along the frame's longer side in which the brightest paper is searched for."""
+LONGEST_S = 2.0  # longest proposed exposure time; beyond it, more light is proposed
+TILES = 64  # tiles along the frame's longer side in which the brightest paper is searched for
 
 
 def nominal_times_s() -> list[float]:
@@ -70,7 +66,6 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
 
 
 def _change(stops: float, finding: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
-    """Advice to change the exposure by this number of stops."""
     seconds = exposure.exposure_s
     if seconds is None:
         more = "more" if stops > 0 else "less"
@@ -98,7 +93,6 @@ def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], 
 
 
 def _noted(exposure: Exposure) -> dict[str, Fact]:
-    """The camera's metadata of the shot, as facts."""
     names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm", "pixel_pitch_um")
     metadata = asdict(exposure)
     return {name: metadata[name] for name in names if metadata[name] is not None}

@@ -19,18 +19,14 @@ from procedures.psf import Psf, truncation
 from procedures.quality import KNOTS, PRINT_BLUR, Quality, assess, mtf50_along
 
 FINEST = 6
-START_S, START_K = 4, 17
-"""First trial; another s keeps the support's width in pixels."""
+START_S, START_K = 4, 17  # first trial; another s keeps the support's width in pixels
 MAX_K = 41
-MIN_SAMPLES_PER_VALUE = 8
-"""Least number of samples per PSF value of an automatic trial."""
+MIN_SAMPLES_PER_VALUE = 8  # least number of samples per PSF value of an automatic trial
 RIM, OPEN = 0.8, 0.05
 """The band is open where the OTF's root mean square over the frequencies beyond `RIM` of it exceeds `OPEN`."""
-MAX_TRUNCATION_SIGMAS = 0.5
-"""Greatest truncation that is accepted, in combined standard uncertainties."""
+MAX_TRUNCATION_SIGMAS = 0.5  # greatest truncation that is accepted, in combined standard uncertainties
 MAX_TRIALS = 4
-MAX_WIDENING = 1.6
-"""Greatest ratio of successive widths of the support, as the truncation is known only roughly."""
+MAX_WIDENING = 1.6  # greatest ratio of successive widths of the support, as the truncation is known only roughly
 
 T = TypeVar("T")
 
@@ -169,8 +165,7 @@ def remaining_change(trials: tuple[Trial, ...]) -> float:
 # Every term is a standard uncertainty in the unit of the number. The terms are independent; the root of the sum of
 # their squares is the combined uncertainty. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 
-Budget = Mapping[str, float]
-"""Terms by name, each a standard uncertainty."""
+Budget = Mapping[str, float]  # terms by name, each a standard uncertainty
 
 TERMS = {
     "noise": "noise of the samples",
@@ -191,10 +186,8 @@ TERMS = {
 """Descriptions of the terms, in the order of reports."""
 UNSEEN = ("processing", "wide mask", "ghost", "variation", PRINT_BLUR)
 """Terms by corruptions that a photograph does not exclude."""
-COMMON = ("mismatch", *UNSEEN)
-"""Terms that may be common to all photographs of one chart by one camera."""
-FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
-"""Prefixes of the numbers that are frequencies."""
+COMMON = ("mismatch", *UNSEEN)  # terms that may be common to all photographs of one chart by one camera
+FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)  # prefixes of the numbers that are frequencies
 
 
 def combined(budget: Budget) -> float:
@@ -244,7 +237,12 @@ def with_modes(quality: Quality, psf: Psf, modes: Mapping[str, Array]) -> Qualit
     of_curves = {name: {**terms} for name, terms in quality.curve_budgets.items()}
     curves = {way: getattr(quality, f"mtf_{way}") for way in of_curves}
     for term, change in modes.items():
-        moved = _moved_samples(psf, quality.frequencies, change)
+        # change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f
+        image = psf.extended()
+        grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
+        filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, quality.frequencies, change), image.shape)
+        rim = (len(image) - psf.k) // 2
+        moved = np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
         for way, mtf in curves.items():
             of_curves[way][term] = np.hypot(of_curves[way].get(term, 0.0), mtf * change)
         for name, terms in budgets.items():
@@ -274,15 +272,6 @@ def _change_of(name: str, quality: Quality, curves: Mapping[str, Array], change:
         frequency, way = at_frequency
         return float(np.interp(frequency, f, curves[way] * change))
     return float(quality.gradients[name][: len(moved)] @ moved)
-
-
-def _moved_samples(psf: Psf, f: Array, change: Array) -> Array:
-    """Change (k^2,) of a PSF's samples by a relative change of its transfer function at frequencies f."""
-    image = psf.extended()
-    grid = np.hypot(*np.meshgrid(*(fft(len(image)) * psf.s for fft in (np.fft.rfftfreq, np.fft.fftfreq))))
-    filtered = np.fft.irfft2(np.fft.rfft2(image) * np.interp(grid, f, change), image.shape)
-    rim = (len(image) - psf.k) // 2
-    return np.asarray(filtered[rim : rim + psf.k, rim : rim + psf.k].ravel())
 
 
 def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:

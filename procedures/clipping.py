@@ -10,29 +10,24 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, distinct, quantile
+from procedures.numerics.arrays import Array, Array32, distinct, quantile
 
 NOMINAL = 0.998
 """Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
-MAX_OUTLIERS = 0.0005
-"""Share of the samples, hot pixels and dust, that may lie beyond the peak."""
-MIN_PEAK_SHARE = 0.005
-"""Least share of the samples in a peak."""
+MAX_OUTLIERS = 0.0005  # share of the samples, hot pixels and dust, that may lie beyond the peak
+MIN_PEAK_SHARE = 0.005  # least share of the samples in a peak
 MIN_PEAK_SAMPLES = 6
 """Least number of samples in a peak: of few samples, as in a small chart's blocks, two are equal by chance."""
-MIN_PEAK_RATIO = 2.0
-"""Least ratio of the samples in a peak to those at the adjacent values."""
+MIN_PEAK_RATIO = 2.0  # least ratio of the samples in a peak to those at the adjacent values
 MIN_DARK_NOISE, MIN_BRIGHT_NOISE = 0.3, 2.0
 """Noise in quantisation steps above which the other end must be noisy: of the dark end for the bright one, as noise
 never decreases with light, and of the bright end for the dark one."""
 APPROACH_START, APPROACH_END = 0.005, 0.05
 """Range of distances from an end in which its approach is counted, relative to the contrast."""
-LOW_QUANTILE = 0.02
-"""Quantile of the samples used as the other end."""
+LOW_QUANTILE = 0.02  # quantile of the samples used as the other end
 MAX_APPROACH_RATIO = 0.55
 """Ratio of the samples on the approach to a peak to those at the other end below which it is clipped."""
-MAX_STEP_SAMPLES = 200_000
-"""Number of samples used to determine the step."""
+MAX_STEP_SAMPLES = 200_000  # number of samples used to determine the step
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Clipping:
 
 
 def find_clipping(
-    samples: npt.NDArray[np.float32] | Array, quantisation: float = 0.0, *, dark_noise: float = 0.0,
+    samples: Array32 | Array, quantisation: float = 0.0, *, dark_noise: float = 0.0,
     bright_noise: float = 0.0, of_edge: bool = False,
 ) -> Clipping:  # fmt: skip
     """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.
@@ -97,8 +92,7 @@ def _abrupt(values: Array, peak: float, blur: float) -> bool:
 
 # --- Model of a calibrated sensor for other procedures: noise, response, saturation ---
 
-TABLE = 513
-"""Number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6."""
+TABLE = 513  # number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6
 
 
 @dataclass(frozen=True)
@@ -138,7 +132,6 @@ class SensorModel:
         )
 
     def _slope(self, straight: Array) -> Array:
-        """Slope of the response relative to that without light."""
         x = straight / self.signal_at_saturation
         return np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
 

@@ -25,8 +25,7 @@ from procedures.reading.guard import Room, decoding
 from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
 
 _AGAIN = "copy it again, or export it as TIFF or PNG"
-BYTES = 16
-"""Bytes of a pixel of three colours while it is decoded."""
+BYTES = 16  # bytes of a pixel of three colours while it is decoded
 COLOURS = {1: (GREY_PLANE,), 3: ("R", "G", "B")}
 
 
@@ -40,10 +39,8 @@ def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes
 
     Raises BadInput if it is no such file, or cannot be decoded completely.
 
-    encoding : str, optional
-        "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none.
-    data : bytes, optional
-        Content of the file, if already read.
+    encoding : str, "linear" or "srgb"; by default the file's ICC profile, or sRGB where it has none
+    data : bytes, content of the file, if already read
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
@@ -54,19 +51,15 @@ def read_developed(path: Path | str, encoding: str | None = None, *, data: bytes
         curve = named_curve(stated) if stated else _profiled(icc)
         bits = 8 * levels.dtype.itemsize
         development = Development(kind, curve or named_curve(SRGB), curve is None, bits, coding, icc, exif)
-        planes = _planes(levels, development)
+        # planes of levels (H, W, C), decoded; a step is that at half of white
+        white = np.float32((1 << development.bits) - 1)
+        step = float(development.curve.slope(np.array([0.5]))[0] / white)
+        planes = {
+            name: Plane(name, development.curve.decoded(np.ascontiguousarray(levels[..., c]) / white), step)
+            for c, name in enumerate(COLOURS[levels.shape[2]])
+        }
         exposure = read_exposure(BytesIO(data))
     return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, exposure, development=development)
-
-
-def _planes(levels: npt.NDArray[Any], development: Development) -> dict[str, Plane]:
-    """Planes of levels (H, W, C), decoded; a step is that at half of white."""
-    white = np.float32((1 << development.bits) - 1)
-    step = float(development.curve.slope(np.array([0.5]))[0] / white)
-    return {
-        name: Plane(name, development.curve.decoded(np.ascontiguousarray(levels[..., c]) / white), step)
-        for c, name in enumerate(COLOURS[levels.shape[2]])
-    }
 
 
 def _profiled(icc: bytes) -> ToneCurve | None:
@@ -80,12 +73,10 @@ def _profiled(icc: bytes) -> ToneCurve | None:
 # --- formats ---
 
 LOSSY, RAW = ("JPEG", "WEBP", "HEIF"), "RAW"
-USUAL_CODING = 0.01
-"""Error of block coding where the file does not state its tables, as part of white's level."""
+USUAL_CODING = 0.01  # error of block coding where the file does not state its tables, as part of white's level
 
 
 def _format(data: bytes, path: Path) -> str:
-    """The format by the file's first bytes; RAW where it is no other."""
     if data.startswith(b"\xff\xd8\xff"):
         return "JPEG"
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LINES, WIDTH = 12, 100
-"""Most lines of a text, and most characters of a line."""
+LINES, WIDTH = 12, 100  # most lines of a text, and most characters of a line
 
 
 def summary(value: object, most: int = LINES) -> str:

@@ -9,34 +9,23 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from itertools import product
 
-LEVELS = (50, 30, 20, 10)
-"""Contrast levels, in per cent, whose frequencies are reported."""
+LEVELS = (50, 30, 20, 10)  # contrast levels, in per cent, whose frequencies are reported
 CYCLES = "cycles/pixel"
-MEDIAN = "_median"
-"""Ends the name of a number that is the median of a map over the frame."""
-_WITHOUT_PHOTOSITE = "_without_photosite"
-"""Ends the name of a map's number after division by the photosite's MTF."""
+MEDIAN = "_median"  # ends the name of a number that is the median of a map over the frame
+_WITHOUT_PHOTOSITE = "_without_photosite"  # ends the name of a map's number after division by the photosite's MTF
 
 
 class Group(StrEnum):
     """Where a number is shown, besides records and tables, which hold all of them."""
 
-    HEADLINE = "headline"
-    """The first table of a page."""
-    BUDGET = "budget"
-    """The uncertainty budget of a page."""
-    SCREEN = "screen"
-    """The result on an 80-column terminal."""
-    LINE = "line"
-    """The one line that a command prints for a plane."""
-    CERTIFIED = "certified"
-    """The certificate."""
-    TREND = "trend"
-    """The trend of a camera over its sessions."""
-    SUMMARY = "summary"
-    """The summary of a batch."""
-    MAP = "map"
-    """Maps over the frame."""
+    HEADLINE = "headline"  # the first table of a page
+    BUDGET = "budget"  # the uncertainty budget of a page
+    SCREEN = "screen"  # the result on an 80-column terminal
+    LINE = "line"  # the one line that a command prints for a plane
+    CERTIFIED = "certified"  # the certificate
+    TREND = "trend"  # the trend of a camera over its sessions
+    SUMMARY = "summary"  # the summary of a batch
+    MAP = "map"  # maps over the frame
 
 
 class Number(str):
@@ -63,8 +52,7 @@ class Number(str):
         return str, (str(self),)
 
 
-NUMBERS: dict[str, Number] = {}
-"""All numbers by name, in the order in which they are shown."""
+NUMBERS: dict[str, Number] = {}  # all numbers by name, in the order in which they are shown
 
 
 class NumberSection:
@@ -652,15 +640,11 @@ def reference_text() -> str:
     lines: list[str] = []
     for section in dict.fromkeys(number.section for number in NUMBERS.values()):
         lines += ["", f"## {section}", "", "| name | unit | definition |", "|---|---|---|"]
-        for (unit, definition), names in _alike(section).items():
+        # the numbers of a section, those of one definition together
+        groups: dict[tuple[str, str], list[Number]] = {}
+        for number in NUMBERS.values():
+            if number.section == section:
+                groups.setdefault((number.unit, number.definition), []).append(number)
+        for (unit, definition), names in groups.items():
             lines.append(f"| {', '.join(f'`{one}`' for one in names)} | {unit} | {definition} |")
     return "\n".join(lines) + "\n"
-
-
-def _alike(section: str) -> dict[tuple[str, str], list[Number]]:
-    """The numbers of a section, those of one definition together."""
-    groups: dict[tuple[str, str], list[Number]] = {}
-    for number in NUMBERS.values():
-        if number.section == section:
-            groups.setdefault((number.unit, number.definition), []).append(number)
-    return groups

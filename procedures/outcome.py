@@ -122,8 +122,7 @@ class Quantity:
 
 
 MOST_EVIDENCE = 100.0
-SYMPTOM = 0.3
-"""Prior of a check that many causes fail, relative to one that is specific to its cause."""
+SYMPTOM = 0.3  # prior of a check that many causes fail, relative to one that is specific to its cause
 
 
 @dataclass(frozen=True)

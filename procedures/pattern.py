@@ -11,23 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Cells = npt.NDArray[np.uint8]
-Points = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
-CELLS = 256
-"""Cells along one side of the noise region."""
-BLOCK = 32
-"""Cells along one side of a block of the frame."""
-BLOCKS = 10
-"""Blocks along one side of the whole chart; the noise is in blocks 1 to 8."""
-DEFAULT_SEED = 1
-"""Seed of the default chart."""
+Cells = npt.NDArray[np.uint8]
+
+CELLS = 256  # cells along one side of the noise region
+BLOCK = 32  # cells along one side of a block of the frame
+BLOCKS = 10  # blocks along one side of the whole chart; the noise is in blocks 1 to 8
+DEFAULT_SEED = 1  # seed of the default chart
 
 # sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma` gives the noise amplification over it
-AIM_S_OVER_T = 1.3
-"""Target of s/t: gamma is within a few per cent of its minimum."""
-BEST_S_OVER_T = (1.0, 1.5)
-"""Range in which the PSF's error by noise is at most a third above its minimum."""
+AIM_S_OVER_T = 1.3  # target of s/t: gamma is within a few per cent of its minimum
+BEST_S_OVER_T = (1.0, 1.5)  # range in which the PSF's error by noise is at most a third above its minimum
 GOOD_S_OVER_T = (0.7, 1.8)
 """Range in which it is at most 2.5 times its minimum; at 2 the cells' spectrum has a zero at the band's edge, and gamma
 is unbounded."""
@@ -53,7 +48,7 @@ WHITE_BLOCKS = (
 )  # fmt: skip
 
 
-EDGES: npt.NDArray[np.float64] = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
+EDGES: Array = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
 """Ends (x, y) of the optional slanted edges in cells, (2, 2, 2): right of the chart, and below it.
 
 They are slanted by atan(25 / 256) = 5.6 degrees in opposite directions: a roll that aligns one with an axis does not
@@ -63,7 +58,7 @@ EDGE_END = 370
 """Outer limit of the black areas behind the edges, in x or y; the white areas are more than a block wide."""
 
 
-def edge_areas() -> npt.NDArray[np.float64]:
+def edge_areas() -> Array:
     """Black areas of the slanted edges, (2, 4, 2): corners (x, y) in cells, clockwise on paper."""
     (top, bottom), (left, right) = EDGES
     end = float(EDGE_END)
@@ -75,16 +70,16 @@ def block_corner(column: int, row: int) -> tuple[float, float]:
     return float(BLOCK * (column - 1)), float(BLOCK * (row - 1))
 
 
-def block_centres(blocks: tuple[tuple[int, int], ...]) -> Points:
+def block_centres(blocks: tuple[tuple[int, int], ...]) -> Array:
     """Pattern coordinates (x, y) of the blocks' centres, (n, 2)."""
     return (np.array(blocks, dtype=np.float64) - 0.5) * BLOCK
 
 
-X_CORNERS: Points = block_centres(X_CORNER_BLOCKS)
+X_CORNERS: Array = block_centres(X_CORNER_BLOCKS)
 """The twelve x-corners (x, y) in cells, clockwise from the top left, (12, 2)."""
 
 
-def triangles() -> npt.NDArray[np.float64]:
+def triangles() -> Array:
     """Black triangles of the x-corners, (24, 3, 2): each block's upper one, then its lower one."""
     shapes = []
     for column, row in X_CORNER_BLOCKS:
@@ -99,12 +94,8 @@ def triangles() -> npt.NDArray[np.float64]:
 class Chart:
     """A chart: its cells, and their seed (None if the cells were given).
 
-    Attributes
-    ----------
-    cells : (256, 256) uint8
-        1 = white, 0 = black, [row, column].
-    edges : bool
-        Whether it has the two slanted edges.
+    cells : (256, 256) uint8, 1 = white, 0 = black, [row, column]
+    edges : bool, whether it has the two slanted edges
     """
 
     cells: Cells

@@ -23,8 +23,7 @@ Facts = Mapping[str, Fact]
 With a frame come the facts at its time: position and travel limits of every axis (`at_z_mm`, `low_z_mm`, `high_z_mm`,
 ...), and `distance_mm` where a rangefinder measured.
 """
-Outcomes = Mapping[str, Outcome[Any]]
-"""Outcomes by plane."""
+Outcomes = Mapping[str, Outcome[Any]]  # outcomes by plane
 Known = MutableMapping[Hashable, Outcome[Any]]
 """Cache of estimates, keyed by all that they depend on: the photograph's hash, plane, chart, settings. A run holds one,
 so that no plane of a photograph is estimated twice.
@@ -49,8 +48,7 @@ class Reading:
         return above and below and self.value == self.value
 
 
-Points = tuple[tuple[float, float], ...]
-"""Points (x, y) in pixels of a plane."""
+Points = tuple[tuple[float, float], ...]  # points (x, y) in pixels of a plane
 
 
 @dataclass(frozen=True)
@@ -192,10 +190,8 @@ class Ask:
     names_file: Callable[[str], bool] = lambda part: False
 
 
-HAS_SHAKER = "has_shaker"
-"""The fact that the bench has a shaker, which moves the camera around a path."""
-HAS_IMU = "has_imu"
-"""The fact that the bench has an IMU."""
+HAS_SHAKER = "has_shaker"  # the fact that the bench has a shaker, which moves the camera around a path
+HAS_IMU = "has_imu"  # the fact that the bench has an IMU
 
 
 @dataclass(frozen=True)
@@ -406,8 +402,7 @@ class Plan:
 K = TypeVar("K")
 T = TypeVar("T")
 AT, LOW, HIGH = "at_", "low_", "high_"
-INSISTED = "insisted_"
-"""Prefix of a name: the operator confirmed that answer despite a contradiction."""
+INSISTED = "insisted_"  # prefix of a name: the operator confirmed that answer despite a contradiction
 INPUTS, GATHERED = "inputs", "gathered"
 
 
@@ -488,12 +483,10 @@ class CameraFacts:
     lens: str | None = None
     exposure_s: float | None = None
     iso: float | None = None
-    f_number: float | None = None
-    """From the camera's metadata."""
+    f_number: float | None = None  # from the camera's metadata
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
-    distance_mm: float | None = None
-    """The rangefinder's reading."""
+    distance_mm: float | None = None  # the rangefinder's reading
     axes: Mapping[str, AxisTravel] = gathered(axes_of)
     insisted: frozenset[str] = gathered(insisted_of)
 
@@ -543,7 +536,6 @@ def dropped(kind: type[Any], changed: Collection[str], known: Collection[str]) -
 
 
 def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
-    """Type and metadata of each field by name."""
     hints = get_type_hints(kind)
     return {one.name: (_plain(hints[one.name]), one.metadata) for one in fields(kind)}
 
@@ -553,7 +545,6 @@ def _plain(hint: Any) -> Any:
 
 
 def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:
-    """A fact converted to its type. Raises BadParameter."""
     if wanted in (float, int) and isinstance(value, float | int) and not isinstance(value, bool):
         if math.isfinite(value) and (wanted is float or value == int(value)):
             return float(value) if wanted is float else int(value)

@@ -7,10 +7,9 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import axes_of, html, summary
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Complex
 from procedures.numerics.kernel_tail import (
     DIFFERS,
     LEAST_TAIL,
@@ -28,8 +27,7 @@ from procedures.outcome import BadParameter
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_PER_PX, MOST_SAMPLES = 16, 101
-"""Largest s and k: the covariance of 101 x 101 samples takes 0.8 GB."""
+MOST_PER_PX, MOST_SAMPLES = 16, 101  # largest s and k: the covariance of 101 x 101 samples takes 0.8 GB
 
 
 @dataclass(frozen=True)
@@ -100,21 +98,14 @@ class PsfTail:
 class Psf:
     """A PSF sampled s times per pixel of its plane: its support, and the tail outside it.
 
-    Attributes
-    ----------
-    h : (k, k) float64
-        Samples [row, column], k odd, sum 1. The centre sample is the centre by the chart's marks, or the centroid
-        without marks. The photograph is the *convolution* with h: a tail to larger columns smears light to larger
-        columns.
-    s : int
-        Samples per sensor pixel of the plane: the pitch is 1/s pixel.
-    covariance : (k^2, k^2) float64
-        Covariance of `h.ravel()`, nuisance parameters included.
-    tail : PsfTail
-        Tail outside the support; none by default.
-    lacking : (k^2, k^2) float64 or None
-        Part of `covariance` that is model error instead of noise, as between the nodes of a field: unlike noise, it
-        adds no energy to the samples. None: all of it is noise.
+    h : (k, k) float64, samples [row, column], k odd, sum 1. The centre sample is the centre by the chart's marks, or
+        the centroid without marks. The photograph is the *convolution* with h: a tail to larger columns smears light to
+        larger columns.
+    s : int, samples per sensor pixel of the plane: the pitch is 1/s pixel
+    covariance : (k^2, k^2) float64, covariance of `h.ravel()`, nuisance parameters included
+    tail : PsfTail, tail outside the support; none by default
+    lacking : (k^2, k^2) float64 or None, part of `covariance` that is model error instead of noise, as between the
+        nodes of a field: unlike noise, it adds no energy to the samples. None: all of it is noise.
 
     Notes
     -----
@@ -234,7 +225,7 @@ class Psf:
             return 0.0
         return float(self.tail.amplitudes[0]) * tail_density(self.k) / self.s / self.light
 
-    def spectra(self, fx: Array, fy: Array) -> npt.NDArray[np.complex128]:
+    def spectra(self, fx: Array, fy: Array) -> Complex:
         """Spectra of unit parameters at frequencies (n,) in cycles/pixel: (n, k^2 + q)."""
         ex = np.exp(-2j * np.pi * np.asarray(fx)[:, None] * self.offsets_px)
         ey = np.exp(-2j * np.pi * np.asarray(fy)[:, None] * self.offsets_px)
@@ -289,8 +280,7 @@ RING_FREQUENCIES = np.linspace(0.25, 1.0, 13)
 """Frequencies of rings, over f_c: from the beat of a pupil obstructed to a half to the rings of a clear one."""
 RING_RADII = np.arange(1.02, 9.0, 0.04)
 """Radii over that of the support at which rings are summed; they are tapered towards the end."""
-FINEST_RINGS = 8.0
-"""Greatest f_c R that is distinguished: finer rings have no effect."""
+FINEST_RINGS = 8.0  # greatest f_c R that is distinguished: finer rings have no effect
 
 
 def truncation(psf: Psf) -> float:

@@ -17,11 +17,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import oaconvolve
 
 from procedures.display import axes_of, html, summary
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.outcome import BadParameter
@@ -82,23 +81,15 @@ class PsfField:
 
     The vector of a PSF is its `parameters`: k^2 samples and q amplitudes of the tail, p = k^2 + q numbers.
 
-    Attributes
-    ----------
     plane : str
-    shape : (int, int)
-        Rows and columns of the plane.
+    shape : (int, int) rows and columns of the plane
     nodes : tuple of Node
-    share : (N,) float64
-        Weights m of the nodes in the mean, of sum 1.
-    components : (r, p) float64, analysis : (r, p) float64
-        A^T and B.
-    origin : (r,) float64
-        Coefficients o about which the model predicts.
+    share : (N,) float64, weights m of the nodes in the mean, of sum 1
+    components : (r, p) float64, analysis : (r, p) float64, A^T and B
+    origin : (r,) float64, coefficients o about which the model predicts
     model : CoefficientModel
-    lack : (r, r) float64
-        Covariance of the model error of the coefficients.
-    lack_rest : (p, p) float64
-        Covariance of the variation outside the components.
+    lack : (r, r) float64, covariance of the model error of the coefficients
+    lack_rest : (p, p) float64, covariance of the variation outside the components
     """
 
     plane: str
@@ -164,7 +155,7 @@ class PsfField:
         """Coefficients B z_i at the nodes, (N, r)."""
         return np.asarray(self._measured @ self.analysis.T)
 
-    def inside(self, points: Array) -> npt.NDArray[np.bool_]:
+    def inside(self, points: Array) -> Mask:
         """Mask of the points (n, 2) of the plane inside the hull."""
         return self.hull.holds(np.asarray(points, dtype=np.float64))
 
@@ -259,7 +250,6 @@ class PsfField:
 
     @cached_property
     def _tail_products(self) -> Array:
-        """Inner products of the tail's shapes, (q, q)."""
         kernels = tail_kernels(self.k)[: self.q]
         return np.asarray(np.tensordot(kernels, kernels, axes=([1, 2], [1, 2])))
 
@@ -344,8 +334,7 @@ def in_half_diagonals(points: Array, shape: tuple[int, int]) -> Array:
 
 # --- Space-variant blur and its adjoint: a sum of convolutions of the weighted image ---
 
-CHUNK = 1 << 16
-"""Number of samples whose coefficients are predicted at a time."""
+CHUNK = 1 << 16  # number of samples whose coefficients are predicted at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,7 +400,6 @@ class SpaceVariantBlur:
 
     @cached_property
     def _images(self) -> list[Array]:
-        """Base and components, support and tail, (K, K) each."""
         return [extended(p, self.field.k) for p in (self.field.base, *self.field.components)]
 
     @cached_property

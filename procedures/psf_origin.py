@@ -18,11 +18,9 @@ Origin = Literal["centre", "marks", "centroid", "peak"]
 """The PSF's centre, whatever it is; the same where it is given by the chart's marks; and points of the PSF itself."""
 
 WORDS = {"marks": "the centre by the marks", "centroid": "the PSF's centroid", "peak": "the PSF's peak"}
-STEP_PX = 1e-3
-"""Change of the origin by which derivatives are taken, in pixels."""
+STEP_PX = 1e-3  # change of the origin by which derivatives are taken, in pixels
 ITERATIONS = 30
-START = 8
-"""Points per sample among which the peak is searched before Newton's iteration."""
+START = 8  # points per sample among which the peak is searched before Newton's iteration
 
 
 def about_origin(psf: Psf, origin: Origin, numbers: Callable[[Psf], list[DrawnNumber]]) -> list[DrawnNumber]:
@@ -35,13 +33,16 @@ def about_origin(psf: Psf, origin: Origin, numbers: Callable[[Psf], list[DrawnNu
     results = []
     for i, one in enumerate(moved):
         slope = np.array([(more[i].value - less[i].value) / (2 * STEP_PX) for more, less in ways])
-        gradient = _pulled_back(psf, point, one.gradient) + slope @ by_parameters
+        # gradient by the PSF's parameters of a number whose gradient by those of the displaced PSF is given
+        Ax, Ay = (_between(psf, float(x)) for x in point)
+        n = psf.k**2
+        pulled_back = np.concatenate([(Ay.T @ one.gradient[:n].reshape(psf.k, psf.k) @ Ax).ravel(), one.gradient[n:]])
+        gradient = pulled_back + slope @ by_parameters
         results.append(replace(one, method=_method(one, origin), gradient=gradient))
     return results
 
 
 def _method(number: DrawnNumber, origin: Origin) -> str:
-    """The number's method with the words of its origin."""
     words, method = WORDS.get(origin, ""), number.method
     if "the centre" in method and words:
         return method.replace("the centre", words)
@@ -63,13 +64,6 @@ def _about(psf: Psf, point: Array) -> Psf:
     """The PSF with a point (x, y) as its centre; the covariance and the tail, which are smooth there, stay."""
     Ax, Ay = (_between(psf, float(x)) for x in point)
     return Psf(Ay @ psf.h @ Ax.T, psf.s, psf.covariance, psf.tail)
-
-
-def _pulled_back(psf: Psf, point: Array, gradient: Array) -> Array:
-    """Gradient by the PSF's parameters of a number whose gradient by those of the displaced PSF is given."""
-    Ax, Ay = (_between(psf, float(x)) for x in point)
-    n = psf.k**2
-    return np.concatenate([(Ay.T @ gradient[:n].reshape(psf.k, psf.k) @ Ax).ravel(), gradient[n:]])
 
 
 def _centroid(psf: Psf) -> tuple[Array, Array]:

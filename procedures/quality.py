@@ -49,14 +49,11 @@ if TYPE_CHECKING:
 
 Indices = npt.NDArray[np.intp]
 
-STEPS_PER_CYCLE = 50
-"""Frequencies of the curves per cycle/pixel."""
+STEPS_PER_CYCLE = 50  # frequencies of the curves per cycle/pixel
 KNOTS = slice(5, None, 5)
 """Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
-STEP = 0.005
-"""Half the interval around a crossing over which a curve's slope is taken, in cycles per pixel."""
-DIRECTIONS = 16
-"""Directions of the radial mean over half a turn, a multiple of four."""
+STEP = 0.005  # half the interval around a crossing over which a curve's slope is taken, in cycles per pixel
+DIRECTIONS = 16  # directions of the radial mean over half a turn, a multiple of four
 NARROW_BANDS = (0.67, 0.75, 0.85)
 """Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing
 frequencies. Several shares are used, as the photosite's OTF changes sign and a single change may vanish."""
@@ -118,24 +115,18 @@ class Quality:
 
 PRINT_BLUR = "print blur"
 """Term of the budget: blur of the chart's print, which one photograph cannot distinguish from that of the lens."""
-CAMERA, OPERATOR = "camera", "operator"
-"""Sources of an f-number."""
-CUTOFFS = (1e-3, 1e3)
-"""Plausible range of the diffraction cutoff, in cycles/pixel."""
+CAMERA, OPERATOR = "camera", "operator"  # sources of an f-number
+CUTOFFS = (1e-3, 1e3)  # plausible range of the diffraction cutoff, in cycles/pixel
 
 
 @dataclass(frozen=True)
 class Diffraction:
     """Diffraction limit of a plane.
 
-    Attributes
-    ----------
     f_number : float
-    pixel_pitch_um : float
-        Pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres.
+    pixel_pitch_um : float, pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres
     wavelength_nm : float
-    told_by : str
-        Source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another.
+    told_by : str, source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another
     """
 
     f_number: float
@@ -196,17 +187,12 @@ def assess(
 ) -> Quality:  # fmt: skip
     """Compute the curves and numbers of a PSF.
 
-    Parameters
-    ----------
     psf : Psf
-    n : int
-        Number of samples from which the PSF was estimated, for the record.
-    diffraction : Diffraction, optional
-        Diffraction limit; with it the Strehl ratio is reported too.
+    n : int, number of samples from which the PSF was estimated, for the record
+    diffraction : Diffraction, diffraction limit; with it the Strehl ratio is reported too
     at : sequence of float
         Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
-    unconverged : float
-        Relative change of the frequencies that is expected if k is raised.
+    unconverged : float, relative change of the frequencies that is expected if k is raised
     origin : "centre", "marks", "centroid" or "peak"
         The point about which widths, encircled energies and the Strehl ratio are taken.
     """
@@ -380,7 +366,6 @@ def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
 
 
 def _uncertainty(C: Array, slope: Array) -> Array:
-    """Standard uncertainties of quantities with the derivatives `slope`, for the parameters' covariance C."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ C, slope), 0)))
 
 

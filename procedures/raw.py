@@ -1,9 +1,8 @@
 """Reading of photographs into arrays: mosaic planes of RAW files, grey images, without demosaicking."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array32
 from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
 from procedures.reading.development import Development
@@ -37,38 +37,28 @@ __all__ = [
     "default_plane", "measured_path", "read_frame", "read_photograph", "read_planes",
 ]  # fmt: skip
 
-MOSAIC_PLANES = ("R", "G1", "G2", "B")
-"""Planes of a 2 x 2 mosaic; G1 lies on the red rows."""
-GREY_PLANE = "Y"
-"""Plane of a grey image, or of a sensor without a mosaic."""
+MOSAIC_PLANES = ("R", "G1", "G2", "B")  # planes of a 2 x 2 mosaic; G1 lies on the red rows
+GREY_PLANE = "Y"  # plane of a grey image, or of a sensor without a mosaic
 
 
 @dataclass(frozen=True)
 class Plane:
     """One linear colour plane of a photograph.
 
-    Attributes
-    ----------
-    name : str
-        "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image or a monochrome sensor.
+    name : str, "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image or a monochrome sensor
     samples : (rows, columns) float32
         Black level subtracted, scaled so that white is 1; values below black stay negative.
-    quantisation : float
-        One step of the digital numbers, in units of `samples`.
-    pitch : int
-        Sensor pixels per pixel of the plane: 2 for a Bayer plane, 1 for a grey image.
+    quantisation : float, one step of the digital numbers, in units of `samples`
+    pitch : int, sensor pixels per pixel of the plane: 2 for a Bayer plane, 1 for a grey image
     origin : (int, int)
         Position (x, y) of the plane's first pixel on the sensor, counted from the first pixel that is no border.
-    black, white : float
-        Digital numbers of 0 and 1; where black varies over the plane, its mean.
-    bad_pixels : (n, 2) intp
-        [row, column] of pixels stuck at white or at the digital number 0.
-    raw : bool
-        Whether it comes from a RAW file or a sensor's dump, processed by the camera at most.
+    black, white : float, digital numbers of 0 and 1; where black varies over the plane, its mean
+    bad_pixels : (n, 2) intp, [row, column] of pixels stuck at white or at the digital number 0
+    raw : bool, whether it comes from a RAW file or a sensor's dump, processed by the camera at most
     """
 
     name: str
-    samples: npt.NDArray[np.float32]
+    samples: Array32
     quantisation: float
     pitch: int = 1
     origin: tuple[int, int] = (0, 0)
@@ -97,8 +87,7 @@ class Plane:
         return cls(name, ((samples - black) / (white - black)).astype(np.float32), step, black=black, white=white)
 
 
-UNLIKELY_IN_RAW = 0.3
-"""Prior of processing as a cause for a RAW file, relative to a picture written by a program."""
+UNLIKELY_IN_RAW = 0.3  # prior of processing as a cause for a RAW file, relative to a picture written by a program
 
 
 def unprocessed(raw: bool, remedy: str) -> str:
@@ -160,23 +149,14 @@ def read_frame(
 
     RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files and monochrome DNGs give Y.
 
-    Parameters
-    ----------
     path : path of the file
-    names : sequence of str, optional
-        Planes to read; all by default. Others take no memory.
-    layout : DumpLayout, optional
-        Layout of a file without a header; the file is then read only in this layout.
-    data : bytes, optional
-        Content of the file, if already read. Hash and planes always refer to the same bytes, even if the file is
-        replaced meanwhile.
+    names : sequence of str, planes to read; all by default. Others take no memory.
+    layout : DumpLayout, layout of a file without a header; the file is then read only in this layout
+    data : bytes, content of the file, if already read. Hash and planes always refer to the same bytes, even if the file
+        is replaced meanwhile.
 
-    Raises
-    ------
-    BadInput
-        If there is no such file, it is not a linear mosaic or grey image, or parts of it are missing.
-    BadParameter
-        If the file does not have a requested plane.
+    Raises BadInput if there is no such file, it is not a linear mosaic or grey image, or parts of it are missing;
+    BadParameter if the file does not have a requested plane.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
@@ -193,7 +173,10 @@ def _decoded(
     path: Path, data: bytes, names: Sequence[str] | None, layout: DumpLayout | None
 ) -> tuple[dict[str, Plane], Exposure]:
     with decoding(str(path), "a photograph", _COPY):
-        return _reader(path, data, layout)(path, BytesIO(data), names)
+        if layout:
+            return _read_dump(layout, path, BytesIO(data), names)
+        read = _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
+        return read(path, BytesIO(data), names)
 
 
 def read_photograph(path: Path) -> bytes:
@@ -208,12 +191,6 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
     with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
         grey = _kind(Path(path), file) in _GREY_READERS or is_monochrome(mosaic_tags(file, str(path)))
         return GREY_PLANE if grey else "G1"
-
-
-def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
-    if layout:
-        return partial(_read_dump, layout)
-    return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
 # --- kinds of file ---
@@ -235,20 +212,16 @@ def _kind(path: Path, file: BinaryIO) -> str:
         return "png"
     if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
-    _refuse_by_name(path, head)
-    if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
-        raise BadInput(f"{path} must have the header of a RAW format; it has none", _DUMP)
-    return "raw"
-
-
-def _refuse_by_name(path: Path, head: bytes) -> None:
-    """Raise BadInput for formats without a linear plane."""
+    # raise BadInput for formats without a linear plane
     if head.startswith(b"\xff\xd8\xff"):
         raise BadInput(f"{path} is a JPEG, which is not linear in light", _EXPORT)
     if head[:2] in (b"P3", b"P6"):
         raise BadInput(f"{path} is a PPM with three colours; one linear plane is required", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
+    if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
+        raise BadInput(f"{path} must have the header of a RAW format; it has none", _DUMP)
+    return "raw"
 
 
 def _is_text(head: bytes) -> bool:
@@ -300,14 +273,16 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
     with captured_noise() as noise:
         try:
             with rawpy.imread(file) as raw:  # decodes on first access to the samples
-                _check_room(path, raw)
+                rows, columns = raw.sizes.raw_height, raw.sizes.raw_width
+                Room(str(path)).take(BYTES * rows * columns, f"{columns} x {rows} samples")
                 planes_and_exposure = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
         except rawpy.LibRawError as error:
             failure = error
     if noise.errors or isinstance(failure, rawpy.LibRawIOError):
         raise BadInput(f"{path} is truncated or damaged: RAW data are missing", _COPY) from failure
     if planes_and_exposure is None:
-        raise BadInput(f"{path} is not a RAW file that LibRaw {_libraw(rawpy)} can open", _EXPORT) from failure
+        version = ".".join(map(str, rawpy.libraw_version))
+        raise BadInput(f"{path} is not a RAW file that LibRaw {version} can open", _EXPORT) from failure
     return planes_and_exposure
 
 
@@ -338,17 +313,7 @@ def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
 _COPY = "copy it from the camera's card again"
 
 
-BYTES = 4
-"""Bytes of a sample in memory."""
-
-
-def _check_room(path: Path, raw: Any) -> None:
-    rows, columns = raw.sizes.raw_height, raw.sizes.raw_width
-    Room(str(path)).take(BYTES * rows * columns, f"{columns} x {rows} samples")
-
-
-def _libraw(rawpy: Any) -> str:
-    return ".".join(str(n) for n in rawpy.libraw_version)
+BYTES = 4  # bytes of a sample in memory
 
 
 def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> dict[str, Plane]:
@@ -379,15 +344,13 @@ def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | N
     return _scaled_plane(GREY_PLANE, visible, black, float(raw.white_level))
 
 
-def _check_white(path: Path, raw: Any, black: npt.NDArray[np.float32]) -> None:
-    """Raise BadInput unless white lies above black."""
+def _check_white(path: Path, raw: Any, black: Array32) -> None:
     if raw.white_level <= black.max():
         reason = f"{path} must have its white level above its black level {black.max():g}; it is {raw.white_level}"
         raise BadInput(reason, _COPY)
 
 
 def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
-    """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
     # LibRaw gives arbitrary answers for a DNG without a colour pattern
     if raw.num_colors == 1 or (tags and CFA_PATTERN not in tags):
         raise BadInput(f"{path} is from a monochrome sensor; a Bayer mosaic is required", _MONOCHROME)
@@ -423,7 +386,7 @@ def _positions(raw: Any) -> dict[str, tuple[int, int]]:
     return {"R": (row, column), "G1": (row, 1 - column), "G2": (1 - row, column), "B": (1 - row, 1 - column)}
 
 
-def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> Array32:
     """Black level of a plane in digital numbers, one number or one per row and column.
 
     The file's level (DNG BlackLevel, relative to ActiveArea) has priority: LibRaw replaces it by the mean of
@@ -447,10 +410,9 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 
 
 def _scaled_plane(
-    name: str, levels: Samples, black: npt.NDArray[np.float32], white: float, position: tuple[int, int] | None = None,
+    name: str, levels: Samples, black: Array32, white: float, position: tuple[int, int] | None = None,
     *, raw: bool = True,
 ) -> Plane:  # fmt: skip
-    """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)
     samples -= black

@@ -24,16 +24,11 @@ from procedures.psf import Psf
 
 Indices = npt.NDArray[np.intp]
 
-OVERSAMPLING = 4
-"""Points per sample of the sum inside a circle."""
-SECTION_OVERSAMPLING = 16
-"""Points per sample of a section whose width is measured."""
-INNER_BAND = 0.67
-"""Share of the band inside its outer third."""
-CIRCLES = (0.5, 0.8)
-"""Shares of the total energy whose radii are reported."""
-INTERPOLATION_MARGIN = 4
-"""Samples around the support required for interpolation."""
+OVERSAMPLING = 4  # points per sample of the sum inside a circle
+SECTION_OVERSAMPLING = 16  # points per sample of a section whose width is measured
+INNER_BAND = 0.67  # share of the band inside its outer third
+CIRCLES = (0.5, 0.8)  # shares of the total energy whose radii are reported
+INTERPOLATION_MARGIN = 4  # samples around the support required for interpolation
 
 
 @dataclass(frozen=True)
@@ -61,7 +56,19 @@ def whole_numbers(psf: Psf) -> list[DrawnNumber]:
 
 def centred_numbers(psf: Psf) -> list[DrawnNumber]:
     """Widths of the sections through the centre, and radii of encircled energy about it."""
-    return [_width(psf, FWHM_HORIZONTAL, 1), _width(psf, FWHM_VERTICAL, 0), *_encircled(psf)]
+    image, numbers = psf.extended(), []
+    for share in CIRCLES:
+        one, by_image = circle(psf, image, share), np.zeros_like(image)
+        gradient = np.full(len(psf.parameters), np.nan)
+        if np.isfinite(one.radius):
+            rim = (len(image) - one.size) // 2
+            within = _fine_grid(one.size, psf.s).within(one.radius)
+            by_image[rim : len(image) - rim, rim : len(image) - rim] = within
+            gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
+        numbers.append(
+            DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
+        )
+    return [_width(psf, FWHM_HORIZONTAL, 1), _width(psf, FWHM_VERTICAL, 0), *numbers]
 
 
 def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
@@ -115,7 +122,6 @@ def section_widths(psf: Psf) -> tuple[float, float]:
 
 
 def _width(psf: Psf, name: str, axis: int) -> DrawnNumber:
-    """Width along rows (axis 1) or columns (axis 0) as in `section_widths`, with its gradient."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
     used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
@@ -273,23 +279,6 @@ def name_of_circle(share: float) -> str:
     return f"encircled_energy_{share * 100:.0f}"
 
 
-def _encircled(psf: Psf) -> list[DrawnNumber]:
-    """Radii of encircled energy of the band-limited PSF."""
-    image, numbers = psf.extended(), []
-    for share in CIRCLES:
-        one, by_image = circle(psf, image, share), np.zeros_like(image)
-        gradient = np.full(len(psf.parameters), np.nan)
-        if np.isfinite(one.radius):
-            rim = (len(image) - one.size) // 2
-            within = _fine_grid(one.size, psf.s).within(one.radius)
-            by_image[rim : len(image) - rim, rim : len(image) - rim] = within
-            gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
-        numbers.append(
-            DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
-        )
-    return numbers
-
-
 def _moment_weight(psf: Psf) -> Array:
     """Gaussian weight (k^2,) as wide as the PSF's core, without which noise of far samples dominates the moments."""
     middle = psf.k // 2
@@ -300,7 +289,6 @@ def _moment_weight(psf: Psf) -> Array:
 
 
 def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
-    """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
     x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
     w = _moment_weight(psf)
     monomials = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]) * w[:, None]

@@ -8,18 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, name_at
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Complex, Mask
 from procedures.numerics.kernel_tail import tail_border, tail_kernels, tail_spectra
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
 
-Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
+Otf = Callable[[Array, Array], Complex]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
-NYQUIST = 0.5
-"""Cycles per pixel."""
-CHUNK = 16
-"""Number of frequencies by which a curve is extended until it crosses a level."""
+NYQUIST = 0.5  # cycles per pixel
+CHUNK = 16  # number of frequencies by which a curve is extended until it crosses a level
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
@@ -35,8 +33,6 @@ def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
 def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
     """|OTF| over the square |fx|, |fy| <= s/2.
 
-    Parameters
-    ----------
     n : frequencies along each axis, odd
 
     Returns
@@ -131,13 +127,10 @@ def _root(bend: float, tilt: float, above: float) -> float:
 
 # --- Radial profile of a PSF: mean over directions, and encircled energy, from the centre to the end of the tail ---
 
-STEPS_PER_SAMPLE = 2
-"""Circles per sample inside the support."""
-RADIUS_RATIO = 1.2
-"""Ratio of successive radii outside the support."""
+STEPS_PER_SAMPLE = 2  # circles per sample inside the support
+RADIUS_RATIO = 1.2  # ratio of successive radii outside the support
 DIRECTIONS = 32
-OVERSAMPLING = 4
-"""Points per sample of the sum inside a circle."""
+OVERSAMPLING = 4  # points per sample of the sum inside a circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +193,18 @@ def _weights(k: int, *, with_tail: bool) -> tuple[Array, Array, Array]:
     for weights in (_on_circles(radius, offsets, k), _inside_circles(radius, offsets)):
         inside = weights[:, rows, rows].reshape(len(radius), -1)
         contributions.append(np.hstack([inside, weights.reshape(len(radius), -1) @ images]))
-    contributions[0][:, k * k :] += _tail_on_circles(radius, k)
+    # contributions (n, q) of unit amplitudes to the mean on circles outside the support, where the shapes are powers
+    # of r, the anisotropic ones times cosines and sines of the direction
+    (x, y), kernels, at = _circles(radius), tail_kernels(k), k // 2 + 1
+    r, angle = np.maximum(np.hypot(x, y), 1.0), np.arctan2(y, x)
+    mean, close = (
+        shape[len(shape) // 2, len(shape) // 2 + at] * (at / r) ** power
+        for shape, power in zip(kernels[:2], (3, 5), strict=True)
+    )
+    anisotropic = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
+    outside = ~_within(x, y, k)
+    tail_on_circles = np.stack([(shape * outside).mean(axis=1) for shape in (mean, close, *anisotropic)], axis=1)
+    contributions[0][:, k * k :] += tail_on_circles
     return radius, contributions[0], contributions[1]
 
 
@@ -210,7 +214,7 @@ def _circles(radius: Array) -> tuple[Array, Array]:
     return radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
 
 
-def _within(x: Array, y: Array, k: int) -> npt.NDArray[np.bool_]:
+def _within(x: Array, y: Array, k: int) -> Mask:
     return np.asarray(np.maximum(np.abs(x), np.abs(y)) <= k / 2)
 
 
@@ -223,20 +227,6 @@ def _on_circles(radius: Array, offsets: npt.NDArray[np.intp], k: int) -> Array:
     across, down = (np.sinc(at[..., None] - offsets) for at in (x, y))
     contributions[reaching] = (down * _within(x, y, k)[..., None]).transpose(0, 2, 1) @ across / DIRECTIONS
     return contributions
-
-
-def _tail_on_circles(radius: Array, k: int) -> Array:
-    """Contributions (n, q) of unit amplitudes to the mean on circles outside the support, where the shapes are powers
-    of r, the anisotropic ones times cosines and sines of the direction."""
-    (x, y), kernels, at = _circles(radius), tail_kernels(k), k // 2 + 1
-    r, angle = np.maximum(np.hypot(x, y), 1.0), np.arctan2(y, x)
-    mean, close = (
-        shape[len(shape) // 2, len(shape) // 2 + at] * (at / r) ** power
-        for shape, power in zip(kernels[:2], (3, 5), strict=True)
-    )
-    anisotropic = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
-    outside = ~_within(x, y, k)
-    return np.stack([(shape * outside).mean(axis=1) for shape in (mean, close, *anisotropic)], axis=1)
 
 
 def _inside_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:

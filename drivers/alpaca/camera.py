@@ -17,8 +17,7 @@ from drivers.wire.connection import LineDevice, closed_after_errors, not_connect
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
-IDLE, FAILED = 0, 5
-"""Numbers of the camera's states."""
+IDLE, FAILED = 0, 5  # numbers of the camera's states
 IDLE_POLLS = 3
 """Consecutive polls of an idle camera without an image after which its exposure counts as aborted elsewhere."""
 TILE = ("RG", "GB")
@@ -67,7 +66,6 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
         return identity
 
     def _set(self, name: str, value: int) -> None:
-        """Set a number of the camera, and read it back. Raises DeviceError."""
         self._link.put(name.lower(), **{name: value})
         there = int(self._link.number_of(name.lower()))
         if there != value:
@@ -150,7 +148,6 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
         return Frame(levels.astype(np.uint16), sensor.cfa, sensor.white, exposure_s, comment)
 
     def _reported_exposure_s(self, duration_s: float) -> float:
-        """The exposure time reported by the camera, or else the requested one."""
         try:
             return self._link.number_of("lastexposureduration")
         except Rejected:

@@ -25,8 +25,7 @@ from drivers.making import DriverOptions, MakerContext
 from drivers.options import Count, Uncertainty, option
 from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
-CLIENT = os.getpid() & 0xFFFF
-"""The client number of this program."""
+CLIENT = os.getpid() & 0xFFFF  # the client number of this program
 PREEMPT_S, PREEMPT_TRIES = 10.0, 3
 """How long a stop waits for its server's answer, and how often it is sent; the caller does not wait for it. A slow
 server may drop the request of a client that has disconnected.
@@ -36,8 +35,7 @@ HEADER = struct.Struct("<11i")
 ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
 """Integer types in which an image is transmitted, by the standard's numbers."""
 REQUEST_S = 5.0
-NOT_NOW = "0x40b"
-"""Error code of an operation that is not possible at this moment."""
+NOT_NOW = "0x40b"  # error code of an operation that is not possible at this moment
 NO_CONNECTION = 0x407
 REMEDIES = {0x400: "use a device that has it", 0x401: "give another value", 0x40B: "do what it says, then repeat"}
 """Remedies of the standard's errors, by number: not implemented, invalid value, invalid operation."""
@@ -274,7 +272,6 @@ class AlpacaProbe(LineDevice[AlpacaLink]):
         return True
 
     def read(self) -> Mapping[str, ProbeReading]:
-        """Its quantities now. Raises DeviceError, NoReading if it cannot measure."""
         try:
             values = {name: self._link.number_of(name) for name in self._quantities}
         except Rejected as error:

@@ -114,7 +114,6 @@ class AlpacaStage(ServedStage[FocuserAxis]):
         return all(part.link.is_open for part in self._by_axis.values())
 
     def travel(self) -> Mapping[str, Travel]:
-        """The range of each axis; known once connected."""
         return {name: part.scale.travel for name, part in self._by_axis.items()} if self._is_open else {}
 
     def position(self) -> Mapping[str, float]:

@@ -66,11 +66,9 @@ class AlpacaLight(Lamp[AlpacaSwitch]):
         self._switch = switch
 
     def connect(self) -> Identity:
-        """Connect, and read name and range. Raises DeviceError."""
         return self._switch.connect()
 
     def set_level(self, level: float) -> None:
-        """Set a fraction of its range. Raises DeviceError."""
         switch = self._switch
         value = switch.low + check_level(level) * (switch.high - switch.low)
         switch.link.put("setswitchvalue", Id=switch.switch, Value=value)

@@ -16,13 +16,10 @@ from drivers.options import option, positive, text
 from drivers.wire.connection import closed_after_errors, not_connected
 
 BUFFERS = 4
-SLICE_S = 0.05
-"""Interval at which a wait for a frame checks for a stop."""
+SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 MICROSECONDS = 1e6
-ROUNDING = 0.05
-"""Allowed relative deviation from the requested exposure: cameras count in lines or clock ticks."""
-GAIN_STEP_DB = 0.1
-"""Allowed deviation from the requested gain."""
+ROUNDING = 0.05  # allowed relative deviation from the requested exposure: cameras count in lines or clock ticks
+GAIN_STEP_DB = 0.1  # allowed deviation from the requested gain
 REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool-0.8 features` lists them"
 
 
@@ -78,7 +75,19 @@ class GenicamCamera(FrameCamera):
             self._camera = self._aravis.Camera.new(self._name or None)
         with closed_after_errors(self):
             identity = self._identify()
-            self._set_up()
+            camera, aravis = self._camera, self._aravis
+            with translated_errors(self.address, REMEDY):
+                for feature in ("ExposureAuto", "GainAuto"):
+                    if camera.is_feature_available(feature):
+                        camera.set_string(feature, "Off")
+                self._form = self._chosen_format(list(camera.dup_available_pixel_formats_as_strings()))
+                camera.set_pixel_format_from_string(self._form.name)
+                camera.set_acquisition_mode(aravis.AcquisitionMode.CONTINUOUS)
+                if not camera.is_software_trigger_supported():
+                    raise BadConfiguration(f"{self.address} cannot be triggered by software", "use another camera")
+                camera.set_trigger("Software")
+                if self._wanted.gain_db is not None:
+                    self._set_gain(self._wanted.gain_db)
             self._start()
         return identity
 
@@ -102,21 +111,6 @@ class GenicamCamera(FrameCamera):
                 return str(self._camera.get_string(feature))
         return ""
 
-    def _set_up(self) -> None:
-        camera, aravis = self._camera, self._aravis
-        with translated_errors(self.address, REMEDY):
-            for feature in ("ExposureAuto", "GainAuto"):
-                if camera.is_feature_available(feature):
-                    camera.set_string(feature, "Off")
-            self._form = self._chosen_format(list(camera.dup_available_pixel_formats_as_strings()))
-            camera.set_pixel_format_from_string(self._form.name)
-            camera.set_acquisition_mode(aravis.AcquisitionMode.CONTINUOUS)
-            if not camera.is_software_trigger_supported():
-                raise BadConfiguration(f"{self.address} cannot be triggered by software", "use another camera")
-            camera.set_trigger("Software")
-            if self._wanted.gain_db is not None:
-                self._set_gain(self._wanted.gain_db)
-
     def _chosen_format(self, offered: list[str]) -> PixelFormat:
         wanted = self._wanted.pixel_format
         form = pixel_format(wanted) if wanted else deepest(offered)
@@ -136,7 +130,6 @@ class GenicamCamera(FrameCamera):
             raise Rejected(f"{self.address} is set to {there_db:g} dB instead of {gain_db:g} dB", REMEDY)
 
     def _start(self) -> None:
-        """Queue buffers and arm the trigger."""
         with translated_errors(self.address, "check the network: jumbo frames, firewall, a free port", LineLost):
             self._stream = self._camera.create_stream(None, None)
             size = self._camera.get_payload()
@@ -217,15 +210,7 @@ class GenicamCamera(FrameCamera):
                 self._stream.push_buffer(stale)
             begun_s = self.clock.now_s()
             self._camera.software_trigger()
-        buffer = self._frame_within(exposure_s + self._wanted.patience_s)
-        try:
-            frame = self._read(buffer, exposure_s, gain_db)
-        finally:
-            self._stream.push_buffer(buffer)
-        times = ShutterTimes(begun_s, begun_s + exposure_s)
-        return self._frames.keep(frame, self._body, self.settings, requested_s, times)
-
-    def _frame_within(self, limit_s: float) -> Any:
+        limit_s = exposure_s + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
         while (buffer := self._stream.timeout_pop_buffer(int(SLICE_S * MICROSECONDS))) is None:
             self._one_frame.check()
@@ -233,7 +218,12 @@ class GenicamCamera(FrameCamera):
                 raise LineLost(f"{self.address} is gone", "check its power and cable, then connect it again")
             if self.clock.now_s() > deadline_s:
                 raise FrameMissing(f"no frame came from {self.address} within {limit_s:g} s", "check its trigger")
-        return buffer
+        try:
+            frame = self._read(buffer, exposure_s, gain_db)
+        finally:
+            self._stream.push_buffer(buffer)
+        times = ShutterTimes(begun_s, begun_s + exposure_s)
+        return self._frames.keep(frame, self._body, self.settings, requested_s, times)
 
     def _read(self, buffer: Any, exposure_s: float, gain_db: float | None) -> Frame:
         """The frame in a buffer. Raises FrameMissing if packets of it were lost."""
@@ -296,5 +286,4 @@ def translated_errors(address: str, remedy: str, kind: type[DeviceError] = Rejec
         raise kind(f"{address}: {error.message}", remedy) from error
 
 
-TIMEOUT = 4
-"""Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)."""
+TIMEOUT = 4  # Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)

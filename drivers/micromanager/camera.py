@@ -98,8 +98,7 @@ def check_device(core: Any, label: str, kind: int, what: str, config: str) -> No
         raise BadConfiguration(f"{config}: {label} {state}; a {what} is required", f"name one of its {what}s: {there}")
 
 
-CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6
-"""Micro-Manager's device type numbers (MMDeviceConstants.h)."""
+CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6  # Micro-Manager's device type numbers (MMDeviceConstants.h)
 
 
 Label = Annotated[str, text('"Camera"', "a device's label in that configuration in quotes")]
@@ -165,8 +164,7 @@ class CoreDevice(ABC):
         return core
 
 
-GAIN_ROUNDING = 0.01
-"""Allowed relative deviation from the requested gain."""
+GAIN_ROUNDING = 0.01  # allowed relative deviation from the requested gain
 REMEDY = "check its power and cable, then connect it again"
 
 
@@ -191,7 +189,6 @@ class MicroManagerCamera(CoreDevice, FrameCamera):
             self._set_gain(core, self._gain)
 
     def _set_gain(self, core: Any, gain: float) -> None:
-        """Set the gain, and read it back. Raises Rejected."""
         remedy = "write a gain that its property Gain takes, or remove it"
         with translated_errors(self.address, remedy):
             core.setProperty(self._label, "Gain", f"{gain:g}")

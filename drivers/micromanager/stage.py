@@ -88,7 +88,6 @@ class MicroManagerStage(CoreDevice, ServedStage[str]):
         return Condition("idle", caveat=caveat)
 
     def travel(self) -> Mapping[str, Travel]:
-        """The configured range of each axis."""
         return {axis.name: Travel(*axis.travel) for axis in self._axes}
 
     def position(self) -> Mapping[str, float]:
@@ -170,7 +169,6 @@ class MicroManagerStage(CoreDevice, ServedStage[str]):
 
 
 def _halted(core: Any, label: str) -> bool:
-    """Whether the device accepted a stop."""
     try:
         core.stop(label)
     except RuntimeError:

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Generic, TypeVar
 
+E = TypeVar("E")
 BAD = -1
 MORE = 0
 
@@ -25,7 +27,6 @@ class LineSplitter:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines completed by these bytes."""
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         self._rest = rest[-self._longest :]  # noise without a line end must not fill the memory
         return [line[-self._longest :] for line in lines if line]
@@ -62,6 +63,23 @@ class FrameSplitter:
             at += length
         self._rest = buffer[at:]
         return frames
+
+
+class Decoder(Generic[E]):
+    """Bytes to events: the lines or frames of a new splitter, decoded; those decoded to None are dropped."""
+
+    def __init__(
+        self, splitter: Callable[[], LineSplitter | FrameSplitter], decode: Callable[[bytes], E | None]
+    ) -> None:
+        self._splitter, self._decode = splitter(), decode
+
+    def feed(self, data: bytes) -> list[E]:
+        return [event for piece in self._splitter.feed(data) if (event := self._decode(piece)) is not None]
+
+
+def text_of(line: bytes) -> str:
+    """A line of ASCII without blanks at its ends."""
+    return line.decode("ascii", "replace").strip()
 
 
 # --- Codes that devices send, with reason and remedy: the tables of `codes.csv` ---

@@ -5,13 +5,14 @@ Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core 
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal, TypeVar
 
 from drivers.interfaces import Travel
 from drivers.options import AxisName, Interval, option, positive
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine, numbered
+from drivers.protocols.framing import Decoder, LineSplitter, UnrecognisedLine, numbered
 
 Default = TypeVar("Default", bound=float | None)
 
@@ -31,8 +32,7 @@ PAUSES: dict[tuple[str, int], tuple[str, str]] = {
 RESUMABLE = (("Door", 0), ("Hold", 0))
 DOOR_MESSAGE = "Check Door"
 """The message of an opened door; grblHAL's reports show a jog paused by it as still running."""
-MOTORS_HELD = 255.0
-"""`$1`: milliseconds after which motors at rest are released; this value keeps them on."""
+MOTORS_HELD = 255.0  # `$1`: milliseconds after which motors at rest are released; this value keeps them on
 
 
 def error_text(code: int) -> tuple[str, str]:
@@ -172,25 +172,15 @@ def read_line(raw: bytes) -> Event:
     return UnrecognisedLine(raw)
 
 
-class GrblParser:
-    """Bytes to events, one per line."""
-
-    def __init__(self) -> None:
-        self._lines = LineSplitter()
-
-    def feed(self, data: bytes) -> list[Event]:
-        """The events completed by these bytes."""
-        return [read_line(line) for line in self._lines.feed(data)]
+GrblParser = partial(Decoder[Event], LineSplitter, read_line)
 
 
 # --- Limits of an axis according to the settings of a GRBL-like controller: travel, speed, acceleration ---
 # Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` among the options of `$I`, bit 3 of
 # grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC reports its ends.
 
-FORCE_ORIGIN = 8
-"""Bit of grblHAL's `$22`: homing sets the origin."""
-HOME_FIRST = 4
-"""Bit of grblHAL's `$22`: locked after power-up until homed, as GRBL always is."""
+FORCE_ORIGIN = 8  # bit of grblHAL's `$22`: homing sets the origin
+HOME_FIRST = 4  # bit of grblHAL's `$22`: locked after power-up until homed, as GRBL always is
 SEARCH_AND_BACK, SEARCH_AGAIN = 2.5, 12.0
 """Search distances of homing: in travels when fast, in pull-offs when slow (grblHAL uses ten, GRBL five)."""
 
@@ -271,18 +261,16 @@ class Controls:
         seek, feed = self.positive(25, 500.0), self.positive(24, 25.0)
         slow_way = self.positive(43, 1.0) * SEARCH_AGAIN * self.positive(27, 1.0)
         minutes = 0.0
-        for together in self._homing_cycles(lengths):
+        # axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others
+        masks = [self.bits(44 + i) for i in range(6)]
+        masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
+        groups = [[i for i in lengths if mask >> i & 1] for mask in masks]
+        homing_cycles = [together for together in groups if together]
+        for together in homing_cycles:
             rate = min(self.positive(110 + i, seek) for i in together)
             longest = max(lengths[i] for i in together)
             minutes += 2 * SEARCH_AND_BACK * longest / min(seek, rate) + slow_way / min(feed, rate)
         return 10.0 + 60 * minutes
-
-    def _homing_cycles(self, axes: Iterable[int]) -> list[list[int]]:
-        """Axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others."""
-        masks = [self.bits(44 + i) for i in range(6)]
-        masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
-        groups = [[i for i in axes if mask >> i & 1] for mask in masks]
-        return [together for together in groups if together]
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,7 @@ REPLY_S = 1.0
 STATUS_S = 0.5
 STILL = ("Idle", "Alarm", "Sleep", "Check")
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
-RESETS = 4
-"""Resets sent in that time: GRBL ignores input for half a second after `ALARM:1` and `ALARM:2`."""
+RESETS = 4  # resets sent in that time: GRBL ignores input for half a second after `ALARM:1` and `ALARM:2`
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,17 @@ class GrblLink:
                 identity = self._identify()
             self._settings, self._spaces = self._twice_alike(self._read_settings), {}
             if identity.model == "FluidNC":
-                self._read_configuration()
+                # FluidNC's own settings; its numbered ones are a subset for compatibility
+                letters = self.letters[: len(self.report().machine)]
+                values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
+                self._settings |= read_settings(letters, values.get)
+                self._spaces = {}
+                for at, letter in enumerate(letters):
+                    axis = f"axes/{letter.lower()}"
+                    end, length = (number(values.get(f"{axis}/{name}")) for name in ("homing/mpos_mm", "max_travel_mm"))
+                    if end is not None and length is not None:
+                        up = values.get(f"{axis}/homing/positive_direction") != "false"
+                        self._spaces[at] = (end - length, end) if up else (end, end + length)
         self._ready, self.trust.why = True, UNHOMED
         return identity
 
@@ -169,13 +178,6 @@ class GrblLink:
                 return now
             before = now
         raise NoAnswer(f"{self.address} reports different settings each time", "check the cable")
-
-    def _read_configuration(self) -> None:
-        """FluidNC's own settings; its numbered ones are a subset for compatibility."""
-        letters = self.letters[: len(self.report().machine)]
-        values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
-        self._settings |= read_settings(letters, values.get)
-        self._spaces = read_spaces(letters, values.get)
 
     def _item(self, path: str) -> str | None:
         try:
@@ -368,8 +370,7 @@ class GrblOutput(LineDevice[GrblLink]):
 # `$/axes/x/max_travel_mm` is answered by `$/axes/x/max_travel_mm=300.000`; an item that does not exist by an error.
 # Source: FluidNC, Machine/Axis.cpp, Homing.cpp, Motor.cpp, Configuration/RuntimeSetting.cpp.
 
-Ask = Callable[[str], str | None]
-"""The value of one item, None if the controller does not have it."""
+Ask = Callable[[str], str | None]  # the value of one item, None if the controller does not have it
 
 MACHINE = {1: "stepping/idle_ms", 13: "report_inches"}
 AXIS = {100: "steps_per_mm", 110: "max_rate_mm_per_min", 120: "acceleration_mm_per_sec2", 130: "max_travel_mm"}
@@ -406,18 +407,3 @@ def read_settings(letters: str, ask: Ask) -> dict[int, float]:
         if values:
             settings[n] = max(values) if n in (21, 27) else min(values)
     return settings
-
-
-def read_spaces(letters: str, ask: Ask) -> dict[int, tuple[float, float]]:
-    """Both ends of each axis in machine coordinates, by its index among the letters.
-
-    An axis ends at `mpos_mm` on the side where it homes; an axis that does not home is omitted.
-    """
-    spaces = {}
-    for at, letter in enumerate(letters):
-        axis = f"axes/{letter.lower()}"
-        end, length = number(ask(f"{axis}/homing/mpos_mm")), number(ask(f"{axis}/max_travel_mm"))
-        if end is not None and length is not None:
-            up = ask(f"{axis}/homing/positive_direction") != "false"
-            spaces[at] = (end - length, end) if up else (end, end + length)
-    return spaces

@@ -10,8 +10,9 @@ CRC-16/CCITT-FALSE over all bytes before it; ver 1 carries samples, ver 0 a text
 import binascii
 import struct
 from dataclasses import dataclass
+from functools import partial
 
-from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter
 
 WIT_KINDS = frozenset(range(0x50, 0x5B)) | {0x5F}
 WIT_LENGTH = 11
@@ -46,15 +47,9 @@ def _measure_wit(head: bytes) -> int:
     return WIT_LENGTH if sum(head[:10]) & 0xFF == head[10] else BAD
 
 
-class WitParser:
-    """Bytes to 0x55 frames."""
-
-    def __init__(self) -> None:
-        self._frames = FrameSplitter(b"\x55", _measure_wit)
-
-    def feed(self, data: bytes) -> list[WitFrame]:
-        """The frames completed by these bytes."""
-        return [WitFrame(frame[1], frame[2:10]) for frame in self._frames.feed(data)]
+WitParser = partial(
+    Decoder[WitFrame], partial(FrameSplitter, b"\x55", _measure_wit), lambda frame: WitFrame(frame[1], frame[2:10])
+)
 
 
 def cobs_decode(stuffed: bytes) -> bytes | None:
@@ -116,7 +111,6 @@ class FastParser:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[SampleBatch | TextMessage]:
-        """The events completed by these bytes."""
         *frames, rest = (self._rest + data).split(b"\0")
         self._rest = rest[-LONGEST_COBS:]
         return [event for frame in frames if frame and (event := read_fast(frame[-LONGEST_COBS:])) is not None]

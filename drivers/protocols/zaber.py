@@ -7,8 +7,9 @@ Source: Zaber ASCII protocol manual.
 
 import re
 from dataclasses import dataclass
+from functools import partial
 
-from drivers.protocols.framing import LineSplitter, UnrecognisedLine, codes
+from drivers.protocols.framing import Decoder, LineSplitter, UnrecognisedLine, codes
 
 REJECTIONS = codes("zaber rejection")
 FLAGS = codes("zaber flag")
@@ -77,12 +78,4 @@ def read_line(raw: bytes) -> Event:
     return UnrecognisedLine(raw)
 
 
-class ZaberParser:
-    """Bytes to events, one per line."""
-
-    def __init__(self) -> None:
-        self._lines = LineSplitter()
-
-    def feed(self, data: bytes) -> list[Event]:
-        """The events completed by these bytes."""
-        return [read_line(line) for line in self._lines.feed(data)]
+ZaberParser = partial(Decoder[Event], LineSplitter, read_line)

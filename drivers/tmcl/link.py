@@ -54,11 +54,9 @@ class TmclLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is owned and has not been lost."""
         return self._transport.is_open
 
     def open(self, listen: Callable[[bytes, float], None]) -> None:
-        """Open the port. Raises LineLost."""
         self._mark_all_pending()
         self._transport.open(listen)
 
@@ -66,7 +64,6 @@ class TmclLink:
         self._transport.close()
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a change without a request. Raises what interrupts it."""
         return self._transport.wait(ready, timeout_s)
 
     def write(self, data: bytes, *, noted: bool = True, within_s: float = WRITE_S) -> None:
@@ -162,8 +159,6 @@ def stop_bytes(motors: Iterable[tuple[int, int]]) -> bytes:
 
 
 class _Library:
-    """The parts of pytrinamic in use."""
-
     def __init__(self) -> None:
         try:
             from pytrinamic.connections.tmcl_interface import TmclInterface
@@ -218,11 +213,9 @@ def library() -> _Library:
 # Source: TMCL firmware manuals, "binary command format" and "reply format".
 
 LENGTH = 9
-OK, LOADED, DAMAGED = 100, 101, 1
-"""Statuses: done, stored for later, and wrong checksum of the order."""
+OK, LOADED, DAMAGED = 100, 101, 1  # statuses: done, stored for later, and wrong checksum of the order
 STATUSES = frozenset({*range(1, 16), OK, LOADED})
-MODULE, STATUS, COMMAND = 1, 2, 3
-"""Byte positions in an answer."""
+MODULE, STATUS, COMMAND = 1, 2, 3  # byte positions in an answer
 
 
 def checksum(body: bytes) -> int:
@@ -237,7 +230,6 @@ class TmclParser:
         self._received = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The datagrams completed by these bytes."""
         self._received += data
         frames = []
         while len(self._received) >= LENGTH:

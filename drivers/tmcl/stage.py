@@ -20,10 +20,8 @@ from drivers.polled_stage import AxisStage, AxisState
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, TmclParser, stop_bytes
 from drivers.wire.connection import anything, roll_call
 
-START, STATUS = 0, 2
-"""Phases of a reference search."""
-VARIABLES = 2
-"""The bank of a module's user variables."""
+START, STATUS = 0, 2  # phases of a reference search
+VARIABLES = 2  # the bank of a module's user variables
 PRECISION_STEPS = 2
 TRIES = 3
 
@@ -94,7 +92,20 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
         return self._link.host(allowed, tries)
 
     def _prepare(self, axis: TmclAxis) -> tuple[Travel, float]:
-        envelope = read_envelope(axis.name, ask_parameters(self._host(), axis.module, axis.motor))
+        # the parameters of an envelope; `host` raises Rejected for those that the module does not have
+        host = self._host()
+        numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
+        parameters = {number: _one(host, number, axis.module, axis.motor) for number in numbers}
+        speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
+        pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
+        if pulses is not None and ramps is not None:
+            speed *= CLOCK_HZ / 2 ** (pulses + 16)
+            rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
+        if not speed > 0 or not rise > 0:
+            raise BadConfiguration(
+                f"{axis.name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor"
+            )
+        envelope = TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
         self.envelopes[axis.name] = envelope
         return Travel(*axis.travel), envelope.speed * axis.unit_per_step
 
@@ -144,17 +155,6 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
 
     # --- power-cycle detection
 
-    def _seal(self, allowed: Callable[[], None]) -> None:
-        """Write a number into every module, which a power cycle clears together with its position."""
-        self._seals.clear()
-        for module in self._modules:
-            number = 1 + secrets.randbelow(2**31 - 1)
-            try:
-                self._host(allowed).set_global_parameter(self._variable, VARIABLES, number, module)
-            except Rejected:  # it does not have this variable
-                continue
-            self._seals[module] = number
-
     def _check_seals(self) -> None:
         """Raises WasReset if a module has lost its number: its position is meaningless."""
         for module, number in self._seals.items():
@@ -166,9 +166,16 @@ class TmclStage(AxisStage[bytes, TmclAxis]):
     # --- moving
 
     def _begin_homing(self, axis: TmclAxis, allowed: Callable[[], None]) -> None:
-        """Run the reference search configured in the module."""
         if axis is self._axes[0]:
-            self._seal(allowed)
+            # write a number into every module, which a power cycle clears together with its position
+            self._seals.clear()
+            for module in self._modules:
+                number = 1 + secrets.randbelow(2**31 - 1)
+                try:
+                    self._host(allowed).set_global_parameter(self._variable, VARIABLES, number, module)
+                except Rejected:  # it does not have this variable
+                    continue
+                self._seals[module] = number
         self._host(allowed, 1).reference_search(START, axis.motor, axis.module)
 
     def _homing_limit_s(self) -> float:
@@ -239,28 +246,6 @@ class TmclEnvelope:
             remedy = "set parameters 12 and 13 to 0 where there are switches"
             return Caveat(f"an end switch does not stop {name} (parameters 12 and 13)", remedy)
         return None
-
-
-def read_envelope(name: str, parameters: Mapping[int, int | None]) -> TmclEnvelope:
-    """The limits given by the parameters of an axis, None for a number it does not have. Raises BadConfiguration.
-
-    Modules with a TMC428 or TMC429 report speed and acceleration in units of their dividers (data sheet, "velocity
-    and acceleration"); the others in microsteps per second.
-    """
-    speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
-    pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
-    if pulses is not None and ramps is not None:
-        speed *= CLOCK_HZ / 2 ** (pulses + 16)
-        rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
-    if not speed > 0 or not rise > 0:
-        raise BadConfiguration(f"{name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor")
-    return TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
-
-
-def ask_parameters(host: Any, module: int, motor: int) -> dict[int, int | None]:
-    """The parameters of an envelope; `host` raises Rejected for those that the module does not have."""
-    numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
-    return {number: _one(host, number, module, motor) for number in numbers}
 
 
 def _one(host: Any, number: int, module: int, motor: int) -> int | None:

@@ -23,13 +23,10 @@ from drivers.v4l2 import kernel as v4l2
 from drivers.wire.connection import closed_after_errors, line_condition, not_connected
 
 BUFFERS = 4
-SLICE_S = 0.05
-"""Interval at which a wait for a frame checks for a stop."""
+SLICE_S = 0.05  # interval at which a wait for a frame checks for a stop
 EXPOSURE_UNIT_S = 1e-4
-ROUNDING = 0.05
-"""Allowed relative deviation from the requested exposure: the interface counts in units of 0.1 ms."""
-MOST_LISTED = 256
-"""Largest number of formats or sizes of a device."""
+ROUNDING = 0.05  # allowed relative deviation from the requested exposure: the interface counts in units of 0.1 ms
+MOST_LISTED = 256  # largest number of formats or sizes of a device
 DEPTHS = ((8, ""), (10, ""), (12, ""), (14, ""), (16, ""), (10, "csi2"), (12, "csi2"), (14, "csi2"))
 FORMATS = {
     name.ljust(4): PixelFormat(name, bits, packing, cfa)
@@ -124,7 +121,10 @@ class V4l2Camera(FrameCamera):
                 if number in self._controls:
                     self._set(number, min(max(value, self._controls[number].low), self._controls[number].high))
             if self._wanted.gain is not None:
-                self._set_checked(self._gain_control(), self._wanted.gain, "gain")
+                gain = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
+                if gain is None:
+                    raise BadConfiguration(f"{self.address} has no gain to be set", "remove gain from its table")
+                self._set_checked(gain, self._wanted.gain, "gain")
         return identity
 
     def _call(self, request: int, argument: Any) -> Any:
@@ -208,12 +208,6 @@ class V4l2Camera(FrameCamera):
 
     def _get(self, number: int) -> int:
         return int(self._call(v4l2.G_CTRL, v4l2.ControlValue(id=number)).value)
-
-    def _gain_control(self) -> int:
-        number = next((one for one in (v4l2.ANALOGUE_GAIN, v4l2.GAIN) if one in self._controls), None)
-        if number is None:
-            raise BadConfiguration(f"{self.address} has no gain to be set", "remove gain from its table")
-        return number
 
     def _set_checked(self, number: int, value: int, name: str) -> None:
         """Set a control within its limits. Raises Rejected."""

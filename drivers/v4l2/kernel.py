@@ -10,13 +10,11 @@ import select
 from typing import Any
 
 U8, U32, S32 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32
-CAPTURE, MMAP = 1, 1
-"""Kind of the buffers, and of their memory."""
+CAPTURE, MMAP = 1, 1  # kind of the buffers, and of their memory
 CAN_CAPTURE, CAN_STREAM, HAS_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
 BUFFER_ERROR, MONOTONIC, AT_BEGIN = 0x40, 0x2000, 0x10000
 """Flags of a buffer: damaged; time stamps by the monotonic clock; taken when the exposure began, not when it ended."""
-CONTROL_FIXED, DISCRETE = 0x1 | 0x4, 1
-"""Flags of a control that is disabled or read only; kind of a frame size."""
+CONTROL_FIXED, DISCRETE = 0x1 | 0x4, 1  # flags of a control that is disabled or read only; kind of a frame size
 
 
 class Capability(ctypes.Structure):
@@ -143,8 +141,7 @@ S_CTRL = request_number(BOTH, 28, ControlValue)
 QUERYCTRL = request_number(BOTH, 36, ControlRange)
 ENUM_FRAMESIZES = request_number(BOTH, 74, FrameSize)
 
-USER, CAMERA, SOURCE = 0x00980900, 0x009A0900, 0x009E0900
-"""First numbers of the classes of controls."""
+USER, CAMERA, SOURCE = 0x00980900, 0x009A0900, 0x009E0900  # first numbers of the classes of controls
 AUTO_WHITE_BALANCE, GAMMA, AUTOGAIN, GAIN = USER + 12, USER + 16, USER + 18, USER + 19
 SHARPNESS, BACKLIGHT = USER + 27, USER + 28
 EXPOSURE_MODE, EXPOSURE_TIME, EXPOSURE_PRIORITY = CAMERA + 1, CAMERA + 2, CAMERA + 3

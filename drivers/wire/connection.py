@@ -106,14 +106,11 @@ class LineDevice(Generic[L]):
 # pyserial's own `write` cannot be cancelled when a port accepts nothing: it retries until its timeout, and
 # what it then writes would follow the stop. Here no lock is held while waiting for a port with a descriptor.
 
-WRITE_S = 1.0
-"""Time limit for a port to accept bytes."""
-URGENT_S = 0.03
-"""How long bytes that end a motion wait for a port before the driver stops by stronger means."""
+WRITE_S = 1.0  # time limit for a port to accept bytes
+URGENT_S = 0.03  # how long bytes that end a motion wait for a port before the driver stops by stronger means
 STOP_TRIES = 6
 """How often a stop is offered to a port that takes no bytes, each time for `WRITE_S`: what moves goes on meanwhile."""
-HELD_UP_S = 0.005
-"""How long a stop waits for an order that is being written to a port without a descriptor."""
+HELD_UP_S = 0.005  # how long a stop waits for an order that is being written to a port without a descriptor
 GONE = (OSError, ValueError, TypeError, AttributeError)
 """Exceptions of ports that were unplugged or closed meanwhile."""
 
@@ -147,7 +144,6 @@ class Outgoing:
             self._turn.release()
 
     def _give(self, data: bytes, stops: int, allowed: Callable[[], None] = anything) -> bytes:
-        """The bytes that the port did not accept."""
         with self._wire:
             allowed()
             return _put(self._port, data) if self._stops == stops else b""
@@ -174,7 +170,6 @@ class Outgoing:
             return False
 
     def _drop_unsent(self) -> None:
-        """Discard what the port has buffered and not sent."""
         with suppress(Exception):  # a port that is gone, or one without a buffer
             self._port.reset_output_buffer()
 
@@ -274,8 +269,7 @@ class Transcript:
 # therefore leaves the line out of step: before the next one, a question whose reply differs from all others is given
 # until it is answered. Devices answer in order, so that reply follows all older ones.
 
-QUESTIONS = 12
-"""A device that lost a byte may need some questions to find a beginning again."""
+QUESTIONS = 12  # a device that lost a byte may need some questions to find a beginning again
 
 
 class OutOfStep(Exception):

@@ -13,8 +13,7 @@ from drivers.interfaces import Parser
 from drivers.wire.connection import WRITE_S, Transcript, anything, not_connected
 
 T = TypeVar("T")
-VISA = "visa:"
-"""Addresses of resources begin with it: `visa:USB0::0x1313::0x8078::P0012345::INSTR`."""
+VISA = "visa:"  # addresses of resources begin with it: `visa:USB0::0x1313::0x8078::P0012345::INSTR`
 
 
 class VisaTransport:
@@ -109,7 +108,6 @@ class VisaTransport:
     def write(
         self, data: bytes, allowed: Callable[[], None] = anything, *, noted: bool = True, within_s: float = WRITE_S
     ) -> None:
-        """Write without waiting for a reply. Raises LineLost."""
         resource = self._there()
         allowed()
         self.transcript.record(self.clock.now_s(), ">", data)

@@ -22,16 +22,13 @@ if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeMtf
     from procedures.slanted_edge.strip import EdgeLine, Strip
 
-MARGIN_PX = 2.5
-"""Margin in pixels excluded next to other printed areas, for the PSF's width."""
+MARGIN_PX = 2.5  # margin in pixels excluded next to other printed areas, for the PSF's width
 MIN_CONTRAST = 0.4
 """Least contrast of an edge over the chart's; a fainter step belongs to the background of a chart without edges."""
 TAIL_SHAPE_UNCERTAINTY = 0.06
 """Relative uncertainty of the tail in addition to noise, since no tail is exactly 1 / r^3."""
-TAIL_INCREASE = 0.1
-"""Relative increase of the tail for the numerical derivative by it."""
-WIDEST_BLOCKS = 1.8
-"""Greatest width of the plains."""
+TAIL_INCREASE = 0.1  # relative increase of the tail for the numerical derivative by it
+WIDEST_BLOCKS = 1.8  # greatest width of the plains
 MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
 """Greatest distance of an edge from its expected position, for the map's extrapolation beyond its marks."""
 
@@ -86,22 +83,18 @@ def _measured(plane: Plane, psf_estimate: PatternPsf, i: int) -> EdgeMtf | None:
     other = measure(replace(strip, samples=alone, tail=Tail(2 * density * (1 + TAIL_INCREASE))), line).value
     if edge is None or EDGE_MTF50 not in edge.numbers or other is None or EDGE_MTF50 not in other.numbers:
         return None
-    edge = _with_tail_uncertainty(edge, other, psf_estimate)
+    # add the uncertainty due to the tail to the edge's MTF50; `other` had a tail larger by `TAIL_INCREASE`
+    mtf50 = edge.numbers[EDGE_MTF50]
+    slope = (other.numbers[EDGE_MTF50].value - mtf50.value) / TAIL_INCREASE
+    tail_uncertainty = slope * min(_tail_uncertainty(psf_estimate), 1.0)
+    combined = replace(mtf50, uncertainty=math.hypot(mtf50.uncertainty, tail_uncertainty))
+    edge = replace(edge, numbers={**edge.numbers, EDGE_MTF50: combined})
     cells = psf_estimate.registration.to_pattern(edge.course)
     across, along = cells[:, i], cells[:, 1 - i]
     start, end = EDGES[i]
     expected = start[i] + (end - start)[i] * along / CELLS
     max_offset = max(MAX_OFFSET_CELLS, MAX_OFFSET_PX / _cell_px(psf_estimate))
     return edge if np.abs(across - expected).max() < max_offset else None
-
-
-def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, psf_estimate: PatternPsf) -> EdgeMtf:
-    """Add the uncertainty due to the tail to the edge's MTF50; `other` had a tail larger by `TAIL_INCREASE`."""
-    mtf50 = edge.numbers[EDGE_MTF50]
-    slope = (other.numbers[EDGE_MTF50].value - mtf50.value) / TAIL_INCREASE
-    tail_uncertainty = slope * min(_tail_uncertainty(psf_estimate), 1.0)
-    combined = replace(mtf50, uncertainty=math.hypot(mtf50.uncertainty, tail_uncertainty))
-    return replace(edge, numbers={**edge.numbers, EDGE_MTF50: combined})
 
 
 def _tail_uncertainty(psf_estimate: PatternPsf) -> float:
@@ -112,7 +105,6 @@ def _tail_uncertainty(psf_estimate: PatternPsf) -> float:
 
 
 def _cell_px(psf_estimate: PatternPsf) -> float:
-    """Side of a cell in pixels of the plane."""
     return 1 / math.sqrt(abs(np.linalg.det(psf_estimate.registration.jacobian())))
 
 
@@ -189,14 +181,11 @@ def without_surroundings(samples: Array32, strip: Strip, course: Array, density_
     beyond = v > np.polyval(line, u)
     levels = [quantile(part[inside & side], 0.5) for side in (~beyond, beyond)]
     deviation = np.where(inside, 0.0, part - np.where(beyond, levels[1], levels[0]))
-    stray_light = _through_tail(deviation, density_px)[top : top + roi.height, left : left + roi.width]
-    return strip.samples - (stray_light.T if strip.turned else stray_light)
-
-
-def _through_tail(picture: Array, density_px: float) -> Array:
-    """Picture (rows, columns) convolved with A / r^3; zero beyond its border."""
-    shape = [transforms.next_fast_len(2 * n) for n in picture.shape]
+    # picture (rows, columns) convolved with A / r^3; zero beyond its border
+    shape = [transforms.next_fast_len(2 * n) for n in deviation.shape]
     r = np.hypot(*(transforms.fftfreq(n, 1 / n).reshape(s) for n, s in zip(shape, ((-1, 1), (1, -1)), strict=True)))
     kernel = np.where(r > 0, density_px / np.maximum(r, 1) ** 3, 0.0)
-    product = transforms.rfft2(picture, shape) * transforms.rfft2(kernel)
-    return np.asarray(transforms.irfft2(product, shape)[: picture.shape[0], : picture.shape[1]])
+    product = transforms.rfft2(deviation, shape) * transforms.rfft2(kernel)
+    through_tail = np.asarray(transforms.irfft2(product, shape)[: deviation.shape[0], : deviation.shape[1]])
+    stray_light = through_tail[top : top + roi.height, left : left + roi.width]
+    return strip.samples - (stray_light.T if strip.turned else stray_light)

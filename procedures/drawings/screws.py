@@ -3,8 +3,7 @@
 import math
 from collections.abc import Sequence
 
-DIAL = (5.0, 12.0)
-"""Half height and half width of the circle of screws, in lines and columns."""
+DIAL = (5.0, 12.0)  # half height and half width of the circle of screws, in lines and columns
 SENSOR = ("+---------+", *3 * ("|         |",), "+---------+")
 
 

@@ -135,8 +135,21 @@ def _plane_field(
     centre = interpolation.field.at((columns - 1) / 2, (rows - 1) / 2)
     diffraction = limit(plane)
     quality = with_modes(assess(centre, n=len(nodes), diffraction=diffraction, at=at), centre, mean_modes(charts))
-    checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
-    maps = tuple(_with_unseen(one, _unseen(quality)) for one in maps)
+    # check of the share of doubtful nodes, with the most frequent remedy
+    doubtful = [node for node in nodes if node.doubt]
+    remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
+    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
+    reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
+    doubtful_nodes = Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
+    checks = [*_checks(interpolation, maps), doubtful_nodes, *beyond_diffraction(quality, diffraction)]
+    # corruptions that the charts do not exclude: all places share them, so that a difference of two is free of them
+    unseen = combined({term: size for term, size in quality.budgets.get(MTF50_RADIAL, {}).items() if term in UNSEEN})
+    maps = tuple(
+        replace(one, uncertainty=np.hypot(one.uncertainty, unseen))
+        if one.uncertainty is not None and one.name.startswith("mtf50_")
+        else one
+        for one in maps
+    )
     numbers = _numbers(interpolation, maps)
     spread, subject = mean_budgets(charts), median_subject(charts)
     return verdict_of(checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, spread, subject))
@@ -158,27 +171,6 @@ def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Chec
         Check("coverage", enclosed, SMALL_SHARE, Verdict.DOUBTFUL, f"the nodes enclose {enclosed:.0%} of the frame",
               "photograph the chart nearer to the frame's corners too", least=True),
     ]  # fmt: skip
-
-
-def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
-    """Check of the share of doubtful nodes, with the most frequent remedy."""
-    doubtful = [node for node in nodes if node.doubt]
-    remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
-    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
-    reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
-    return Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
-
-
-def _unseen(quality: Quality) -> float:
-    """Uncertainty of MTF50 by corruptions that the charts do not exclude, which all places share."""
-    return combined({term: size for term, size in quality.budgets.get(MTF50_RADIAL, {}).items() if term in UNSEEN})
-
-
-def _with_unseen(one: FieldMap, unseen: float) -> FieldMap:
-    """A map with that uncertainty where it is one of MTF50; a difference of two is free of it."""
-    if one.uncertainty is None or not one.name.startswith("mtf50_"):
-        return one
-    return replace(one, uncertainty=np.hypot(one.uncertainty, unseen))
 
 
 def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:

@@ -177,26 +177,18 @@ def estimate_field(
 ) -> dict[str, Outcome[PsfField]]:
     """PSF over the frame, by plane, from photographs with charts at six positions or more in total.
 
-    Parameters
-    ----------
     frames : iterable of RawFrame, or of (rows, columns) arrays
         Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
-    parameters : PatternParameters, optional
-        Default: s = 4, and k by chart. All nodes need the same s.
-    each : MapLike
-        How the charts of a photograph are processed; `map` takes one after the other.
+    parameters : PatternParameters, default: s = 4, and k by chart. All nodes need the same s.
+    each : MapLike, how the charts of a photograph are processed; `map` takes one after the other
 
     Returns
     -------
     dict of str to Outcome[PsfField]
         Refused for a plane whose nodes are too few, on one line or sampled differently.
 
-    Raises
-    ------
-    Refused
-        If there is no chart in a photograph, or no photograph.
-    BadInput
-        If the photographs have different planes or sizes.
+    Raises Refused if there is no chart in a photograph, or no photograph; BadInput if the photographs have different
+    planes or sizes.
     """
     nodes: dict[str, list[Node]] = {}
     shapes: Mapping[str, tuple[int, int]] = {}

@@ -67,10 +67,7 @@ def write_field(
 
     `camera` is what all photographs have in common: camera, lens, aperture, focus.
 
-    Raises
-    ------
-    TypeError
-        If one of them is no field, as the outcome of an estimate.
+    Raises TypeError if one of them is no field, as the outcome of an estimate.
     """
     import h5py
 
@@ -267,7 +264,6 @@ def _planes(file: h5py.File) -> list[tuple[str, h5py.Group]]:
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[h5py.File]:
-    """A file of a known version. Raises BadInput where it is damaged."""
     import h5py
 
     open_file(Path(path), "PSF field").close()

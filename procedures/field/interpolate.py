@@ -152,7 +152,6 @@ def _folds(places: Array) -> _Folds:
 
 
 def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
-    """The model of the kept nodes. Raises ValueError where they do not determine it."""
     places, trust = data.places[kept], data.trust[kept]
     if recipe.kind == "polynomial":
         return Separate(recipe.name, Polynomial(places, trust, int(recipe.setting)))
@@ -374,16 +373,13 @@ def widened(psf: Psf, k: int) -> Psf:
     M[np.flatnonzero(inner), inner[inner > 0] - 1] = 1
     low = tail_border(psf.k) - k // 2
     M[: k * k, n:] = narrow[:, low : low + k, low : low + k].reshape(q, -1).T
-    M[k * k :, n:] = np.diag(_rescaling(narrow, wide, k))
-    return Psf.of_unit_sum(M @ psf.parameters, M @ psf.parameter_covariance @ M.T, k, psf.s)
-
-
-def _rescaling(narrow: Array, wide: Array, k: int) -> Array:
-    """Amplitudes (q,) of the wide support's shapes equal to those of the narrow one; azimuthal shapes as the mean."""
+    # amplitudes (q,) of the wide support's shapes equal to those of the narrow one; azimuthal shapes as the mean
     beyond = k // 2 + 1
     ratio = np.array([a[len(a) // 2, len(a) // 2 + beyond] / b[len(b) // 2, len(b) // 2 + beyond]
                       for a, b in zip(narrow[:2], wide[:2], strict=True)])  # fmt: skip
-    return np.array([ratio[j] if SHAPES[j].startswith("1/") else ratio[0] for j in range(len(narrow))])
+    rescaling = np.array([ratio[j] if SHAPES[j].startswith("1/") else ratio[0] for j in range(len(narrow))])
+    M[k * k :, n:] = np.diag(rescaling)
+    return Psf.of_unit_sum(M @ psf.parameters, M @ psf.parameter_covariance @ M.T, k, psf.s)
 
 
 def _name(node: Node) -> str:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
 from procedures.field.surfaces import Surface, fit_surface
@@ -20,7 +19,7 @@ from procedures.numbers import (
     OF_PLACES,
     without_photosite,
 )
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.numerics.scattered import Hull
 from procedures.outcome import Refused
 from procedures.psf import Psf, curve_model_error, tail_energy_uncertainty
@@ -54,7 +53,7 @@ class FieldMap:
     y: Array
     value: Array
     uncertainty: Array | None
-    enclosed: npt.NDArray[np.bool_] | None = None
+    enclosed: Mask | None = None
 
     @property
     def share(self) -> float:
@@ -276,7 +275,7 @@ class HeightCurve:
     meridional: Array
     meridional_uncertainty: Array
     meridional_spread: Array
-    directions: npt.NDArray[np.int64]
+    directions: Indices
 
 
 def over_height(

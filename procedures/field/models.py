@@ -34,11 +34,9 @@ class Separate:
     reach: float = 0.0
 
     def predict(self, points: Array, values: Array) -> Array:
-        """(n, r)."""
         return np.asarray(self.smoother.weights(points) @ values)
 
     def transfer(self, points: Array, r: int) -> Array:
-        """(n, r, N, r)."""
         return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
 
     def carried(self, held: Array, points: Array) -> Array:
@@ -137,7 +135,6 @@ class AxialSymmetry:
         return f"symmetric lens, degree {self.degree}"
 
     def predict(self, points: Array, values: Array) -> Array:
-        """(n, r)."""
         return np.asarray(self.design(points) @ self._solved(values))
 
     def parts(self, values: Array) -> Array:
@@ -163,7 +160,6 @@ class AxialSymmetry:
         return np.asarray(points - np.array(self.axis))
 
     def transfer(self, points: Array, r: int) -> Array:
-        """(n, r, N, r)."""
         D, weight, factor = self._normal
         design = self.design(points)
         solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T
@@ -204,7 +200,6 @@ class AxialSymmetry:
         return D, weight, cho_factor(normal)
 
     def _solved(self, values: Array) -> Array:
-        """Least-squares unknowns from the nodes' coefficients (N, r)."""
         D, weight, factor = self._normal
         return np.asarray(cho_solve(factor, D.T @ (weight * values.ravel())))
 
@@ -242,12 +237,9 @@ def fit_axis(
     step = 0.01
     J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
     remainder = residual(best)
-    excess = max(float(remainder @ remainder) / max(len(remainder) - _unknowns(optic, degree), 1), 1.0)
-    return SymmetryAxis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
-
-
-def _unknowns(optic: Optic, degree: int) -> int:
-    """Number of determined unknowns: each harmonic contributes at most as many as there are components."""
+    # number of determined unknowns: each harmonic contributes at most as many as there are components
     r = len(optic.analysis)
     columns = (optic.harmonics(m)[0].shape[1] for j in range(1, degree + 1) for m in range(j, -1, -2))
-    return int(r + sum(min(r, n) for n in columns) // 2)
+    unknowns = int(r + sum(min(r, n) for n in columns) // 2)
+    excess = max(float(remainder @ remainder) / max(len(remainder) - unknowns, 1), 1.0)
+    return SymmetryAxis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))

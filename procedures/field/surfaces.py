@@ -64,7 +64,12 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
     fits = []
     for degree in degrees:
         try:
-            error, share = _leave_one_out(places, values, trust, degree)
+            # errors (N, m) at the excluded places, and the squared weights of the others
+            error, share = np.zeros_like(values), np.zeros(len(places))
+            for i in range(len(places)):
+                kept = np.arange(len(places)) != i
+                w = Polynomial(places[kept], trust[kept], degree).weights(places[i : i + 1])[0]
+                error[i], share[i] = values[i] - w @ values[kept], w @ w
         except ValueError:
             continue
         fits.append((float(trust @ np.sum(error**2, axis=1)), degree, error, share))
@@ -76,14 +81,3 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
     # one standard error above the mean: not excluded by the errors
     lack = excess.mean(axis=0) + excess.std(axis=0, ddof=1) / np.sqrt(len(excess))
     return Surface(Polynomial(places, trust, degree), values, covariances, np.maximum(lack, 0.0))
-
-
-def _leave_one_out(places: Array, values: Array, trust: Array, degree: int) -> tuple[Array, Array]:
-    """Errors (N, m) at the excluded places, and the squared weights of the others. Raises ValueError if the degree is
-    undetermined."""
-    error, share = np.zeros_like(values), np.zeros(len(places))
-    for i in range(len(places)):
-        kept = np.arange(len(places)) != i
-        w = Polynomial(places[kept], trust[kept], degree).weights(places[i : i + 1])[0]
-        error[i], share[i] = values[i] - w @ values[kept], w @ w
-    return error, share

@@ -42,7 +42,12 @@ class WhitenedNodes:
         """The nodes of a plane with that many rows and columns."""
         covariances = np.array([node.psf.parameter_covariance for node in nodes])
         mean, k = covariances.mean(axis=0), nodes[0].psf.k
-        unit = _units(mean, k * k)
+        # unit of each parameter (p,): the root mean variance for all samples, its own for each amplitude, which may be
+        # far more or less certain than a sample
+        samples = k * k
+        variance = np.diag(mean).copy()
+        variance[:samples] = variance[:samples].mean()
+        unit = np.asarray(np.sqrt(np.where(variance > 0, variance, variance[:samples].mean())))
         values, vectors = np.linalg.eigh(mean / np.outer(unit, unit))
         root = np.sqrt(np.maximum(values, FLOOR * values.mean()))
         to, back = (vectors / root) @ vectors.T / unit, unit[:, None] * (vectors * root) @ vectors.T
@@ -109,11 +114,3 @@ class WhitenedNodes:
     def optic(self, V: Array) -> Optic:
         """The components (r, p) of these directions, for the symmetric model."""
         return Optic(V @ self.to, V @ self.back.T, self.to, self.k, self._norms)
-
-
-def _units(covariance: Array, samples: int) -> Array:
-    """Unit of each parameter (p,): the root mean variance for all samples, its own for each amplitude, which may be far
-    more or less certain than a sample."""
-    variance = np.diag(covariance).copy()
-    variance[:samples] = variance[:samples].mean()
-    return np.asarray(np.sqrt(np.where(variance > 0, variance, variance[:samples].mean())))

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
@@ -26,15 +25,13 @@ from procedures.geometry.cameras import CameraModel
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.damped import minimise
 from procedures.outcome import Refused
 
-Array = npt.NDArray[np.float64]
-
 CONVERGENCE_TOLERANCE = 1e-3
 """Decrease of chi-square, relative to its mean per coordinate, at convergence: 1/30 of a standard uncertainty."""
-LEAST_EIGENVALUE = 1e-15
-"""Eigenvalue of the scaled system below which rounding dominates."""
+LEAST_EIGENVALUE = 1e-15  # eigenvalue of the scaled system below which rounding dominates
 POSE = 6
 """Parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
 
@@ -43,10 +40,8 @@ POSE = 6
 class AdjustmentState:
     """Camera, or cameras, poses of the chart in the camera of every view, and the shape of the chart.
 
-    terms_mm : (q,) float64
-        Shape terms.
-    errors_mm : (N, 3) float64
-        Error of each node in addition to the terms.
+    terms_mm : (q,) float64, shape terms
+    errors_mm : (N, 3) float64, error of each node in addition to the terms
     """
 
     camera: CameraModel
@@ -66,12 +61,9 @@ class System:
     The first M unknowns are the camera parameters (p), the shape terms (q), six per pose, further unknowns, and the
     multipliers; each node has three more.
 
-    U : (M, M), u : (M,)
-        J'J and J'r of the first unknowns.
-    V : (N, 3, 3), v : (N, 3)
-        J'J and J'r of the node errors.
-    W : (N, 3, M)
-        J'J between node errors and first unknowns.
+    U : (M, M), u : (M,) J'J and J'r of the first unknowns
+    V : (N, 3, 3), v : (N, 3) J'J and J'r of the node errors
+    W : (N, 3, M) J'J between node errors and first unknowns
     """
 
     U: Array
@@ -105,8 +97,7 @@ class System:
 class AdjustmentProblem:
     """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
-    nodes : (N, 3) float64
-        The plan of the chart, in mm.
+    nodes : (N, 3) float64, the plan of the chart, in mm
     views : sequence of ChartView
     shape : ShapeModel
     """
@@ -141,7 +132,6 @@ class AdjustmentProblem:
         return np.asarray(block_diag(state.camera.information, np.diag(self.shape.prior_mm**-2.0)))
 
     def linearise(self, state: AdjustmentState) -> "_ChartLinearisation":
-        """The normal equations at a state."""
         return _ChartLinearisation(state, self, self.residual(state))
 
     def moved(self, state: AdjustmentState, step: Array) -> AdjustmentState:
@@ -165,11 +155,11 @@ class AdjustmentProblem:
         by_terms = by_nodes @ self.shape.terms[view.index]
         return np.concatenate([camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
 
-    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+    def places(self, state: AdjustmentState, i: int) -> Indices:
         """Indices of a view's camera, shape terms and pose among the unknowns."""
         p, shared = len(state.camera.params), len(state.camera.params) + len(state.terms_mm)
         first, own = shared + POSE * i, state.camera.part(self.views[i].camera)[1]
-        places: npt.NDArray[np.int64] = np.r_[own, p:shared, first : first + POSE]
+        places: Indices = np.r_[own, p:shared, first : first + POSE]
         return places
 
     def placed(self, state: AdjustmentState, i: int) -> Array:
@@ -187,8 +177,7 @@ class AdjustmentProblem:
     def system(self, state: AdjustmentState, extra: Sequence[Array] | None = None) -> System:
         """The normal equations with the priors.
 
-        extra : sequence of (n, 2, k), optional
-            Derivatives of the points of every view, in pixels, by k further unknowns.
+        extra : sequence of (n, 2, k), derivatives of the points of every view, in pixels, by k further unknowns
         """
         system, shape = self.point_system(state, self.view_residuals(state), extra), self.shape
         U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
@@ -241,10 +230,8 @@ def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
 class ModelDoubt:
     """Independent errors of one standard deviation each, by terms that a camera model does not have.
 
-    unknowns : (j, known) float64
-        Errors of the unknowns of the adjustment, in the order of its covariance.
-    terms : (j, k) float64
-        The missing terms, in the order of `model_doubt.missing_terms`.
+    unknowns : (j, known) float64, errors of the unknowns of the adjustment, in the order of its covariance
+    terms : (j, k) float64, the missing terms, in the order of `model_doubt.missing_terms`
     """
 
     unknowns: Array
@@ -255,10 +242,8 @@ class ModelDoubt:
 class ExtraTerms:
     """The normal equations of further unknowns after elimination of all others.
 
-    matrix : (k, k), right : (k,)
-        Information and right side.
-    response : (known, k)
-        Change of the other unknowns per unit of the further ones.
+    matrix : (k, k), right : (k,) information and right side
+    response : (known, k) change of the other unknowns per unit of the further ones
     """
 
     matrix: Array
@@ -274,14 +259,11 @@ class Adjustment:
     state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
         Of the camera parameters, the shape terms, and the changes of the poses, in this order.
-    errors_variance : (N, 3) float64
-        Of the node errors, in square mm.
-    chi_square : float
-        Of the points alone.
+    errors_variance : (N, 3) float64, of the node errors, in square mm
+    chi_square : float, of the points alone
     freedom : float
         Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
-    doubt : ModelDoubt or None
-        Effect of terms that the camera model does not have.
+    doubt : ModelDoubt or None, effect of terms that the camera model does not have
     """
 
     problem: AdjustmentProblem
@@ -329,7 +311,20 @@ def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
 
     Raises NotConverged if the minimum is not reached, Refused if the views do not determine the camera.
     """
-    return _concluded(adjusted(start, problem), problem)
+    state = adjusted(start, problem)
+    views, shape, system = problem.views, problem.shape, problem.system(state)
+    p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
+    inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
+    covariance = inverse[:known, :known]
+    chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
+    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
+    variance = np.zeros_like(problem.nodes)  # of the node errors
+    if shape.node_mm.all():
+        K, own = system.solved(system.W), np.einsum("naa->na", np.linalg.inv(system.V))
+        variance = own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True)
+    free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
+    freedom = count - POSE * len(views) - (p + q - held) - free
+    return Adjustment(problem, state, covariance, variance, chi_square, freedom)
 
 
 def adjusted(
@@ -360,7 +355,6 @@ class _ChartLinearisation:
 
     @property
     def gradient(self) -> Array:
-        """J'r."""
         return self._system.right
 
     @cached_property
@@ -391,7 +385,6 @@ class _ChartLinearisation:
         return right
 
     def solve(self, right: Array, damping: float) -> Array:
-        """(J'J + damping D)^-1 times a right side."""
         system = self._system
         M = len(system.u)
         damped = replace(
@@ -416,26 +409,6 @@ def _inverse(S: Array) -> Array:
             "these views do not determine the camera", "tilt the chart by 20 degrees and more, and fill the frame"
         )
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
-
-
-def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
-    views, shape, system = problem.views, problem.shape, problem.system(state)
-    p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
-    inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
-    covariance = inverse[:known, :known]
-    chi_square = sum(float(np.sum(residual**2)) for residual in problem.view_residuals(state))
-    held = float(np.sum(covariance[: p + q, : p + q] * problem.prior_precision(state)))
-    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
-    free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
-    freedom = count - POSE * len(views) - (p + q - held) - free
-    return Adjustment(problem, state, covariance, variance, chi_square, freedom)
-
-
-def _errors_variance(system: System, inverse: Array) -> Array:
-    """Variances (N, 3) of the node errors."""
-    K = system.solved(system.W)
-    own = np.einsum("naa->na", np.linalg.inv(system.V))
-    return np.asarray(own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True))
 
 
 def moved_pose(pose: Pose, change: Array) -> Pose:

@@ -10,12 +10,10 @@ Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment
 from procedures.geometry.spline_camera import SplineCamera
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array, Indices
 
 POINTS, FLATNESS, MODEL, SHUTTER, SCALE = "points", "flatness", "model", "shutter", "scale"
 TERMS = (POINTS, FLATNESS, MODEL, SHUTTER, SCALE)
@@ -26,8 +24,7 @@ class VarianceParts:
     """Covariances of the unknowns of an adjustment by source; that of the model is the rest.
 
     points, flatness : (known, known) float64
-    shutter : (known,) float64
-        Change of the unknowns by one standard uncertainty of the row time.
+    shutter : (known,) float64, change of the unknowns by one standard uncertainty of the row time
     """
 
     points: Array
@@ -37,14 +34,10 @@ class VarianceParts:
     def budget(self, total: float, J: Array, count: int = 1, scale: float = 0.0) -> dict[str, float]:
         """Terms of a number's standard uncertainty.
 
-        total : float
-            The stated standard uncertainty.
-        J : (m, known) float64
-            Derivative by the unknowns.
-        count : int
-            The number is the root of the sum of the m squared components, divided by this count.
-        scale : float
-            Contribution of the chart's scale.
+        total : float, the stated standard uncertainty
+        J : (m, known) float64, derivative by the unknowns
+        count : int, the number is the root of the sum of the m squared components, divided by this count
+        scale : float, contribution of the chart's scale
         """
         squares = {
             POINTS: float(np.sum((J @ self.points) * J)) / count,
@@ -73,8 +66,7 @@ def variance_parts(fit: Adjustment, *, with_shutter: bool) -> VarianceParts:
     return VarianceParts(square * simple, square * (fit.covariance - every), shutter)
 
 
-def _inverse(U: Array, free: npt.NDArray[np.int64], known: int) -> Array:
-    """Covariance (known, known) where only some unknowns are free."""
+def _inverse(U: Array, free: Indices, known: int) -> Array:
     part = U[np.ix_(free, free)]
     scale = np.sqrt(np.diag(part))
     covariance = np.zeros((known, known))

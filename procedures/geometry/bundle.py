@@ -21,16 +21,12 @@ from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camer
 from procedures.geometry.colmap import pycolmap
 from procedures.geometry.shape import rigid_shape
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
 
-Array = npt.NDArray[np.float64]
-
-FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Initial focal lengths, relative to the longer side of the frame."""
-WIDE_RATIOS = (0.3, 0.45, 0.7)
-"""Initial focal lengths of wide lenses, relative to the longer side of the frame."""
-WIDE_PX = 2.0
-"""Residual of a pinhole with radial distortion above which the lens may be wide."""
+FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)  # initial focal lengths, relative to the longer side of the frame
+WIDE_RATIOS = (0.3, 0.45, 0.7)  # initial focal lengths of wide lenses, relative to the longer side of the frame
+WIDE_PX = 2.0  # residual of a pinhole with radial distortion above which the lens may be wide
 FIRST_NODES, FEWEST_NODES = 60, 4
 """Nodes of the initial estimate, chosen at random so that they are not collinear; nodes of a view at least."""
 MAX_ITERATIONS, TOLERANCE = 200, 1e-7
@@ -51,8 +47,7 @@ def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]
 
     Raises Refused if none of the focal lengths gives a solution.
 
-    nodes : (N, 3) float64
-        The flat chart, in mm.
+    nodes : (N, 3) float64, the flat chart, in mm
     size : (columns, rows) of the frame
     """
     chosen = np.random.default_rng(0).permutation(len(nodes))[:FIRST_NODES]
@@ -111,21 +106,17 @@ def _resolve_tilts(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> 
 
 
 def _better(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Pose:
-    """A pose, or that of the opposite tilt where its residual is smaller."""
-    other = max(_flat_poses(camera, nodes, view), key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
+    # the two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014
+    board, points, turn = _normalised(camera, nodes, view)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
+    flat_poses = [pose for pose in poses if np.isfinite(pose.R).all() and np.isfinite(pose.t).all()]
+    other = max(flat_poses, key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
     return min(pose, other, key=lambda one: float(np.sum(_distances(camera, one, nodes, view) ** 2)))
 
 
 def _distances(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Array:
     return np.asarray(camera.project(pose.apply(nodes[view.index])) - view.points)
-
-
-def _flat_poses(camera: CameraModel, nodes: Array, view: ChartView) -> list[Pose]:
-    """The two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014."""
-    board, points, turn = _normalised(camera, nodes, view)
-    _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
-    poses = [_pose(one, t, turn) for one, t in zip(turns, shifts, strict=True)]
-    return [pose for pose in poses if np.isfinite(pose.R).all() and np.isfinite(pose.t).all()]
 
 
 def _first_pose(camera: CameraModel, nodes: Array, view: ChartView) -> Pose:
@@ -169,16 +160,15 @@ def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views:
     scene = _reconstruction(camera, poses, nodes, views)
     config, options = _problem(scene)
     pycolmap.create_default_ceres_bundle_adjuster(options, config, scene).solve()
-    return _bundle(scene, nodes, views)
+    camera = CameraModel.from_colmap(scene.cameras[1])
+    rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
+    poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
+    return _scored(camera, poses, nodes, views)
 
 
 def _reconstruction(
     camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
 ) -> pycolmap.Reconstruction:
-    """pycolmap's scene: one camera, the nodes as points, an image per view.
-
-    Non-finite numbers are refused here: Ceres aborts the process on them.
-    """
     numbers = [
         camera.params,
         nodes,
@@ -219,14 +209,6 @@ def _problem(
     options.ceres.solver_options.function_tolerance = TOLERANCE
     options.ceres.solver_options.num_threads = 1  # the same result on every machine
     return config, options
-
-
-def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartView]) -> Bundle:
-    """Camera, poses and cost of pycolmap's scene."""
-    camera = CameraModel.from_colmap(scene.cameras[1])
-    rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
-    poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
-    return _scored(camera, poses, nodes, views)
 
 
 def _scored(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:

@@ -11,25 +11,21 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from procedures.geometry import stereographic
 from procedures.geometry.colmap import pycolmap
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
-
-Array = npt.NDArray[np.float64]
 
 MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 """Models of COLMAP, the simplest first."""
-STEREOGRAPHIC = "STEREOGRAPHIC"
-"""The formula of `stereographic`, which COLMAP does not have."""
+STEREOGRAPHIC = "STEREOGRAPHIC"  # the formula of `stereographic`, which COLMAP does not have
 OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE", STEREOGRAPHIC)
 """Further models, used on request, in exports, and under splines."""
 COLMAP_CENTRE = 0.5
 CENTRE = ("cx", "cy")
-PIXELS = ("f", "fx", "fy", *CENTRE)
-"""Parameters in pixels; the others are dimensionless."""
+PIXELS = ("f", "fx", "fy", *CENTRE)  # parameters in pixels; the others are dimensionless
 PRIOR = 1.0
 """Prior standard deviation of distortion coefficients. It matters only where views hardly determine them: in a quotient
 of two nearly equal polynomials (FULL_OPENCV) it keeps both from diverging."""
@@ -43,8 +39,7 @@ NESTED = (
     {"OPENCV_FISHEYE": 0, "THIN_PRISM_FISHEYE": 1},
 )
 """Families of models that contain the simpler ones; parameters of the same name have the same meaning."""
-FEWEST_CONTROLS = 4
-"""Control points of a cubic B-spline along a side, at least."""
+FEWEST_CONTROLS = 4  # control points of a cubic B-spline along a side, at least
 STEP_PX, STEP, STEP_SHARE = 1e-2, 1e-6, 1e-5
 """Steps of central differences: for parameters in pixels, dimensionless ones, and points relative to their distance.
 The formulas are smooth and in double precision: the error stays below 1e-6 of the derivative."""
@@ -54,12 +49,9 @@ The formulas are smooth and in double precision: the error stays below 1e-6 of t
 class CameraModel:
     """A camera model with its parameters.
 
-    model : str
-        Name of the model.
-    params : (p,) float64
-        In the order of `names`; the principal point with pixel centres at integers.
-    columns, rows : int
-        Size of the frame.
+    model : str, name of the model
+    params : (p,) float64, in the order of `names`; the principal point with pixel centres at integers
+    columns, rows : int, size of the frame
     """
 
     model: str

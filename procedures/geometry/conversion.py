@@ -9,24 +9,20 @@ from functools import partial
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.geometry.cameras import STEREOGRAPHIC, CameraModel, simple_camera, split_model
 from procedures.geometry.uncertainty import enclosed
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 
-Array = npt.NDArray[np.float64]
-
-OPENCV_COUNTS = (4, 5, 8, 12)
-"""Numbers of distortion coefficients supported by OpenCV's formula."""
+OPENCV_COUNTS = (4, 5, 8, 12)  # numbers of distortion coefficients supported by OpenCV's formula
 SAME_FORMULA = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}
 """COLMAP's models with OpenCV's formula, and their numbers of coefficients."""
 GRID = (49, 33)
 EQUIVALENT, EXACT_PX = 1.02, 1e-6
 """A simpler model is taken where its error is at most this times the least, or negligible."""
-FAR_PX = 1e6
-"""Image, in pixels, of rays that a formula does not project."""
+FAR_PX = 1e6  # image, in pixels, of rays that a formula does not project
 RADIAL_FORMULAS: dict[str, tuple[tuple[int, ...], int]] = {
     "poly3": ((2,), 1),
     "poly5": ((2, 4), 0),
@@ -49,10 +45,8 @@ class OpenCvCamera:
     """A camera as OpenCV defines it, with pixel centres at integers.
 
     focal_px, centre : (x, y)
-    distortion : (4,), (5,), (8,) or (12,) float64
-        The first of k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4.
-    difference : Difference
-        From the measured camera.
+    distortion : (4,), (5,), (8,) or (12,) float64, the first of k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
+    difference : Difference, from the measured camera
     """
 
     focal_px: tuple[float, float]
@@ -71,19 +65,13 @@ class RadialCamera:
 
     The focal length of its pinhole may differ from that of the camera, which such files do not define.
 
-    formula : str
-        One of RADIAL_FORMULAS.
-    focal_px : float
-        Of the undistorted pinhole.
-    centre : (x, y)
-        Of projection and distortion, in pixels.
-    unit_px : float
-        Unit of the radius.
+    formula : str, one of RADIAL_FORMULAS
+    focal_px : float, of the undistorted pinhole
+    centre : (x, y) of projection and distortion, in pixels
+    unit_px : float, unit of the radius
     coefficients : (n,) float64
-    tangential : (2,) float64
-        Decentring p1 (along y) and p2 (along x); 0 where the format has none.
-    difference : Difference
-        From the measured camera.
+    tangential : (2,) float64, decentring p1 (along y) and p2 (along x); 0 where the format has none
+    difference : Difference, from the measured camera
     """
 
     formula: str
@@ -100,8 +88,7 @@ def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
 
     Raises BadParameter if OpenCV has no formula with so many coefficients.
 
-    region : (m, 2) float64
-        Outline of the part of the frame in which the cameras shall agree.
+    region : (m, 2) float64, outline of the part of the frame in which the cameras shall agree
     """
     if count not in OPENCV_COUNTS:
         raise BadParameter(f"OpenCV's distortion has {OPENCV_COUNTS} coefficients, not {count}", "give one of these")
@@ -140,14 +127,10 @@ def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraMode
 class KalibrCamera:
     """A camera as Kalibr defines it, with pixel centres at integers.
 
-    model : str
-        One of KALIBR_MODELS: its camera model, and its distortion model.
-    intrinsics : (n,) float64
-        Parameters of the camera model, then fx, fy, cx and cy.
-    coefficients : (m,) float64
-        Of the distortion.
-    difference : Difference
-        From the measured camera.
+    model : str, one of KALIBR_MODELS: its camera model, and its distortion model
+    intrinsics : (n,) float64, parameters of the camera model, then fx, fy, cx and cy
+    coefficients : (m,) float64, of the distortion
+    difference : Difference, from the measured camera
     """
 
     model: tuple[str, str]
@@ -236,10 +219,8 @@ def as_radial(
 
     Raises BadParameter if there is no such formula.
 
-    region : (m, 2) float64
-        Outline of the part of the frame in which the cameras shall agree.
-    decentring : bool
-        Whether the format has p1 and p2, too.
+    region : (m, 2) float64, outline of the part of the frame in which the cameras shall agree
+    decentring : bool, whether the format has p1 and p2, too
     """
     if formula not in RADIAL_FORMULAS:
         known = ", ".join(RADIAL_FORMULAS)

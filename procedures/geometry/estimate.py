@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust
@@ -21,50 +20,36 @@ from procedures.geometry.shutter import ShutterTiming, find_shutter, with_row_ti
 from procedures.geometry.uncertainty import covered_region, enclosed, projection_derivative, projection_uncertainty
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt, normals_spread_deg
 from procedures.numbers import FOCAL, READOUT_TIME, ROW_TIME, projection_at
+from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
-
-Array = npt.NDArray[np.float64]
 
 FRONTAL_DEG = 20.0
 """If no chart is tilted by more, its frontal poses explain a refusal; distortion alone appears as 15 degrees."""
-SAME_DEG = 5.0
-"""Greatest angle between the charts' normals and their mean that explains a refusal."""
-LEAST_VIEWS = 6
-"""With fewer, the shape of the chart and that of the lens are hardly distinguished."""
-FEWEST_VIEWS = 3
-"""Fewer do not determine five pinhole parameters and the shape of a plane chart."""
-NODE_ERROR_ROUNDS = 2
-"""Repetitions of the estimate of the node errors' standard deviation."""
-SMALL_SHARE = 0.6
-"""Share of the frame covered by charts below which too much of it is extrapolated."""
-LOOSE_FOCAL = 0.005
-"""Relative standard uncertainty of the focal length above which the views are too similar."""
+SAME_DEG = 5.0  # greatest angle between the charts' normals and their mean that explains a refusal
+LEAST_VIEWS = 6  # with fewer, the shape of the chart and that of the lens are hardly distinguished
+FEWEST_VIEWS = 3  # fewer do not determine five pinhole parameters and the shape of a plane chart
+NODE_ERROR_ROUNDS = 2  # repetitions of the estimate of the node errors' standard deviation
+SMALL_SHARE = 0.6  # share of the frame covered by charts below which too much of it is extrapolated
+LOOSE_FOCAL = 0.005  # relative standard uncertainty of the focal length above which the views are too similar
 NEGLIGIBLE_PX = 0.005
 """A systematic residual below this, or below the stated uncertainty, is reported but does not affect the verdict."""
 LARGE_RESIDUAL = 2.0
 """Residual, in units of the stated covariances, above which camera, chart and noise do not explain the photographs."""
-MAP, COARSE = (31, 21), (15, 11)
-"""Columns and rows of the maps over the frame, and of the grid of a budget."""
+MAP, COARSE = (31, 21), (15, 11)  # columns and rows of the maps over the frame, and of the grid of a budget
 
 
 @dataclass(frozen=True)
 class GeometryParameters:
     """Inputs of the calibration.
 
-    Attributes
-    ----------
-    cell_mm : float
-        Side of a printed cell, as measured.
-    scale_uncertainty : float
-        Its relative standard uncertainty, which all distances share.
+    cell_mm : float, side of a printed cell, as measured
+    scale_uncertainty : float, its relative standard uncertainty, which all distances share
     model : str or None
         A formula, or a spline over it (OPENCV+SPLINE_12X9); None: the reference, a spline over STEREOGRAPHIC.
     distances_mm : tuple of float
         Distances for maps of the projection uncertainty, in addition to that of the charts and infinity.
-    is_video : bool
-        Whether the views are frames of a video, with their times: the row time of the shutter is estimated.
-    advise_px : (x, y) or None
-        Pixel whose direction the next view shall improve; None: the whole frame.
+    is_video : bool, whether the views are frames of a video, with their times: the row time of the shutter is estimated
+    advise_px : (x, y) or None, pixel whose direction the next view shall improve; None: the whole frame
     """
 
     cell_mm: float
@@ -81,12 +66,9 @@ class PosedView:
 
     pose_covariance : (6, 6) float64
         Of the change of pose in the camera's frame: rotation in radians, translation in mm, for the nominal scale.
-    distance : Quantity
-        From the centre of projection to the chart's centre, including the uncertainty of the scale.
-    tilt_deg : float
-        Between the chart's normal and the line of sight to its centre.
-    residual_px : (n, 2) float64
-        Observed minus projected points.
+    distance : Quantity, from the centre of projection to the chart's centre, including the uncertainty of the scale
+    tilt_deg : float, between the chart's normal and the line of sight to its centre
+    residual_px : (n, 2) float64, observed minus projected points
     """
 
     view: ChartView
@@ -119,12 +101,9 @@ class UncertaintyMap:
 class ChartShape:
     """The actual shape of the chart.
 
-    terms : mapping of name to Quantity
-        Stretch, shear, uneven print and bending, each at the chart's edge, in mm.
-    deviations_mm : (N, 3) float64
-        Deviation of every node from the plan: right, down, away from the camera.
-    node_mm : (x, y, z)
-        Estimated standard deviation of the node errors in addition to the terms.
+    terms : mapping of name to Quantity, stretch, shear, uneven print and bending, each at the chart's edge, in mm
+    deviations_mm : (N, 3) float64, deviation of every node from the plan: right, down, away from the camera
+    node_mm : (x, y, z) estimated standard deviation of the node errors in addition to the terms
     scale_uncertainty : float
         Relative standard uncertainty of the scale, which all distances share: from the cell and from the node errors.
     """
@@ -139,30 +118,20 @@ class ChartShape:
 class Geometry:
     """The calibrated camera.
 
-    covariance : (p, p) float64
-        Of the camera parameters, marginalised over poses and chart shape.
-    trials : tuple of SmoothnessTrial
-        Of a spline: the compared degrees of smoothness, the chosen one first.
-    formulas : tuple of FittedFormula
-        Of a spline: parametric models fitted to it, the simplest first.
-    misfit : Misfit
-        Systematic residual of the model.
+    covariance : (p, p) float64, of the camera parameters, marginalised over poses and chart shape
+    trials : tuple of SmoothnessTrial, of a spline: the compared degrees of smoothness, the chosen one first
+    formulas : tuple of FittedFormula, of a spline: parametric models fitted to it, the simplest first
+    misfit : Misfit, systematic residual of the model
     residual_scale : float
         Residual in units of the points' standard deviations; all covariances are scaled by its square.
-    noise_px : float
-        Projection uncertainty at the charts by noise alone, without the doubt about the model.
-    maps : tuple of UncertaintyMap
-        At the charts' median distance, at infinity, then as requested.
-    region : (m, 2) float64
-        Outline of the part of the frame covered by charts, in pixels.
-    covered : float
-        Its share of the frame.
+    noise_px : float, projection uncertainty at the charts by noise alone, without the doubt about the model
+    maps : tuple of UncertaintyMap, at the charts' median distance, at infinity, then as requested
+    region : (m, 2) float64, outline of the part of the frame covered by charts, in pixels
+    covered : float, its share of the frame
     next_view : NextView or None
         The pose whose photograph would reduce the projection uncertainty most; None where none fits into the frame.
-    adjustment : Adjustment
-        The adjustment from which the other values derive.
-    shutter : ShutterTiming or None
-        Of a video: the row time.
+    adjustment : Adjustment, the adjustment from which the other values derive
+    shutter : ShutterTiming or None, of a video: the row time
     """
 
     camera: CameraModel
@@ -212,7 +181,6 @@ class Geometry:
         )
 
     def _row_times(self) -> dict[str, Quantity]:
-        """Row time and readout time of a video."""
         if self.shutter is None:
             return {}
         method = f"displacement of the rows in {len(self.views)} frames of a moving chart"
@@ -272,20 +240,13 @@ def calibrate_geometry(
 ) -> Outcome[Geometry]:
     """The camera that took the views, or the reason why they do not determine it.
 
-    Parameters
-    ----------
-    views : sequence of ChartView
-        Of one chart, by one camera at one focus.
-    size : (columns, rows)
-        Of the frame, in sensor pixels.
+    views : sequence of ChartView, of one chart, by one camera at one focus
+    size : (columns, rows) of the frame, in sensor pixels
     parameters : GeometryParameters
     nodes : (N, 3) float64, optional
         The plan of another board, in mm, to which the views' indices refer; None: the bins of the noise chart.
 
-    Raises
-    ------
-    BadParameter
-        If the model is not known.
+    Raises BadParameter if the model is not known.
     """
     if parameters.model is not None:
         parameter_names(parameters.model)

@@ -13,19 +13,16 @@ shift by which the missing terms displaced the fit, with covariance; the fit's c
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.cameras import FORMULAS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.conversion import Difference, as_model, covered_grid
 from procedures.geometry.model_doubt import missing_terms
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 GRID = (15, 11)
 UNMODELLED_PX = 1e-3
 """Standard deviation of differences that neither the reference's errors nor missing terms explain."""
-ALMOST_ALL = 0.99
-"""Share of the covered frame, up to which a formula describes all of it."""
+ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes all of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +30,10 @@ class FittedFormula:
     """A formula fitted to the reference.
 
     camera : CameraModel
-    covariance : (p, p) float64
-        Of its parameters.
-    difference : Difference
-        Its loss: distance from the reference over the covered frame.
-    response : (p, P) float64
-        Change of its parameters by those of the reference.
-    share : float
-        Share of the covered frame that it describes: formulas of pinholes end 90 degrees from the axis.
+    covariance : (p, p) float64, of its parameters
+    difference : Difference, its loss: distance from the reference over the covered frame
+    response : (p, P) float64, change of its parameters by those of the reference
+    share : float, share of the covered frame that it describes: formulas of pinholes end 90 degrees from the axis
     """
 
     camera: CameraModel

@@ -9,19 +9,15 @@ whose level comes from the residuals, so that covariances that are all stated to
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
 from procedures.geometry.adjustment import Adjustment, extra_terms
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array
 
-Array = npt.NDArray[np.float64]
-
-DEGREE = 7
-"""Total degree of the polynomials."""
-SIGNIFICANCE = 0.005
-"""Probability of a false alarm."""
+DEGREE = 7  # total degree of the polynomials
+SIGNIFICANCE = 0.005  # probability of a false alarm
 INDEPENDENT = 0.01
 """Share of a component of the field not described by camera, poses and chart, from which it counts as independent."""
 
@@ -30,12 +26,9 @@ INDEPENDENT = 0.01
 class Misfit:
     """The systematic residual.
 
-    probability : float
-        Of such a decrease by noise alone: p-value of the F test.
-    rms_px : float
-        Root mean square length of the field over the points, corrected for its noise.
-    coefficients : (2 k,) float64
-        Of the field's polynomials, for x, then y.
+    probability : float, of such a decrease by noise alone: p-value of the F test
+    rms_px : float, root mean square length of the field over the points, corrected for its noise
+    coefficients : (2 k,) float64, of the field's polynomials, for x, then y
     """
 
     probability: float

@@ -17,22 +17,17 @@ averaging: a tutorial, Stat. Sci. 14, 1999.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import Adjustment, ModelDoubt, extra_terms
 from procedures.geometry.cameras import SPLINE, CameraModel
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 ASYMMETRIC = 1e-3
 """Prior standard deviation of decentring and thin prism, relative to the squared radius in focal lengths; terms of
 higher powers are as large at the corner."""
-RADIAL = 3e-3
-"""Prior standard deviation of a radial term, relative to the radius, at the frame's corner."""
-LARGEST_EXPONENT = 500.0
-"""Bound of an exponent, above which a probability is 1."""
-ASPECT = 1e-3
-"""Prior standard deviation of the relative difference of the focal lengths along x and y."""
+RADIAL = 3e-3  # prior standard deviation of a radial term, relative to the radius, at the frame's corner
+LARGEST_EXPONENT = 500.0  # bound of an exponent, above which a probability is 1
+ASPECT = 1e-3  # prior standard deviation of the relative difference of the focal lengths along x and y
 
 
 def missing_terms(camera: CameraModel, pixels: Array) -> Array:

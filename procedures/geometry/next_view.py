@@ -11,32 +11,25 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.cameras import CameraModel
 from procedures.geometry.shape import ShapeModel, rigid_shape
 from procedures.geometry.views import Pose
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import hull_area
 
-Array = npt.NDArray[np.float64]
-
-PLACES = (0.2, 0.5, 0.8)
-"""Positions of the chart's centre, in fractions of the frame, along both sides."""
+PLACES = (0.2, 0.5, 0.8)  # positions of the chart's centre, in fractions of the frame, along both sides
 TILTS_DEG = ((0.0, 0.0), (30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (0.0, -30.0))
 """Yaw (positive: the right edge is nearer) and pitch (positive: the lower edge is farther)."""
 STEEPEST_DEG = 40.0
 """Angle between a chart's normal and the line of sight, above which it is not detected in a photograph."""
-DISTANCE_RATIOS = (0.7, 1.0, 1.4)
-"""Distances relative to the median of the views."""
-VISIBLE_SHARE = 0.8
-"""Part of the chart that must lie in the frame."""
+DISTANCE_RATIOS = (0.7, 1.0, 1.4)  # distances relative to the median of the views
+VISIBLE_SHARE = 0.8  # part of the chart that must lie in the frame
 FRAME = (13, 9)
-ENOUGH_NODES = 120
-"""Nodes of a chart from which the information of a view is computed."""
-COVER = 0.65
-"""Share of the frame that planned views cover before other criteria apply: a result needs 0.6."""
+ENOUGH_NODES = 120  # nodes of a chart from which the information of a view is computed
+COVER = 0.65  # share of the frame that planned views cover before other criteria apply: a result needs 0.6
 LEAST_GAIN, NEARLY_BEST = 0.01, 0.9
 """Least share of the frame that a view must add to the coverage; share of the largest gain that is as good."""
 PRIOR: Mapping[str, Callable[[CameraModel], float]] = {
@@ -50,15 +43,11 @@ PRIOR: Mapping[str, Callable[[CameraModel], float]] = {
 class NextView:
     """A pose to photograph.
 
-    at : (x, y)
-        Position of the chart's centre, in fractions of the frame from the top left.
-    yaw_deg, pitch_deg : float
-        Positive where the right edge is nearer, and where the lower edge is farther.
+    at : (x, y) position of the chart's centre, in fractions of the frame from the top left
+    yaw_deg, pitch_deg : float, positive where the right edge is nearer, and where the lower edge is farther
     distance_mm : float
-    before, after : float
-        The uncertainty without this view and with it.
-    of : str
-        Which uncertainty, with its unit.
+    before, after : float, the uncertainty without this view and with it
+    of : str, which uncertainty, with its unit
     """
 
     at: tuple[float, float]
@@ -101,21 +90,13 @@ def planned_view(
 ) -> NextView | None:
     """The pose to photograph next before any adjustment, for a nominal camera.
 
-    Parameters
-    ----------
-    camera : Camera
-        Without distortion; `PRIOR` holds the uncertainties of its parameters.
-    poses : sequence of Pose
-        Of the existing views.
+    camera : Camera, without distortion; `PRIOR` holds the uncertainties of its parameters
+    poses : sequence of Pose, of the existing views
     nodes : (N, 3) float64
-    distance_mm : float
-        Distance of the chart, constant as the focus is.
-    sigma_px : float
-        Standard deviation of a node's position in a photograph.
-    rim : (x, y)
-        Least distance of the chart's centre from the sides, in fractions of the frame.
-    pixel : (x, y), optional
-        Whose direction matters; None: the whole frame.
+    distance_mm : float, distance of the chart, constant as the focus is
+    sigma_px : float, standard deviation of a node's position in a photograph
+    rim : (x, y) least distance of the chart's centre from the sides, in fractions of the frame
+    pixel : (x, y) whose direction matters; None: the whole frame
 
     Returns
     -------
@@ -164,7 +145,6 @@ def _widening(
 
 
 def _covered(camera: CameraModel, projected: Sequence[Array]) -> float:
-    """Share of the frame enclosed by the points of the views, each (n, 2)."""
     inside = np.clip(np.concatenate(projected), 0, np.array([camera.columns, camera.rows]) - 1)
     return hull_area(inside) / (camera.columns * camera.rows)
 
@@ -174,8 +154,15 @@ def _ranked(
     distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
     pixel: tuple[float, float] | None = None,
 ) -> list[NextView]:  # fmt: skip
-    """The feasible poses, ordered by the projection uncertainty after their photograph."""
-    A = _projection(camera, pixel)
+    rays = camera.rays(camera.frame_grid(*FRAME))
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    J = camera.by_params(rays).reshape(2 * len(rays), -1)
+    turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
+    rotation = np.linalg.lstsq(turns, J, rcond=None)[0]
+    if pixel is not None:
+        ray = camera.rays(np.array([pixel]))
+        J, turns = camera.by_params(ray)[0], by_pose(camera.by_points(ray), ray)[0, :, :3]
+    A = np.asarray(J - turns @ rotation)
     before = _rms(A, np.asarray(np.linalg.inv(information), dtype=np.float64))
     nodes, shape, sigma_px = thinned(nodes, shape, sigma_px)
     answers = []
@@ -211,7 +198,6 @@ def chart_at(
 
 
 def _sight(camera: CameraModel, at: tuple[float, float]) -> Array:
-    """Unit vector towards a place of the frame."""
     ray = camera.rays(np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]]))[0]
     return np.asarray(ray / np.linalg.norm(ray))
 
@@ -251,24 +237,7 @@ def view_derivatives(
     return G, by_pose(by_points, points).reshape(-1, POSE) / sigma_px
 
 
-def _projection(camera: CameraModel, pixel: tuple[float, float] | None = None) -> Array:
-    """Derivative (2 n, p) of the projection at infinity by the camera parameters, up to the best rotation.
-
-    Over the frame, or at one pixel.
-    """
-    rays = camera.rays(camera.frame_grid(*FRAME))
-    rays = rays[np.isfinite(rays).all(axis=1)]
-    J = camera.by_params(rays).reshape(2 * len(rays), -1)
-    turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
-    rotation = np.linalg.lstsq(turns, J, rcond=None)[0]
-    if pixel is not None:
-        ray = camera.rays(np.array([pixel]))
-        J, turns = camera.by_params(ray)[0], by_pose(camera.by_points(ray), ray)[0, :, :3]
-    return np.asarray(J - turns @ rotation)
-
-
 def _rms(A: Array, covariance: Array) -> float:
-    """Root mean square length of the projection error, in pixels."""
     p = A.shape[1]
     return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
 

@@ -1,12 +1,9 @@
 """Inner loops of the adjustment: a view's part of the normal equations of the nodes, and cubic B-splines of a frame."""
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices
 from procedures.numerics.compiled import compiled
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 
 @compiled
@@ -15,17 +12,12 @@ def add_view(
 ) -> None:
     """Whiten J (n, 2, m) and E (n, 2, 3) in place, and add E'E, E'r and E'J to V, v and W of the nodes.
 
-    J, E : (n, 2, m), (n, 2, 3) float64
-        Derivatives of the points by the first unknowns and by their nodes.
-    r : (n, 2) float64
-        Whitened residuals.
+    J, E : (n, 2, m), (n, 2, 3) float64, derivatives of the points by the first unknowns and by their nodes
+    r : (n, 2) float64, whitened residuals
     whitening : (n, 2, 2) float64
-    index : (n,) int64
-        Node of each point.
-    places : (m,) int64
-        Index of each column of J among the first unknowns.
-    V, v, W : (N, 3, 3), (N, 3), (N, 3, M) float64
-        See `adjustment.System`.
+    index : (n,) int64, node of each point
+    places : (m,) int64, index of each column of J among the first unknowns
+    V, v, W : (N, 3, 3), (N, 3), (N, 3, M) float64, see `adjustment.System`
     """
     for i in range(len(index)):
         whiten(whitening[i], J[i])
@@ -54,12 +46,9 @@ def whiten(whitening: Array, rows: Array) -> None:
 def spline_at(places: Array, last: Array, controls: Array, moved: Array, stretched: Array) -> None:
     """Fill in displacements (n, 2), and derivatives (n, 2, 2) of the displaced places by the places.
 
-    places : (n, 2) float64
-        In pixels. Beyond the frame the displacement is constant; NaN gives NaN.
-    last : (2,) float64
-        The last pixel (x, y) of the frame.
-    controls : (ny, nx, 2) float64
-        Control points of a regular grid over it.
+    places : (n, 2) float64, in pixels. Beyond the frame the displacement is constant; NaN gives NaN.
+    last : (2,) float64, the last pixel (x, y) of the frame
+    controls : (ny, nx, 2) float64, control points of a regular grid over it
     """
     x, y = np.empty((2, 4)), np.empty((2, 4))
     for n in range(len(places)):

@@ -42,30 +42,24 @@ from procedures.plan import (
     Outcomes,
     Outline,
     Plan,
-    Points,
     Reading,
     Step,
     Tour,
     TourStop,
     facts_as,
 )
-from procedures.raw import Plane, RawFrame
+from procedures.raw import RawFrame
 
-BEFORE = ("print", "mount", "distance", "focus")
-"""Steps shared with the pattern PSF."""
-USUAL, FEWEST, MOST = 12, 6, 60
-"""Numbers of views: fewer than six do not allow cross-validation."""
+BEFORE = ("print", "mount", "distance", "focus")  # steps shared with the pattern PSF
+USUAL, FEWEST, MOST = 12, 6, 60  # numbers of views: fewer than six do not allow cross-validation
 NEAR = 0.05
 """Tolerance of the chart's position, as a fraction of the frame's width: nearby positions are as informative."""
-TURN_DEG = 7.0
-"""Tolerance of its yaw and pitch."""
+TURN_DEG = 7.0  # tolerance of its yaw and pitch
 SURE_DEG, STEP_DEG = 20.0, 25.0
 """A tilt below the first shows in perspective alone, which resembles distortion: from there the chart is turned by at
 most the second before the next photograph, lest it be turned out of sight."""
-LEAST_WHITE = 0.15
-"""Least white of a usable photograph, in fractions of full scale: a tilted chart is darker."""
-SCATTER_PX = 0.02
-"""Standard deviation of a point, in sensor pixels, assumed for the choice of views."""
+LEAST_WHITE = 0.15  # least white of a usable photograph, in fractions of full scale: a tilted chart is darker
+SCATTER_PX = 0.02  # standard deviation of a point, in sensor pixels, assumed for the choice of views
 
 
 def plan() -> Plan:
@@ -197,21 +191,17 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"This view does not count: {changed}. Set it back.")
     wanted = wanted_pose(number, known)
-    outline = wanted_outline(wanted, known)
+    # the chart's sheet in the wanted pose, by the nominal lens
+    start = known.begun()
+    camera = nominal_camera(start.shape, start.principal_px)
+    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
+    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
+    outline = points_of(camera.project(pose.apply(corners)))
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return replace(sighting, moves={}, outline=Outline((), outline))
     advice = pose_advice(number, wanted, sighting, frame, known)
     return replace(advice, outline=to_match(sighting, outline))
-
-
-def wanted_outline(wanted: NextView, known: GeometryFacts) -> Points:
-    """The chart's sheet in the wanted pose, by the nominal lens."""
-    start = known.begun()
-    camera = nominal_camera(start.shape, start.principal_px)
-    corners = np.column_stack([(CORNERS - CELLS / 2) * known.cell_mm, np.zeros(len(CORNERS))])
-    pose = chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm)
-    return points_of(camera.project(pose.apply(corners)))
 
 
 def view_goal(number: int, facts: Facts) -> Goal:
@@ -282,7 +272,10 @@ def turn_by(present_deg: float, wanted_deg: float) -> float:
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The camera from all views, by the name of their plane."""
     known_facts = facts_as(GeometryFacts, facts)
-    name, size = _plane_size(shown(frames[0])) if frames else ("", (0, 0))
+    name, size = "", (0, 0)
+    if frames:
+        plane = shown(frames[0])
+        name, size = plane.name, (plane.samples.shape[1] * plane.pitch, plane.samples.shape[0] * plane.pitch)
     views, reasons = chart_views(frames, known_facts)
     aim = known_facts.aimed_at
     advise_px = None if aim is None else in_pixels(aim, size)
@@ -290,12 +283,6 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     if outcome.value is None and reasons:
         return {name: replace(outcome, reason=f"{outcome.reason}; {reasons[0]}")}
     return {name: outcome}
-
-
-def _plane_size(plane: Plane) -> tuple[str, tuple[int, int]]:
-    """Name of the plane, and columns and rows of the sensor."""
-    rows, columns = plane.samples.shape
-    return plane.name, (columns * plane.pitch, rows * plane.pitch)
 
 
 def chart_views(frames: Sequence[RawFrame], facts: GeometryFacts) -> tuple[list[ChartView], list[str]]:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import (
     Adjustment,
@@ -25,8 +24,6 @@ from procedures.geometry.conversion import as_model
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.uncertainty import covered_region
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
 
 ROUGHNESS_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Candidates for the standard deviation of the third differences of control points: the first leaves 0.1 pixel of cubic
@@ -46,11 +43,9 @@ FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
 class SmoothnessTrial:
     """A smoothness that was compared.
 
-    roughness_px : float
-        Standard deviation of the third differences of control points.
-    left_over : float
-        Mean square residual of points to which it was not fitted, in units of their covariances; inf where the
-        adjustment did not converge.
+    roughness_px : float, standard deviation of the third differences of control points
+    left_over : float, mean square residual of points to which it was not fitted, in units of their covariances; inf
+        where the adjustment did not converge
     """
 
     model: str
@@ -84,8 +79,7 @@ def fit_model(
 ) -> tuple[Adjustment, tuple[SmoothnessTrial, ...]]:
     """A model fitted to views, and for a spline the compared degrees of smoothness, the chosen one first.
 
-    model : str or None
-        None: the reference.
+    model : str or None, none: the reference
     """
     if model is not None and not any(split_model(model)[1]):
         return fit_formula(model, start, problem), ()
@@ -134,7 +128,6 @@ def _trials(
 
 
 def _halves(problem: AdjustmentProblem) -> tuple[AdjustmentProblem, AdjustmentProblem]:
-    """The problem with one and the other random half of the points of every view."""
     rng = np.random.default_rng(0)
     chosen = [rng.permutation(len(view)) % 2 == 0 for view in problem.views]
     first, second = (

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
@@ -37,15 +36,12 @@ from procedures.geometry.next_view import (
 from procedures.geometry.shape import scale_spread, shape_model
 from procedures.geometry.views import ChartView, Pose
 from procedures.numbers import BASELINE, TURN
+from procedures.numerics.arrays import Array, Indices
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_refusal
 
-Array = npt.NDArray[np.float64]
-
-FEWEST_CHARTS = 3
-"""Fewer charts do not show whether the rig is rigid."""
+FEWEST_CHARTS = 3  # fewer charts do not show whether the rig is rigid
 ITERATIONS = 4
-UNLIKELY = 0.001
-"""Probability of such differences among the charts, below which the rig is doubtful."""
+UNLIKELY = 0.001  # probability of such differences among the charts, below which the rig is doubtful
 CONVENTION = (
     "X_camera = R X_first + t; the errors of every further camera are a rotation vector w in radians and a shift d in "
     "mm, in that camera's frame: X_camera -> exp([w]x) X_camera + d"
@@ -59,12 +55,9 @@ class RigCamera:
 
     camera : CameraModel
     views : tuple of ChartView
-    poses : tuple of Pose
-        Of the chart in every view.
-    nodes : (N, 3) float64
-        The plan of the chart, in mm.
-    cell_uncertainty : float
-        Relative standard uncertainty of the plan's scale.
+    poses : tuple of Pose, of the chart in every view
+    nodes : (N, 3) float64, the plan of the chart, in mm
+    cell_uncertainty : float, relative standard uncertainty of the plan's scale
     """
 
     camera: CameraModel
@@ -84,18 +77,13 @@ class RigPoses:
     """Poses of the further cameras relative to the first.
 
     poses : tuple of Pose
-    covariance : (6 (n - 1), 6 (n - 1)) float64
-        See CONVENTION; includes the print's scale.
-    charts : tuple of str
-        The photographs, by the first camera that saw each chart, from which they are estimated.
+    covariance : (6 (n - 1), 6 (n - 1)) float64, see CONVENTION; includes the print's scale
+    charts : tuple of str, the photographs, by the first camera that saw each chart, from which they are estimated
     misfit : float
         Root of chi^2 over the degrees of freedom of the charts; if above 1 the covariance is scaled by its square.
-    chance : float
-        Probability of a larger chi^2.
-    next_view : NextView or None
-        Pose of the chart in the first camera that reduces the uncertainty of a depth most.
-    scale : float
-        Relative standard uncertainty of the print's scale.
+    chance : float, probability of a larger chi^2
+    next_view : NextView or None, pose of the chart in the first camera that reduces the uncertainty of a depth most
+    scale : float, relative standard uncertainty of the print's scale
     """
 
     poses: tuple[Pose, ...]
@@ -137,15 +125,27 @@ def rig_camera(geometry: Geometry, cell_uncertainty: float = 0.0) -> RigCamera:
 def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) -> Outcome[RigPoses]:
     """The poses of all cameras relative to the first, or the reason why the charts do not determine them.
 
-    cameras : sequence of RigCamera
-        Two or more, of one chart, in photographs taken at the same times.
-    depth_mm : float, optional
-        Depth on the first camera's axis whose uncertainty the proposed next view shall reduce.
+    cameras : sequence of RigCamera, two or more, of one chart, in photographs taken at the same times
+    depth_mm : float, depth on the first camera's axis whose uncertainty the proposed next view shall reduce
     """
     times = _times(cameras)
-    placed, fit = _placed(cameras, times), concluded(_adjusted(cameras))
+    # all cameras, poses, and the one chart
+    nodes = cameras[0].nodes
+    views = [replace(view, camera=c) for c, camera in enumerate(cameras) for view in camera.views]
+    problem = AdjustmentProblem(nodes, views, shape_model(nodes))
+    poses = tuple(pose for camera in cameras for pose in camera.poses)
+    adjusted = adjust(problem.flat_state(CameraSet.of([camera.camera for camera in cameras]), poses), problem)
+    placed, fit = _placed(cameras, times), concluded(adjusted)
     rig = _rigid(fit, times, placed, max(camera.cell_uncertainty for camera in cameras), depth_mm)
-    return verdict_of([_rigidity(rig)], rig)
+    rigidity = Check(
+        "rigidity",
+        -stats.norm.ppf(rig.chance),
+        -stats.norm.ppf(UNLIKELY),
+        Verdict.DOUBTFUL,
+        f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
+        "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
+    )
+    return verdict_of([(rigidity)], rig)
 
 
 def _times(cameras: Sequence[RigCamera]) -> list[list[int]]:
@@ -196,19 +196,9 @@ def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> lis
     return [pose for pose in poses if pose is not None]
 
 
-def _adjusted(cameras: Sequence[RigCamera]) -> Adjustment:
-    """All cameras, poses, and the one chart."""
-    nodes = cameras[0].nodes
-    views = [replace(view, camera=c) for c, camera in enumerate(cameras) for view in camera.views]
-    problem = AdjustmentProblem(nodes, views, shape_model(nodes))
-    poses = tuple(pose for camera in cameras for pose in camera.poses)
-    return adjust(problem.flat_state(CameraSet.of([camera.camera for camera in cameras]), poses), problem)
-
-
 def _rigid(
     fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float, depth_mm: float | None
 ) -> RigPoses:
-    """The rig from the poses of the chart in every view."""
     all_times = [time for one in times for time in one]
     used = [i for i, time in enumerate(all_times) if all_times.count(time) > 1]
     charts = list(dict.fromkeys(all_times[i] for i in used))
@@ -217,7 +207,8 @@ def _rigid(
     of = [fit.problem.views[i].camera for i in used]
     estimated = [fit.state.poses[i] for i in used]
     where = [charts.index(all_times[i]) for i in used]
-    boards = [_board(placed[c], pose) for c, pose in _firsts(of, estimated, where, len(charts))]
+    first = [where.index(board) for board in range(len(charts))]  # the first view of each chart
+    boards = [_board(placed[of[i]], estimated[i]) for i in first]
     further = POSE * (len(placed) - 1)
     for _ in range(ITERATIONS):
         residual, A = np.zeros(len(rows)), np.zeros((len(rows), further + POSE * len(charts)))
@@ -244,7 +235,7 @@ def _rigid(
 
 
 def _next_view(
-    fit: Adjustment, rows: npt.NDArray[np.int64], A: Array, placed: list[Pose], depth_mm: float, share: float
+    fit: Adjustment, rows: Indices, A: Array, placed: list[Pose], depth_mm: float, share: float
 ) -> NextView | None:
     """The pose of a chart, seen by several cameras at once, that reduces the uncertainty of a depth most.
 
@@ -291,7 +282,6 @@ def _without_last(information: Array, known: int) -> Array:
 
 
 def _depth_spread(information: Array, depth: Array, scale_mm: float) -> float:
-    """Standard uncertainty of a depth, with that of the print's scale."""
     return float(np.hypot(np.sqrt(depth @ np.linalg.solve(information, depth)), scale_mm))
 
 
@@ -314,25 +304,9 @@ def _depth_derivative(
     return np.asarray(-(np.linalg.pinv(np.concatenate(by_place)) @ np.concatenate(by_unknowns))[2])
 
 
-def _firsts(of: list[int], poses: list[Pose], where: list[int], count: int) -> list[tuple[int, Pose]]:
-    """Camera and pose of the first view of every chart."""
-    return [(of[i], poses[i]) for i in (where.index(board) for board in range(count))]
-
-
 def _board(camera: Pose, pose: Pose) -> Pose:
     """Pose of a chart in the first camera's frame, from that in another camera's."""
     return _compose(_inverse(camera), pose)
-
-
-def _rigidity(rig: RigPoses) -> Check:
-    return Check(
-        "rigidity",
-        -stats.norm.ppf(rig.chance),
-        -stats.norm.ppf(UNLIKELY),
-        Verdict.DOUBTFUL,
-        f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
-        "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
-    )
 
 
 def _compose(second: Pose, first: Pose) -> Pose:
@@ -352,6 +326,5 @@ def _transport(camera: Pose) -> Array:
 
 
 def _change(start: Pose, end: Pose) -> Array:
-    """The change (6,) from one pose to another."""
     turn = end.R @ start.R.T
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), end.t - turn @ start.t])

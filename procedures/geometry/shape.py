@@ -8,17 +8,14 @@ that the scale cannot be estimated without a known distance.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 STRETCH, UNEVEN, BEND = 0.005, 0.002, 0.02
 """Prior standard deviations relative to half the chart: of stretch and shear, of quadratic errors in the plane, and of
 bending out of it."""
-NODE_MM = 0.05
-"""Initial standard deviation of the node errors, in the plane and out of it."""
-LEAST_MM = 1e-4
-"""Lower limit of that standard deviation: keeps the system of an ideal chart solvable."""
+NODE_MM = 0.05  # initial standard deviation of the node errors, in the plane and out of it
+LEAST_MM = 1e-4  # lower limit of that standard deviation: keeps the system of an ideal chart solvable
 NAMES = (
     "stretch", "shear",
     "uneven_x_xx", "uneven_x_xy", "uneven_x_yy", "uneven_y_xx", "uneven_y_xy", "uneven_y_yy",
@@ -31,12 +28,9 @@ NAMES = (
 class ShapeModel:
     """Prior of a chart's shape.
 
-    terms : (N, 3, q) float64
-        Displacement of the nodes per mm of every term, 1 at the chart's edge.
-    prior_mm : (q,) float64
-        Standard deviations of the terms.
-    node_mm : (3,) float64
-        Standard deviations of the node errors along x, y and z; 0 without node errors.
+    terms : (N, 3, q) float64, displacement of the nodes per mm of every term, 1 at the chart's edge
+    prior_mm : (q,) float64, standard deviations of the terms
+    node_mm : (3,) float64, standard deviations of the node errors along x, y and z; 0 without node errors
     similarity : (N, 3, 7) float64
         Orthonormal displacements by a change of pose or scale, excluded from terms and node errors.
     """

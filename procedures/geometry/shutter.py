@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -27,32 +26,26 @@ from procedures.geometry.adjustment import (
     extra_terms,
 )
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array, Indices
 from procedures.outcome import Refused
 
-Array = npt.NDArray[np.float64]
-
-FEWEST_FRAMES = 6
-"""Frames of a video that show how the chart moves."""
+FEWEST_FRAMES = 6  # frames of a video that show how the chart moves
 ITERATIONS, NEGLIGIBLE = 6, 0.05
 """Corrections of the points at most; change of the row time, in standard uncertainties, that needs no further one."""
-SIGNIFICANT = 3.0
-"""Row time, in standard uncertainties, from which the shutter is a rolling one."""
+SIGNIFICANT = 3.0  # row time, in standard uncertainties, from which the shutter is a rolling one
 SHARP_S = 1e-3
 """Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
-STEP_S = 1e-7
-"""Change of the row time by which points are displaced for their derivative."""
+STEP_S = 1e-7  # change of the row time by which points are displaced for their derivative
 ROUNDS = 3
 """Projections that give the rows of moving points: each reduces their error by the path during a row, in rows."""
-NEAR = 4
-"""Views before and after one, whose poses displace its points."""
+NEAR = 4  # views before and after one, whose poses displace its points
 
 
 @dataclass(frozen=True)
 class ShutterTiming:
     """Row time of a camera.
 
-    row_s, uncertainty_s : float
-        Time between the exposures of neighbouring rows; positive where lower rows are later.
+    row_s, uncertainty_s : float, time between the exposures of neighbouring rows; positive where lower rows are later
     rows : int
     """
 
@@ -83,8 +76,7 @@ class ShutterTiming:
 class MovingProblem(AdjustmentProblem):
     """Views of a moving chart by a camera whose rows are exposed one after the other.
 
-    row_s : float
-        Time between neighbouring rows.
+    row_s : float, time between neighbouring rows
     """
 
     row_s: float = 0.0
@@ -105,10 +97,10 @@ class MovingProblem(AdjustmentProblem):
         of_poses = J[..., None, -POSE:] * weights[:, None, :, None]
         return np.concatenate([J[..., :-POSE], of_poses.reshape(*J.shape[:2], -1)], -1), by_nodes
 
-    def places(self, state: AdjustmentState, i: int) -> npt.NDArray[np.int64]:
+    def places(self, state: AdjustmentState, i: int) -> Indices:
         """Indices of camera, shape terms and the poses near a view among the unknowns."""
         near, first = self._near(i), len(state.camera.params) + len(state.terms_mm)
-        places: npt.NDArray[np.int64] = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
+        places: Indices = np.r_[:first, first + POSE * near.start : first + POSE * near.stop]
         return places
 
     def _near(self, i: int) -> slice:
@@ -139,7 +131,6 @@ def _times(state: AdjustmentState, problem: MovingProblem) -> list[Array]:
 
 @lru_cache(maxsize=2)
 def _weights(problem: MovingProblem) -> CubicSpline:
-    """Weights of the poses of all views over time."""
     times = [view.time_s for view in problem.views]
     return CubicSpline(times, np.eye(len(times)))
 

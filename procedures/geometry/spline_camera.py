@@ -15,19 +15,16 @@ from functools import cached_property, lru_cache
 from math import ceil, comb
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
 from procedures.geometry.node_kernels import add_spline_weights, spline_at
-
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 SPREAD = 5e-4
 """Prior root mean square of the spline, relative to the longer side: the size of decentring and thin prism, which views
 hardly distinguish from a shifted principal point."""
-ROUGH_PX = 1.0
-"""Standard deviation of third differences of control points that leaves the spline free."""
+ROUGH_PX = 1.0  # standard deviation of third differences of control points that leaves the spline free
 LONG_SIDES = (12, 18)
 """Numbers of control points along the longer side; the spacing along the shorter side is the same."""
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
@@ -48,8 +45,7 @@ def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
 class SplineCamera(CameraModel):
     """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row.
 
-    roughness_px : float
-        Prior standard deviation of the third differences of neighbouring control points.
+    roughness_px : float, prior standard deviation of the third differences of neighbouring control points
     """
 
     roughness_px: float = ROUGH_PX
@@ -118,21 +114,15 @@ class SplineCamera(CameraModel):
         return self._displaced(places)[0]
 
     def _displaced(self, places: Array) -> tuple[Array, Array]:
-        """Displacement (n, 2), and derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
         moved, stretched = np.empty_like(places), np.empty((len(places), 2, 2))
-        spline_at(places, self._last, self._controls, moved, stretched)
+        nx, ny = split_model(self.model)[1]
+        controls = self.params[self.plain :].reshape(ny, nx, 2)
+        spline_at(places, self._last, controls, moved, stretched)
         return moved, stretched
 
     @property
     def _last(self) -> Array:
-        """The last pixel of the frame, (x, y)."""
         return np.array([self.columns - 1.0, self.rows - 1.0])
-
-    @property
-    def _controls(self) -> Array:
-        """The control points, (ny, nx, 2)."""
-        nx, ny = split_model(self.model)[1]
-        return self.params[self.plain :].reshape(ny, nx, 2)
 
 
 @lru_cache(maxsize=8)

@@ -15,18 +15,14 @@ Source: Kogan, mrcal documentation, "Splined stereographic lens model".
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2", "s3", "s4", "p3", "p4")
 RADIAL = slice(4, 8)
-PRIOR = 1.5e-3
-"""Prior standard deviation of p1 to p4: what real lenses have."""
-EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)
-"""First terms of the series of the angle, r = f a."""
-MAX_ITERATIONS, TOLERANCE = 50, 1e-13
-"""Limits of Newton's iteration for the radius."""
+PRIOR = 1.5e-3  # prior standard deviation of p1 to p4: what real lenses have
+EQUIDISTANT = (-1 / 12, 1 / 80, -1 / 448, 1 / 2304)  # first terms of the series of the angle, r = f a
+MAX_ITERATIONS, TOLERANCE = 50, 1e-13  # limits of Newton's iteration for the radius
 
 
 def project(params: Array, points: Array) -> Array:
@@ -100,7 +96,6 @@ def _bent(params: Array, s: Array, q: Array) -> Array:
 
 
 def _by_flat(params: Array, s: Array, q: Array) -> Array:
-    """Derivative (n, 2, 2) of `_bent` by the coordinates."""
     (x, y), (p1, p2, s1, s2, s3, s4, p3, p4) = s.T, params[RADIAL.stop :]
     u, v = p1 + p3 * q, p2 + p4 * q
     more = 2 * np.stack([2 * p3 * x * y + p4 * (q + 2 * x * x), p3 * (q + 2 * y * y) + 2 * p4 * x * y])
@@ -129,6 +124,5 @@ def _factor(params: Array, q: Array) -> Array:
 
 
 def _slope(params: Array, q: Array) -> Array:
-    """Derivative of the factor by q."""
     k1, k2, k3, k4 = params[RADIAL]
     return np.asarray(k1 + q * (2 * k2 + q * (3 * k3 + q * 4 * k4)))

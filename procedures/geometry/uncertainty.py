@@ -10,22 +10,18 @@ Source: Kogan, mrcal documentation, "Projection uncertainty", mean-pcam formulat
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.model_doubt import missing_terms
+from procedures.numerics.arrays import Array, Mask
 
-Array = npt.NDArray[np.float64]
-
-OUTLINE_TOLERANCE = 0.003
-"""Simplification of outlines, relative to their size."""
+OUTLINE_TOLERANCE = 0.003  # simplification of outlines, relative to their size
 
 
 def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
     """Derivative (n, 2, M) of the projection at places (n, 2) of the frame by the unknowns of the adjustment.
 
-    distance_mm : float
-        Of the object along the ray; inf: only rotations have an effect.
+    distance_mm : float, of the object along the ray; inf: only rotations have an effect
     """
     camera = fit.state.camera
     rays = camera.rays(pixels)
@@ -45,8 +41,7 @@ def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) ->
 def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, without_doubt: bool = False) -> Array:
     """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame.
 
-    without_doubt : bool
-        Whether to omit the doubt about the camera model, and count noise alone.
+    without_doubt : bool, whether to omit the doubt about the camera model, and count noise alone
     """
     J = projection_derivative(fit, pixels, distance_mm)
     squares = np.einsum("nai,ij,naj->n", J, fit.covariance * fit.scale**2, J, optimize=True)
@@ -83,7 +78,7 @@ def covered_region(points: Array) -> Array:
     return np.asarray(few[:, 0], dtype=np.float64)
 
 
-def enclosed(region: Array, pixels: Array) -> npt.NDArray[np.bool_]:
+def enclosed(region: Array, pixels: Array) -> Mask:
     """Whether each pixel (n, 2) lies inside an outline."""
     outline = region.astype(np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(x), float(y)), False) >= 0 for x, y in pixels])

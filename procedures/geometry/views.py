@@ -5,34 +5,26 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.pattern import CELLS
 from procedures.pattern_psf.correspondences import bin_centres
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class ChartView:
     """One photograph of the chart.
 
-    source : str
-        Name of the photograph.
-    index : (n,) int64
-        Indices of the visible nodes.
-    points : (n, 2) float64
-        Their positions (x, y) in sensor pixels with centres at integers.
-    covariance : (n, 2, 2) float64
-        Of each point, in squared pixels; different points are independent.
-    camera : int
-        Which of several cameras took it.
-    time_s : float
-        Time of the middle row's exposure, for frames of a video.
+    source : str, name of the photograph
+    index : (n,) int64, indices of the visible nodes
+    points : (n, 2) float64, their positions (x, y) in sensor pixels with centres at integers
+    covariance : (n, 2, 2) float64, of each point, in squared pixels; different points are independent
+    camera : int, which of several cameras took it
+    time_s : float, time of the middle row's exposure, for frames of a video
     """
 
     source: str
-    index: npt.NDArray[np.int64]
+    index: Indices
     points: Array
     covariance: Array
     camera: int = 0
@@ -42,7 +34,7 @@ class ChartView:
         """Number of points."""
         return len(self.index)
 
-    def part(self, chosen: npt.NDArray[np.bool_]) -> "ChartView":
+    def part(self, chosen: Mask) -> "ChartView":
         """The view with some of its points."""
         return replace(self, index=self.index[chosen], points=self.points[chosen], covariance=self.covariance[chosen])
 
@@ -70,10 +62,8 @@ def greatest_tilt(nodes: Array, views: Sequence[ChartView]) -> float:
 class Pose:
     """Pose of the chart in the camera's frame: X_camera = R X_chart + t.
 
-    R : (3, 3) float64
-        Its columns are the chart's right, down and away in the camera's frame (x right, y down, z away).
-    t : (3,) float64
-        The chart's centre in the camera's frame, in mm.
+    R : (3, 3) float64, its columns are the chart's right, down and away in the camera's frame (x right, y down, z away)
+    t : (3,) float64, the chart's centre in the camera's frame, in mm
     """
 
     R: Array
@@ -94,8 +84,7 @@ def normals_spread_deg(poses: Sequence[Pose]) -> float:
 def chart_nodes(cell_mm: float) -> Array:
     """Centres of the chart's bins on a flat sheet, in mm from its centre, (N, 3).
 
-    cell_mm : float
-        Side of a printed cell.
+    cell_mm : float, side of a printed cell
     """
     flat = (bin_centres() - CELLS / 2) * cell_mm
     return np.column_stack([flat, np.zeros(len(flat))])

@@ -23,8 +23,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FOLDER = "calibration-station"
 USES_THIS = b"numerics.compiled import"
-KEPT_S = 30 * 24 * 3600.0
-"""Age at which the code of other sources is removed."""
+KEPT_S = 30 * 24 * 3600.0  # age at which the code of other sources is removed
 
 
 def jitted(**options: Any) -> Callable[[F], F]:
@@ -82,7 +81,6 @@ def _warn() -> None:
     )
 
 
-compiled = jitted()
-"""Strict arithmetic; division by zero gives infinity or NaN as in NumPy."""
+compiled = jitted()  # strict arithmetic; division by zero gives infinity or NaN as in NumPy
 vectorised = jitted(fastmath={"reassoc", "contract", "nsz", "arcp", "nnan"})
 """For data without NaN: sums may be reordered, so that loops over them use vector registers."""

@@ -30,19 +30,15 @@ from procedures.numerics.arrays import Array
 
 State = TypeVar("State")
 
-MAX_ITERATIONS, MAX_REJECTIONS = 100, 10
-"""Linearisations in all, and trial steps from one of them."""
-STEP_TOLERANCE = 1e-9
-"""Relative length of a step, both measured by D, that counts as none."""
+MAX_ITERATIONS, MAX_REJECTIONS = 100, 10  # linearisations in all, and trial steps from one of them
+STEP_TOLERANCE = 1e-9  # relative length of a step, both measured by D, that counts as none
 LEAST_DAMPING, FIRST_DAMPING = 1e-13, 1e-10
 """The first lies below the eigenvalues of a scaled system that rounding leaves meaningful, and keeps a singular system
 solvable; with the second a start near the minimum takes Gauss-Newton steps in all but the weakest directions."""
 LOWER, RAISE = 0.1, 4.0
 """Factors of lambda after a step that was taken, and after the first that was rejected; each further one doubles it."""
-POOR_GAIN = 0.5
-"""Share of the predicted decrease below which a step is corrected to second order."""
-ROUNDING = 1e-13
-"""Relative decrease of a sum of squares that may be rounding."""
+POOR_GAIN = 0.5  # share of the predicted decrease below which a step is corrected to second order
+ROUNDING = 1e-13  # relative decrease of a sum of squares that may be rounding
 REACH = 0.1
 """Part of the step over which the second derivative is taken: large against rounding, small against third orders."""
 
@@ -153,7 +149,6 @@ def _sum(residual: Array) -> float:
 
 
 def _step(model: Linearisation, damping: float) -> Array:
-    """The damped step, NaN where the system is singular."""
     try:
         return model.solve(model.gradient, damping)
     except LinAlgError:
@@ -161,13 +156,11 @@ def _step(model: Linearisation, damping: float) -> Array:
 
 
 def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
-    """Whether the predicted decrease or the relative length of a step is negligible."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
     return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
 
 def _predicted(model: Linearisation, step: Array, damping: float) -> float:
-    """Decrease of the sum of squares by a step if the model were linear."""
     return float(step @ (model.gradient + damping * model.scale * step))
 
 

@@ -27,8 +27,7 @@ START_PX = (0.2, 0.9, 1.1)
 """a per square pixel of a kernel of sum 1, R and L in pixels: starting values and prior medians."""
 START_SPREAD = 1.0
 """Prior standard deviation of their logarithms, which regularises the search where the data are uninformative."""
-ROUGHNESS = 1e-4
-"""Uncorrelated fraction of the variance: keeps the smoothest prior invertible."""
+ROUGHNESS = 1e-4  # uncorrelated fraction of the variance: keeps the smoothest prior invertible
 CENTRAL_SIDES = (11, 17)
 """Sides in samples of the central squares used, one after the other: the smaller one takes a tenth of the time and
 gives a good start. Samples beyond the larger are faint and would dominate the time."""
@@ -47,21 +46,15 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     k = round(len(h) ** 0.5)
     at = start = _start(s)
     for side in CENTRAL_SIDES:
-        at = _most_likely(*_middle(h, errors, k, side), start, at)
+        rim = max(0, (k - side) // 2)
+        inner = np.arange(k * k).reshape(k, k)[rim : k - rim, rim : k - rim].ravel()
+        at = _most_likely(h[inner], errors[np.ix_(inner, inner)], start, at)
     return _Prior.at(at, k).C
 
 
 def _start(s: int) -> Array:
-    """Prior medians of the logarithms of a, R and L, in samples."""
     a, radius, length = START_PX
     return np.log([a / s**2, radius * s, length * s])
-
-
-def _middle(h: Array, errors: Array, k: int, side: int) -> tuple[Array, Array]:
-    """The estimate's central values, at most side x side, and their covariance."""
-    rim = max(0, (k - side) // 2)
-    inner = np.arange(k * k).reshape(k, k)[rim : k - rim, rim : k - rim].ravel()
-    return h[inner], errors[np.ix_(inner, inner)]
 
 
 def _most_likely(h: Array, errors: Array, start: Array, at: Array) -> Array:

@@ -13,14 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Complex, Indices
 from procedures.numerics.transforms import integral_of_j0, j0, j1
 
 REACH = 64
 """Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,
 which a shorter reach biases, as varying light from beyond is attributed to it."""
-FAR = 128
-"""Greatest distance in pixels of light beyond the reach; light from further away is taken as constant."""
+FAR = 128  # greatest distance in pixels of light beyond the reach; light from further away is taken as constant
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""
@@ -29,12 +28,9 @@ MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1,
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """Prior standard deviations of the shapes after the mean tail, relative to its energy: an excess close to the support,
 and variation with twice and four times the direction. Without the prior, noise would dominate them."""
-KEPT = 256
-"""Greatest number of frequencies whose spectra are cached."""
-DIGITS = 11
-"""Decimals of an argument of the transform beyond the reach, whose slope is at most 1."""
-LEAST_TAIL = 1e-3
-"""Least amplitude of the mean tail for which deviations are reported."""
+KEPT = 256  # greatest number of frequencies whose spectra are cached
+DIGITS = 11  # decimals of an argument of the transform beyond the reach, whose slope is at most 1
+LEAST_TAIL = 1e-3  # least amplitude of the mean tail for which deviations are reported
 
 
 def tail_border(k: int) -> int:
@@ -61,7 +57,7 @@ def tail_kernels(k: int) -> Array:
 
 
 def tail_columns(
-    u: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], s: int, k: int,
+    u: Array32, rows: Indices, columns: Indices, s: int, k: int,
     shapes: int = len(SHAPES),
 ) -> Array:  # fmt: skip
     """Convolution of an image `u` on the s grid, with a border of `tail_border`, with the first tail shapes, at pixels:
@@ -181,7 +177,7 @@ def spectrum_beyond(f: Array, k: int) -> Array:
     return np.asarray(_beyond(k) * _transform_beyond(2 * np.pi * f * tail_border(k)))
 
 
-def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:
+def _waves(f: Array, last: int) -> Complex:
     """exp(2 pi i f n) at frequencies (n,) for n from 0 to the last: (n, last + 1)."""
     steps = np.exp(2j * np.pi * f)
     return np.concatenate([np.ones((len(f), 1)), np.cumprod(np.repeat(steps[:, None], last, axis=1), axis=1)], axis=1)

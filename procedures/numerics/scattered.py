@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
@@ -45,7 +44,6 @@ class Polynomial:
             raise ValueError(f"{len(design)} places do not determine a polynomial of degree {self.degree}")
 
     def weights(self, points: Array) -> Array:
-        """(n, N)."""
         return np.asarray(monomials(points, self.degree) @ self._solution)
 
     @cached_property
@@ -71,7 +69,6 @@ class ThinPlate:
     stiffness: float = 0.0
 
     def weights(self, points: Array) -> Array:
-        """(n, N)."""
         return np.asarray(self._splines(points))
 
     @cached_property
@@ -111,11 +108,11 @@ class Hull:
         rim: Array = self.__dict__["_rim"]
         return rim
 
-    def holds(self, points: Array) -> npt.NDArray[np.bool_]:
+    def holds(self, points: Array) -> Mask:
         """Whether each of the points (n, 2) lies inside or, within rounding, on the rim."""
         near = self.nearest(points)
         size = float(np.ptp(self.places, axis=0).max())
-        inside: npt.NDArray[np.bool_] = np.linalg.norm(near - points, axis=1) <= 1e-9 * size
+        inside: Mask = np.linalg.norm(near - points, axis=1) <= 1e-9 * size
         return inside
 
     def nearest(self, points: Array) -> Array:

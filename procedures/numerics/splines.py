@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops, transforms
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Complex
 
 Complex64 = npt.NDArray[np.complex64]
 Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
@@ -82,18 +82,17 @@ def outline_spline(spectra: CellSpectra, band: Band) -> Array32:
     return band.spline([(spectra.left, np.sinc, _line), (spectra.upper, _line, np.sinc)])
 
 
-def _line(f: Array) -> npt.NDArray[np.complex128]:
+def _line(f: Array) -> Complex:
     """Spectrum of a line at a cell's lower edge, from the cell's centre."""
     return np.asarray(np.exp(1j * np.pi * f))
 
 
-def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:
+def _to_spline(f: Array, per_cell: int) -> Complex:
     """Spline prefilter, and the shift from cell centres to grid points, along one axis."""
     return np.asarray(_prefilter(f / per_cell) * np.exp(2j * np.pi * f * (0.5 / per_cell - 0.5)))
 
 
-RIM = 32
-"""Points of padding on every side of a photograph before its transform, fading to its mean."""
+RIM = 32  # points of padding on every side of a photograph before its transform, fading to its mean
 POINTS_PER_PERIOD = 3.2
 """Grid points per shortest retained period: the error of a cubic spline is then under 1 % at the band limit."""
 
@@ -104,8 +103,6 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     Frequencies f with J'f in [-band, band]^2 are retained. The rim is mirrored and faded out, so that the transform has
     no jump.
 
-    Parameters
-    ----------
     image : (rows, columns) float32 best centred about zero, for single precision
     J : (2, 2) d(pixels x, y of the image) / d(target x, y)
     band : largest frequency kept along each target axis, in cycles per unit of the target
@@ -117,7 +114,13 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     grid : (3, 3) float64
         Pixels (x, y) of the image -> grid points of the coefficients.
     """
-    framed = _faded(image)
+    # the image with a mirrored rim that fades to zero outwards
+    framed = np.pad(image, RIM, mode="symmetric")
+    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(RIM) + 0.5) / RIM)).astype(np.float32)
+    framed[:RIM] *= fade[:, None]
+    framed[-RIM:] *= fade[::-1, None]
+    framed[:, :RIM] *= fade
+    framed[:, -RIM:] *= fade[::-1]
     spectrum = transforms.rfft2(framed, [transforms.next_fast_len(n) for n in framed.shape])
     rows, columns = len(spectrum), transforms.next_fast_len(framed.shape[1])
     reach_x, reach_y = np.minimum(band * np.abs(np.linalg.inv(J)).sum(axis=0), 0.5)
@@ -139,19 +142,7 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     )
 
 
-def _faded(image: Array32) -> Array32:
-    """The image with a mirrored rim that fades to zero outwards."""
-    framed = np.pad(image, RIM, mode="symmetric")
-    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(RIM) + 0.5) / RIM)).astype(np.float32)
-    framed[:RIM] *= fade[:, None]
-    framed[-RIM:] *= fade[::-1, None]
-    framed[:, :RIM] *= fade
-    framed[:, -RIM:] *= fade[::-1]
-    return framed
-
-
 def _prefilter(f: Array) -> Array:
-    """Spectrum of the cubic spline prefilter, at f cycles per grid point."""
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 
@@ -164,8 +155,6 @@ def read_spline(
     The value at a target point p is that at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
     (p - centre) / radius. Points beyond the coefficients take the value at their rim.
 
-    Parameters
-    ----------
     coefficients : (rows, columns) float32 from `cell_image_spline` or `photograph_spline`
     H : (3, 3) target -> grid points of the coefficients
     centre, radius : normalisation of the displacement's argument

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numpy.fft import fftfreq, ifft, irfft2
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Indices
 
 __all__ = ["fft2", "fftfreq", "ifft", "irfft2", "irfft_rows", "next_fast_len", "rfft2"]
 
@@ -39,12 +39,9 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
         filled = np.zeros((rows, columns), dtype=np.float32)
         filled[: picture.shape[0], : picture.shape[1]] = picture[:rows, :columns]
         picture = filled
-    return _unpacked(np.asarray(cv2.dft(np.ascontiguousarray(picture))))
-
-
-def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
-    """The half plane (rows, columns // 2 + 1) of a real picture's transform from OpenCV's packed form: real and
-    imaginary parts side by side, and one below the other in the columns whose rows are transforms of real numbers."""
+    # the half plane (rows, columns // 2 + 1) of a real picture's transform from OpenCV's packed form: real and
+    # imaginary parts side by side, and one below the other in the columns whose rows are transforms of real numbers
+    packed = np.asarray(cv2.dft(np.ascontiguousarray(picture)))
     rows, columns = packed.shape
     half = np.empty((rows, columns // 2 + 1), dtype=np.complex64)
     half.view(np.float32)[:, 2 : columns + columns % 2] = packed[:, 1 : columns - 1 + columns % 2]
@@ -59,7 +56,7 @@ def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
     return half
 
 
-def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> npt.NDArray[np.float32]:
+def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> Array32:
     """Real rows (rows, columns) whose half transforms are `spectra`, zero beyond them."""
     packed = np.zeros((len(spectra), columns), dtype=np.float32)  # alternating real and imaginary parts after the first
     parts = np.ascontiguousarray(spectra, dtype=np.complex64).view(np.float32)[:, : columns + 1]
@@ -89,8 +86,7 @@ def next_fast_len(n: int) -> int:
 # (Trefethen and Weideman, SIAM Review 56, 2014).
 
 MORE_POINTS = 40
-LARGEST_BLOCK = 1 << 20
-"""Values of the integrand per block."""
+LARGEST_BLOCK = 1 << 20  # values of the integrand per block
 
 
 def j0(x: npt.ArrayLike) -> Array:
@@ -130,13 +126,11 @@ np.empty(31 << 20, np.uint8)
 
 
 def sample_convolution(
-    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int,
+    raster: Array32, rows: Indices, columns: Indices, weight: Array32, s: int, k: int,
     more: int = 0,
 ) -> Array32:  # fmt: skip
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
 
-    Parameters
-    ----------
     raster : (s (rows - 1) + k, s (columns - 1) + k) float32 the image on the s grid, with a border of k // 2 samples
     rows, columns : (m,) int64 the pixels
     weight : (m,) float32 one over the standard deviation of the pixel's sample
@@ -146,9 +140,7 @@ def sample_convolution(
     -------
     (m, k^2 + more) float32
 
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
+    Source: Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
     A = np.empty((len(rows), k * k + more), np.float32)  # NumPy allocates large pages
     loops.fill_convolution(A, raster, rows, columns, weight, s, k)

@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Mask
 
 CUBIC_EXPONENTS = tuple((i - j, j) for i in range(1, 4) for j in range(i + 1))
 """Exponents (of x, of y) of the monomials of degree one to three, lowest degree first."""
@@ -154,13 +154,11 @@ def displacement_columns(slopes: Array, monomials: Array) -> Array:
 # TPAMI 30 (2008), in OpenCV's implementation.
 
 MAX_ITERATIONS, TOLERANCE = 60, 1e-7
-COARSE_PX = 256
-"""Side of the reduced copies for the first guess."""
-SMOOTHED = 5
-"""Side of the smoothing window, pixels."""
+COARSE_PX = 256  # side of the reduced copies for the first guess
+SMOOTHED = 5  # side of the smoothing window, pixels
 
 
-def affine_between(first: Array32, second: Array32, clear: npt.NDArray[np.bool_]) -> Array | None:
+def affine_between(first: Array32, second: Array32, clear: Mask) -> Array | None:
     """The affine map (2, 3) from points (x, y) of the first picture, valid where `clear`, to the second; None if not
     converged."""
     import cv2  # here: it is slow to load

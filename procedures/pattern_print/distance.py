@@ -10,12 +10,9 @@ from procedures.pattern import CELLS
 from procedures.pattern_print.panel import Drawing, PrintedLine, Text
 
 FOCAL_LENGTHS_MM = (16, 24, 35, 50, 85, 100, 135, 200)
-SAMPLES_PER_PIXEL = 4
-"""Value of s in the table, the default."""
-IDEAL_PIXELS = CELLS / SAMPLES_PER_PIXEL
-"""Width of the noise region, in pixels of a plane, where s/t = 1."""
-PHOTOSITES_PER_PIXEL = 2
-"""A colour plane of a Bayer mosaic has every other photosite."""
+SAMPLES_PER_PIXEL = 4  # value of s in the table, the default
+IDEAL_PIXELS = CELLS / SAMPLES_PER_PIXEL  # width of the noise region, in pixels of a plane, where s/t = 1
+PHOTOSITES_PER_PIXEL = 2  # a colour plane of a Bayer mosaic has every other photosite
 
 
 @dataclass(frozen=True)

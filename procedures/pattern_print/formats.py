@@ -35,7 +35,13 @@ def pdf(*sheets: Sheet) -> bytes:
     for sheet in sheets:
         canvas.setPageSize((sheet.width_mm * mm, sheet.height_mm * mm))
         _pdf_chart(canvas, sheet)
-        _pdf_caption(canvas, sheet)
+        for stroke in sheet.caption.strokes:
+            (x0, y0), (x1, y1) = stroke.start, stroke.end
+            canvas.setLineWidth(stroke.thickness * mm)
+            canvas.line(x0 * mm, (sheet.height_mm - y0) * mm, x1 * mm, (sheet.height_mm - y1) * mm)
+        for text in sheet.caption.texts:
+            canvas.setFont(BOLD_FONT if text.bold else FONT, text.size * mm)
+            getattr(canvas, PDF_DRAW[text.anchor])(text.x * mm, (sheet.height_mm - text.y) * mm, text.words)
         canvas.showPage()
     canvas.save()
     return file.getvalue()
@@ -58,16 +64,6 @@ def _pdf_chart(canvas: Canvas, sheet: Sheet) -> None:
         operators += [f"{x0} {y0} m", *(f"{a} {b} l" for a, b in others), "h"]
     canvas.addLiteral(" ".join([*operators, "f*"]))
     canvas.restoreState()
-
-
-def _pdf_caption(canvas: Canvas, sheet: Sheet) -> None:
-    for stroke in sheet.caption.strokes:
-        (x0, y0), (x1, y1) = stroke.start, stroke.end
-        canvas.setLineWidth(stroke.thickness * mm)
-        canvas.line(x0 * mm, (sheet.height_mm - y0) * mm, x1 * mm, (sheet.height_mm - y1) * mm)
-    for text in sheet.caption.texts:
-        canvas.setFont(BOLD_FONT if text.bold else FONT, text.size * mm)
-        getattr(canvas, PDF_DRAW[text.anchor])(text.x * mm, (sheet.height_mm - text.y) * mm, text.words)
 
 
 def svg(sheet: Sheet) -> bytes:
@@ -121,8 +117,7 @@ def _svg_text(text: Text) -> str:
 Bitmap = npt.NDArray[np.uint8]
 
 CELL_PIXELS = 8
-EDGE_BLOCKS = 2
-"""Blocks of white and black beyond the margin, on the right and below, for slanted edges."""
+EDGE_BLOCKS = 2  # blocks of white and black beyond the margin, on the right and below, for slanted edges
 LARGEST_CELL_PIXELS = 32
 
 
@@ -142,14 +137,18 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
     for column, row in BLACK_BLOCKS:
         image[row * block :, column * block :][:block, :block] = 0
     for column, row in X_CORNER_BLOCKS:
-        image[row * block :, column * block :][:block, :block] = _x_corner(block)
+        # two triangles in a block of `block` pixels, one diagonal black and the other white: exact area, and a centred
+        # corner
+        x = np.arange(block) - (block - 1) / 2
+        y = x[:, np.newaxis]
+        black = (np.abs(y) > np.abs(x)) | (x == y)
+        image[row * block :, column * block :][:block, :block] = np.where(black, 0, 255).astype(np.uint8)
     beyond = QUIET_BLOCKS + (EDGE_BLOCKS if chart.edges else 0)
     image = np.pad(image, (QUIET_BLOCKS * block, beyond * block), constant_values=255)
     return _with_edges(image, cell_pixels) if chart.edges else image
 
 
 def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
-    """Add the black areas of the slanted edges: pixels whose centres lie in them."""
     first = BLOCK * (1 + QUIET_BLOCKS)
     for area in edge_areas():
         corners = (area + first) * cell_pixels - 0.5
@@ -160,15 +159,6 @@ def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
             inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0
         image[y0:y1, x0:x1][inside] = 0
     return image
-
-
-def _x_corner(block: int) -> Bitmap:
-    """Two triangles in a block of `block` pixels, one diagonal black and the other white: exact area, and a centred
-    corner."""
-    x = np.arange(block) - (block - 1) / 2
-    y = x[:, np.newaxis]
-    black = (np.abs(y) > np.abs(x)) | (x == y)
-    return np.where(black, 0, 255).astype(np.uint8)
 
 
 def png(image: Bitmap, source: Source, size: Size) -> bytes:

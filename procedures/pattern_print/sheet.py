@@ -13,7 +13,6 @@ from itertools import pairwise
 from math import atan2
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.outcome import BadParameter
 from procedures.pattern import (
@@ -24,7 +23,6 @@ from procedures.pattern import (
     CELLS,
     EDGE_END,
     GOOD_S_OVER_T,
-    Cells,
     Chart,
     edge_areas,
     triangles,
@@ -35,17 +33,13 @@ from procedures.pattern_print.panel import Drawing, Panel, PrintedLine, Text, wr
 from procedures.pattern_print.source import Source
 
 Box = tuple[float, float, float, float]
-SMALLEST_CELL_MM = 0.1
-"""Least width of a cell, so that an office printer's dots are small in comparison."""
+SMALLEST_CELL_MM = 0.1  # least width of a cell, so that an office printer's dots are small in comparison
 SMALLEST_WIDTH_MM = SMALLEST_CELL_MM * BLOCK * BLOCKS
 LARGEST_WIDTH_MM = 3600.0
 """Greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page."""
-QUIET_BLOCKS = 1
-"""Width of the white margin around the chart, in blocks."""
-EDGE_MM = 5.0
-"""Unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm."""
-LARGEST_TYPE = 6.0
-"""Greatest scale of the caption, which grows with the sheet."""
+QUIET_BLOCKS = 1  # width of the white margin around the chart, in blocks
+EDGE_MM = 5.0  # unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm
+LARGEST_TYPE = 6.0  # greatest scale of the caption, which grows with the sheet
 
 
 @dataclass(frozen=True)
@@ -243,20 +237,17 @@ def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
     ruler_x, ruler_y = panel.at(9, PANEL_HEIGHT_MM)
     y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
     _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
+    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
+    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
+    head = Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
     return (
-        _head(panel, titles)
+        head
         + printing
         + photographing
         + _distances(panel, noise_mm)
         + _explanation(panel, noise_mm)
         + rulers(ruler_x, ruler_y - 6.2)
     )
-
-
-def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
-    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
-    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
-    return Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
 
 
 def numbered(
@@ -279,7 +270,6 @@ def _paragraph(panel: Panel, x: float, y: float, words: str, width: float) -> li
 
 
 def _columns() -> list[float]:
-    """Right edges of the table's columns of numbers."""
     count = len(distance.SENSORS)
     return [RIGHT_END - COLUMN * (count - 1 - i) for i in range(count)]
 
@@ -295,13 +285,10 @@ def _distances(panel: Panel, noise_mm: float) -> Drawing:
     for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
         y += 4.1
         texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
-        texts += [panel.text(x, y, _metres(d), TYPE, anchor="end") for x, d in zip(_columns(), row, strict=True)]
+        metres = (f"{d:.1f}" if d >= 1 else f"{d:.2f}" for d in row)
+        texts += [panel.text(x, y, words, TYPE, anchor="end") for x, words in zip(_columns(), metres, strict=True)]
     strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
     return Drawing(tuple(strokes), tuple(texts))
-
-
-def _metres(distance_m: float) -> str:
-    return f"{distance_m:.1f}" if distance_m >= 1 else f"{distance_m:.2f}"
 
 
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:
@@ -378,8 +365,7 @@ def paper_named(name: str) -> Paper:
 # Outlines have no edges between black areas, so there are no hairlines.
 
 Vertex = tuple[int, int]
-Edge = tuple[int, int, int, int]
-"""From (x, y) to (x, y)."""
+Edge = tuple[int, int, int, int]  # from (x, y) to (x, y)
 Loop = list[Vertex]
 
 
@@ -389,27 +375,11 @@ def outline(chart: Chart) -> list[Loop]:
     Each is a list of (x, y) in cells, integers, without repetition of the first point. Black lies to the right of every
     edge, y down, so that the non-zero and the even-odd rule agree. Outlines meet in corners, never in edges.
     """
-    edges = _square_edges(_black_squares(chart.cells))
-    for start, end in _triangle_edges():
-        if (*end, *start) in edges:
-            edges.remove((*end, *start))
-        else:
-            edges.add((*start, *end))
-    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
-    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
-
-
-def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:
-    """Cells and black blocks on the grid of the whole chart, (320, 320)."""
+    # cells and black blocks on the grid of the whole chart, (320, 320)
     black = np.zeros((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.bool_)
-    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = cells == 0
+    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = chart.cells == 0
     for column, row in BLACK_BLOCKS:
         black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
-    return black
-
-
-def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
-    """Unit edges between black and white squares."""
     step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
     step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
     y, x = np.nonzero(step_down)
@@ -418,7 +388,14 @@ def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
     y, x = np.nonzero(step_right)
     up = step_right[y, x] > 0
     along = np.stack([x, y + up, x, y + ~up], axis=1)
-    return set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
+    edges = set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
+    for start, end in _triangle_edges():
+        if (*end, *start) in edges:
+            edges.remove((*end, *start))
+        else:
+            edges.add((*start, *end))
+    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
+    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
 
 
 def _triangle_edges() -> list[tuple[Vertex, Vertex]]:
@@ -440,23 +417,19 @@ def _chained(edges: set[Edge]) -> list[Loop]:
     loops = []
     for first in list(ends):
         while ends[first]:
-            loops.append(_one_loop(first, ends))
+            loop = [first, ends[first].pop()]
+            while loop[-1] != first:
+                choices = ends[loop[-1]]
+                before, here = loop[-2:]
+                if len(choices) == 1:
+                    loop.append(choices.pop())
+                    continue
+                # where two squares meet in a corner, the sharpest right turn stays on the same square
+                following = max(choices, key=lambda after: _turn(before, here, after))
+                choices.remove(following)
+                loop.append(following)
+            loops.append(loop[:-1])
     return loops
-
-
-def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
-    loop = [first, ends[first].pop()]
-    while loop[-1] != first:
-        choices = ends[loop[-1]]
-        before, here = loop[-2:]
-        if len(choices) == 1:
-            loop.append(choices.pop())
-            continue
-        # where two squares meet in a corner, the sharpest right turn stays on the same square
-        following = max(choices, key=lambda after: _turn(before, here, after))
-        choices.remove(following)
-        loop.append(following)
-    return loop[:-1]
 
 
 def _turn(before: Vertex, here: Vertex, after: Vertex) -> float:

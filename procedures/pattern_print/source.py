@@ -16,8 +16,7 @@ from procedures.reading.grey_image import LONGEST_HEAD, PNG_MAGIC, TIFF_MAGIC, p
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.library_noise import captured_noise
 
-GREY_SHARE = 0.01
-"""Greatest share of an image's pixels that are neither black nor white."""
+GREY_SHARE = 0.01  # greatest share of an image's pixels that are neither black nor white
 
 
 @dataclass(frozen=True)
@@ -40,25 +39,21 @@ class Source:
         """Chart whose cells are the pixels of an image. Raises BadInput if it is no grey file of 256 x 256 pixels,
         black and white."""
         data = read_file(path, "picture of cells")
-        chart = Chart.from_image(_black_and_white(path, data))
+        image = _decoded(path, data)
+        _check_size(path, *image.shape)
+        levels = image.astype(np.float64)
+        white = levels.max() or 1.0
+        grey = float(np.mean((levels > 0.25 * white) & (levels < 0.75 * white)))
+        if grey > GREY_SHARE:
+            raise BadInput(
+                f"cells must be black or white; in {path} {100 * grey:.0f} % of the pixels are grey",
+                "give an image of the cells, not a photograph of the chart",
+            )
+        chart = Chart.from_image(image)
         if chart.cells.min() == chart.cells.max():
             reason = f"a chart must have black and white cells; all of {path} have one colour"
             raise BadInput(reason, "give random cells, half of them white")
         return cls(chart, f"from image, SHA-256 {hashlib.sha256(data).hexdigest()}")
-
-
-def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:
-    image = _decoded(path, data)
-    _check_size(path, *image.shape)
-    levels = image.astype(np.float64)
-    white = levels.max() or 1.0
-    grey = float(np.mean((levels > 0.25 * white) & (levels < 0.75 * white)))
-    if grey > GREY_SHARE:
-        raise BadInput(
-            f"cells must be black or white; in {path} {100 * grey:.0f} % of the pixels are grey",
-            "give an image of the cells, not a photograph of the chart",
-        )
-    return image
 
 
 def _decoded(path: Path, data: bytes) -> npt.NDArray[np.generic]:

@@ -37,13 +37,10 @@ from procedures.pattern_print.sheet import (
 )
 from procedures.pattern_print.source import Source
 
-BLEED_MM = 1.5
-"""Width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper."""
-ARM_MM = 3.0
-"""Half the size of a cross; along the seam it extends over the whole band beyond the bleed."""
+BLEED_MM = 1.5  # width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper
+ARM_MM = 3.0  # half the size of a cross; along the seam it extends over the whole band beyond the bleed
 THICKNESS_MM, TYPE_MM = 0.15, 2.5
-ORIGIN_LETTERS = 24
-"""Number of characters of a long origin on the label."""
+ORIGIN_LETTERS = 24  # number of characters of a long origin on the label
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
@@ -86,7 +83,6 @@ def _box(tiling: Tiling, tile: SheetTile) -> Box:
 
 
 def _marks(box: Box, tile: SheetTile) -> Drawing:
-    """Crosses on the seams, and the label of those to be cut."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
     strokes = _crosses([left] * on_left + [right] * on_right, (top, bottom), upright=True)
@@ -110,7 +106,6 @@ def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) ->
 
 
 def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing:
-    """Label of sheet and chart, in the band below the cells."""
     x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
     rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size
     lines = (
@@ -123,12 +118,9 @@ def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing
 
 # --- first page of a chart on several sheets: instructions for joining them, and the caption with the rulers ---
 
-HEIGHT_MM = 140.0
-"""Height of the part above the caption, on A4."""
-SIDE_MM = LEFT_END - LEFT
-"""Width of the drawing of the chart with its white margin."""
-FRAME = BLOCK * QUIET_BLOCKS
-"""Width of the white margin, in cells."""
+HEIGHT_MM = 140.0  # height of the part above the caption, on A4
+SIDE_MM = LEFT_END - LEFT  # width of the drawing of the chart with its white margin
+FRAME = BLOCK * QUIET_BLOCKS  # width of the white margin, in cells
 TOP_MM = 18.0
 
 
@@ -139,6 +131,11 @@ def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
     scale = min(LARGEST_TYPE, across / PANEL_WIDTH_MM, along / (HEIGHT_MM + PANEL_HEIGHT_MM))
     x = (width - PANEL_WIDTH_MM * scale) / 2
     below = Panel(x, height - EDGE_MM - PANEL_HEIGHT_MM * scale, scale)
+    panel = Panel(x, EDGE_MM, scale)
+    sheets = "1 sheet" if len(tiling.tiles) == 1 else f"{len(tiling.tiles)} sheets"
+    heading = panel.text(LEFT, 9, f"Assembly of {sheets} of {tiling.paper.name}", TITLE_TYPE, bold=True)
+    _, steps = numbered(panel, TOP_MM + HEADING, "Joining", _steps(tiling), RIGHT, RIGHT_END)
+    above = Drawing(texts=(heading,)) + _plan(panel, tiling) + steps
     return Sheet(
         paper=tiling.paper.name,
         width_mm=width,
@@ -146,17 +143,9 @@ def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
         size=tiling.size,
         corner_mm=(0.0, 0.0),
         black=[],
-        caption=_above(Panel(x, EDGE_MM, scale), tiling)
-        + caption(below, titles(source, tiling.size), tiling.size.noise_mm),
+        caption=above + caption(below, titles(source, tiling.size), tiling.size.noise_mm),
         title=title(source, tiling.size),
     )
-
-
-def _above(panel: Panel, tiling: Tiling) -> Drawing:
-    sheets = "1 sheet" if len(tiling.tiles) == 1 else f"{len(tiling.tiles)} sheets"
-    heading = panel.text(LEFT, 9, f"Assembly of {sheets} of {tiling.paper.name}", TITLE_TYPE, bold=True)
-    _, steps = numbered(panel, TOP_MM + HEADING, "Joining", _steps(tiling), RIGHT, RIGHT_END)
-    return Drawing(texts=(heading,)) + _plan(panel, tiling) + steps
 
 
 def _steps(tiling: Tiling) -> tuple[str, ...]:
@@ -182,7 +171,6 @@ def _steps(tiling: Tiling) -> tuple[str, ...]:
 
 
 def _plan(panel: Panel, tiling: Tiling) -> Drawing:
-    """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
     unit = SIDE_MM / DRAWN_CELLS
 
     def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> PrintedLine:
@@ -220,14 +208,10 @@ def _in_chart(start: int, end: int) -> tuple[int, int]:
 
 # --- Division of a chart into several sheets ---
 
-AUTHORS_WIDTH_MM = 300.0
-"""Width of the whole chart, ten blocks, printed by the authors of the method."""
-DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)
-"""Cells across the chart with its white margin."""
-BAND_MM = 10.0
-"""Width of the band around a sheet's cells, which is cut off or covered by the neighbour."""
-MOST_SHEETS = 100
-"""Greatest number of sheets that can be joined accurately."""
+AUTHORS_WIDTH_MM = 300.0  # width of the whole chart, ten blocks, printed by the authors of the method
+DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)  # cells across the chart with its white margin
+BAND_MM = 10.0  # width of the band around a sheet's cells, which is cut off or covered by the neighbour
+MOST_SHEETS = 100  # greatest number of sheets that can be joined accurately
 
 
 @dataclass(frozen=True)

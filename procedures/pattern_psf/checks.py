@@ -19,17 +19,14 @@ from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.outline import SHEET, frontal_outline, present_outline
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
-from procedures.pattern_psf.radiometry import LightLevels, measure_light
+from procedures.pattern_psf.radiometry import measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
 from procedures.plan import Advice, Facts, Outline, Points, Reading, facts_as
 from procedures.raw import Plane, RawFrame
 
-PREFERRED_PLANES = ("G1", "Y")
-"""Planes used for geometry, in order of preference."""
-FLAT = 0.8
-"""Least level of the darkest white block over the brightest."""
-CENTRED = 0.12
-"""Greatest distance of the chart's centre from the frame's, as a fraction of the frame's width."""
+PREFERRED_PLANES = ("G1", "Y")  # planes used for geometry, in order of preference
+FLAT = 0.8  # least level of the darkest white block over the brightest
+CENTRED = 0.12  # greatest distance of the chart's centre from the frame's, as a fraction of the frame's width
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0
 """Tolerance of yaw and pitch, and of roll, which only rotates the PSF's axes on the chart."""
 
@@ -56,18 +53,14 @@ def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
         return Advice(False, "The chart is mirrored: photograph it directly, not in a mirror or from its back.")
     cut = sighting.cut_marks(plane.samples.shape)
     if cut:
-        return cut_off(cut, sighting, plane, known)
+        # advice where the frame cuts the chart: the shift of the camera, once the lens is known
+        say = f"The frame cuts the chart: {cut} of its 12 marks are outside. Aim at its middle."
+        moves: dict[str, float] = {}
+        if known.lens_known:
+            pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
+            moves = {"x_mm": pose.centre_mm[0], "y_mm": -pose.centre_mm[1]}
+        return Advice(False, say, moves=moves, by_hand={"aim": 1.0}, marks=marks_of(sighting))
     return sighting
-
-
-def cut_off(cut: int, sighting: ChartSighting, plane: Plane, known: PatternFacts) -> Advice:
-    """Advice where the frame cuts the chart: the shift of the camera, once the lens is known."""
-    say = f"The frame cuts the chart: {cut} of its 12 marks are outside. Aim at its middle."
-    moves: dict[str, float] = {}
-    if known.lens_known:
-        pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
-        moves = {"x_mm": pose.centre_mm[0], "y_mm": -pose.centre_mm[1]}
-    return Advice(False, say, moves=moves, by_hand={"aim": 1.0}, marks=marks_of(sighting))
 
 
 def marks_of(sighting: ChartSighting) -> Points:
@@ -103,7 +96,13 @@ def _light(frame: RawFrame, facts: Facts) -> Advice:
     advice = exposure_advice(float(brightest.white[0]), clipped, frame.exposure)
     flatness = Reading("evenness", 100 * brightest.flatness, "%", 100 * FLAT, None)
     if advice.good and not flatness.good:
-        advice = uneven(brightest)
+        # advice on the direction in which the illumination falls off
+        _, x, y = brightest.white[:3]
+        across = abs(x) > abs(y)
+        dark = ("left" if x > 0 else "right") if across else ("upper" if y > 0 else "lower")
+        share = 100 * brightest.flatness
+        say = f"The chart's {dark} side has {share:.0f} % of the brightest level: add light on that side."
+        advice = Advice(False, say, by_hand={"even_light": 1.0})
     readings = (*advice.readings, flatness)
     advice = replace(advice, facts={**advice.facts, "white_percent": 100 * float(brightest.white[0])})
     advice = replace(advice, readings=readings, marks=marks_of(sighting), moves={})
@@ -118,15 +117,6 @@ def with_cell_check(advice: Advice, plane: Plane, sighting: ChartSighting, known
     if isinstance(agreement, Advice):
         return replace(agreement, readings=advice.readings, facts=advice.facts, marks=advice.marks)
     return advice if agreement is None else replace(advice, facts={**advice.facts, "seed_agreement": agreement})
-
-
-def uneven(light: LightLevels) -> Advice:
-    """Advice on the direction in which the illumination falls off."""
-    _, x, y = light.white[:3]
-    across = abs(x) > abs(y)
-    dark = ("left" if x > 0 else "right") if across else ("upper" if y > 0 else "lower")
-    say = f"The chart's {dark} side has {100 * light.flatness:.0f} % of the brightest level: add light on that side."
-    return Advice(False, say, by_hand={"even_light": 1.0})
 
 
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:

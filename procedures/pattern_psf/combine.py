@@ -28,10 +28,8 @@ from procedures.quality import Diffraction, Quality, assess
 
 UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
 """p-values of chi^2 below which the result is doubtful, and below which it is refused."""
-MAX_SPREAD = 0.03
-"""Relative distance of a shot from the mean below which a disagreement is only doubtful."""
-CENTRE_PX = 0.05
-"""Scatter of the centre, in pixels, above which the result is doubtful."""
+MAX_SPREAD = 0.03  # relative distance of a shot from the mean below which a disagreement is only doubtful
+CENTRE_PX = 0.05  # scatter of the centre, in pixels, above which the result is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +179,6 @@ def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
 
 
 def _agreement(combined: CombinedPsf) -> list[Check]:
-    """Checks of the shots' agreement."""
     distances = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
     reason = (
         f"the shots disagree: chi-square is {combined.chi_square:.2f} per degree of freedom, and shot "

@@ -10,14 +10,12 @@ PSF's centre, which translates the whole chart and has no effect on the estimate
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, quantile
+from procedures.numerics.arrays import Array, Indices, Mask, quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import ChartFit
 
-BINS = 24
-"""Bins along one side of the noise region."""
+BINS = 24  # bins along one side of the noise region
 MIN_INFORMATION = 0.25
 """Least information of a bin relative to the median; bins with less, at the border or partly hidden, are excluded."""
 
@@ -31,7 +29,7 @@ class Correspondences:
     covariance : (n, 2, 2) covariance of each point, in squared pixels
     """
 
-    index: npt.NDArray[np.int64]
+    index: Indices
     points: Array
     covariance: Array
 
@@ -40,7 +38,7 @@ class Correspondences:
         """The bins' centres (n, 2) in cells."""
         return bin_centres()[self.index]
 
-    def take(self, chosen: npt.NDArray[np.bool_]) -> "Correspondences":
+    def take(self, chosen: Mask) -> "Correspondences":
         """Some of the bins."""
         return Correspondences(self.index[chosen], self.points[chosen], self.covariance[chosen])
 
@@ -68,7 +66,7 @@ def correspondences(fit: ChartFit) -> Correspondences:
     return Correspondences(index, points, np.asarray(inverse * fit.residual_std**2, dtype=np.float64))
 
 
-def normal_equations(slopes: Array, residual: Array, which: npt.NDArray[np.int64], count: int) -> tuple[Array, Array]:
+def normal_equations(slopes: Array, residual: Array, which: Indices, count: int) -> tuple[Array, Array]:
     """Normal equations of every bin: J'J (count, 2, 2) and J'r (count, 2)."""
     JJ, Jr = np.zeros((count, 2, 2)), np.zeros((count, 2))
     for a in range(2):
@@ -78,7 +76,7 @@ def normal_equations(slopes: Array, residual: Array, which: npt.NDArray[np.int64
     return JJ, Jr
 
 
-def informed(JJ: Array) -> npt.NDArray[np.int64]:
+def informed(JJ: Array) -> Indices:
     """Indices of the bins whose information is comparable to the median."""
     least = np.linalg.eigvalsh(JJ)[:, 0]
     positive = least[least > 0]

@@ -19,8 +19,7 @@ from procedures.numerics.arrays import Array
 from procedures.pattern import CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 
-FEWEST = 4
-"""Photographs below which no slope is given."""
+FEWEST = 4  # photographs below which no slope is given
 
 
 @dataclass(frozen=True)

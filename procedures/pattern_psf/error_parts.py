@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Budget
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.numerics.normal_equations import NormalEquations
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, ChartFit
 from procedures.psf import Psf
@@ -128,7 +127,6 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
 
 
 def _variations(name: str, value: float, changes: Array, uncertainty: float) -> list[Variation]:
-    """Compare one number in parts of the chart; `changes` (TILES^2,) are those of the tiles."""
     grid, rim = changes.reshape(TILES, TILES), TILES // 6
     inner = np.zeros(grid.shape, dtype=bool)
     inner[rim : TILES - rim, rim : TILES - rim] = True
@@ -142,7 +140,7 @@ def _variations(name: str, value: float, changes: Array, uncertainty: float) -> 
 
 
 def _variation(
-    name: str, halves: tuple[str, str], grid: Array, first: npt.NDArray[np.bool_], value: float, uncertainty: float
+    name: str, halves: tuple[str, str], grid: Array, first: Mask, value: float, uncertainty: float
 ) -> Variation:
     """A number in the first tiles and in the others, whose information is their share of all."""
     share = float(first.mean())

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change, with_modes, with_parts
 from procedures.clipping import SensorModel
@@ -27,7 +26,7 @@ from procedures.numbers import (
     RESIDUAL_STD,
     S_OVER_T,
 )
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, verdict_of, with_refusal
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
@@ -75,32 +74,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)
-"""Numbers checked for variation over the chart."""
+CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)  # numbers checked for variation over the chart
 PUPIL_SPREAD = 0.1
 """Relative standard uncertainty of the far tail expected from f-number and pitch: spread of wavelengths, non-circular
 or vignetted pupils, rounded f-numbers."""
 SAMPLES_PER_CELL = 2.0
 """Largest s/t chosen automatically: there the cells' spectrum reaches zero at the band's edge."""
-MAX_EXCLUSIONS = 10
-"""Greatest number of fits that exclude hidden places."""
-MIN_VISIBLE_SHARE = 0.5
-"""Least share of the noise region's samples that remain when hidden places are excluded."""
+MAX_EXCLUSIONS = 10  # greatest number of fits that exclude hidden places
+MIN_VISIBLE_SHARE = 0.5  # least share of the noise region's samples that remain when hidden places are excluded
 
 
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
     """Sampling of the PSF and solver, see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
 
-    Attributes
-    ----------
-    chosen : bool
-        Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
+    chosen : bool, whether given s and k were chosen from another photograph; they are not flagged as doubtful then
     origin : "marks", "centroid" or "peak"
         The point about which widths, encircled energies and the Strehl ratio are taken.
-    print_blur : float, optional
-        Standard deviation of the print's blur in cells. None: by the printer's dots where the photograph shows them,
-        otherwise `corruptions.PRINT_UNKNOWN`.
+    print_blur : float, standard deviation of the print's blur in cells. None: by the printer's dots where the
+        photograph shows them, otherwise `corruptions.PRINT_UNKNOWN`.
     """
 
     s: int | None = None
@@ -214,15 +206,10 @@ def estimate_psf(
 ) -> Outcome[PatternPsf]:
     """Estimate the PSF of a plane that shows the chart.
 
-    Parameters
-    ----------
-    plane : Plane, or (rows, columns) array
-        Linear samples, black 0, white 1; the chart may lie anywhere.
-    chart : Chart
-        The printed cells.
+    plane : Plane, or (rows, columns) array, linear samples, black 0, white 1; the chart may lie anywhere
+    chart : Chart, the printed cells
     parameters : PatternParameters, optional
-    diffraction : Diffraction, optional
-        Diffraction limit of this plane; with it the Strehl ratio is reported too.
+    diffraction : Diffraction, diffraction limit of this plane; with it the Strehl ratio is reported too
     sighting : ChartSighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is detected.
     sensor : SensorModel, optional
@@ -303,7 +290,6 @@ def _solve(
     diffraction: Diffraction | None = None,
     sensor: SensorModel | None = None,
 ) -> _Solved:
-    """The joint fit; raises Refused."""
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
@@ -364,8 +350,7 @@ class _Attempt:
     solution: Solution
 
 
-def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
-    """Subpixel positions of the chart's marks, and the map fitted to them."""
+def _register(samples: Array32, sighting: ChartSighting | None) -> tuple[Array, Registration]:
     if sighting is None:
         sighting = find_chart(samples)
     else:
@@ -383,7 +368,7 @@ def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) 
 
 
 def _fit(
-    samples: npt.NDArray[np.float32],
+    samples: Array32,
     chart: Chart,
     corners: Array,
     registration: Registration,
@@ -392,7 +377,6 @@ def _fit(
     k: int,
     known: _Known,
 ) -> tuple[ChartFit, ExcludedSamples]:
-    """Joint fit, and the samples excluded from it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     whole = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
@@ -432,7 +416,6 @@ def _result(
     corners: Array,
     diffraction: Diffraction | None,
 ) -> PatternPsf:
-    """Assemble the reported values from the final fit."""
     fit, psf, o = final.fit, final.solution.psf, final.fit.observation
     return PatternPsf(
         psf=psf,

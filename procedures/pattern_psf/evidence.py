@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER
@@ -22,7 +21,7 @@ from procedures.corruption.noise import (
     texture_correlation,
 )
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, Array32, Mask
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
 from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import apply_homography, cubic_monomials, displacement_columns
@@ -65,7 +64,6 @@ def _in_residual(residual: Variogram, absorbed: float) -> list[Strength]:
 def _strengths(
     fit: ChartFit, samples: Array32, light: LightLevels, chart: Chart, s: int, k: int
 ) -> dict[str, Strength]:
-    """Strengths of the directions, each by itself, in noise region and frame together."""
     raster, o = band_limited_chart(chart, fit.registration, s), fit.observation
     whole = WholeChart.of(fit, samples, light, raster, k)
     window = o.window
@@ -83,7 +81,6 @@ def _strengths(
 
 
 def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]) -> dict[str, Array]:
-    """All directions (rows, columns) over the whole chart."""
     wide, window = whole.surrounded, whole.window
     y, x = (
         (first + np.arange(-BORDER, n + BORDER) - (most - 1) / 2) / whole.fit.registration.radius
@@ -101,10 +98,8 @@ def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]
 
 CLEAR_PX = 1.5
 """Least distance of the frame's samples from the blocks of the x-corners, whose diagonals are stairs of cells here."""
-MIN_BLOCK_SAMPLES = 12
-"""Least number of samples of a block."""
-HIDDEN = 2.5
-"""Residual of a block, relative to the median one, above which something covers it."""
+MIN_BLOCK_SAMPLES = 12  # least number of samples of a block
+HIDDEN = 2.5  # residual of a block, relative to the median one, above which something covers it
 
 
 @dataclass(frozen=True)
@@ -200,7 +195,7 @@ class WholeChart:
             part = self._part(used, number)
         return part, used
 
-    def _clear(self, block: npt.NDArray[np.int64]) -> Mask:
+    def _clear(self, block: Indices) -> Mask:
         """Samples of the frame away from x-corners and from the rim, beyond which the surroundings are not known."""
         cell_px = block_size_px(self.fit.registration) / BLOCK
         rim, near = self.k / 2 / self.s / cell_px, CLEAR_PX / cell_px
@@ -215,7 +210,7 @@ class WholeChart:
                 touched |= corner[at[..., 0], at[..., 1]]
         return np.asarray(inside & ~noise & ~touched)
 
-    def _part(self, used: Mask, number: npt.NDArray[np.int64]) -> SampleGroup:
+    def _part(self, used: Mask, number: Indices) -> SampleGroup:
         rows, columns = np.nonzero(used)
         weight = self.weight[used]
         q = len(SHAPES)
@@ -235,7 +230,6 @@ class WholeChart:
 
 
 def _outside(shape: tuple[int, ...], window: Window, s: int, border: int, H: Array) -> Mask:
-    """Samples of the s grid that lie outside of the chart."""
     y, x = ((np.arange(n) - border) / s + first for n, first in zip(shape, (window.y, window.x), strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     cells = apply_homography(H, points)

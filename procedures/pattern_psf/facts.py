@@ -19,8 +19,7 @@ RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
 same number of shots has half the error at 1.3 (simulated: 24 mm at f/5.6 on pixels of 11.9 um)."""
 SIZES = ("focal_length_mm", "pixel_pitch_um", "chart_width_mm", "ruler_mm")
 """Facts that relate the chart's size in the image to its distance."""
-DOT_MM = 25.4 / 600
-"""Dot of an office printer."""
+DOT_MM = 25.4 / 600  # dot of an office printer
 LOOKS = "range_"
 MOSAIC, MONOCHROME = SENSORS = ("mosaic", "monochrome")
 

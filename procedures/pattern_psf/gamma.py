@@ -1,7 +1,6 @@
 """gamma as a function of s/t for the operator's lens: sentence, table and curve."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,7 @@ from procedures.plan import Diagram
 from procedures.quality import Diffraction
 
 HEADINGS = ("s/t", "distance", "noise region", "gamma", "lower bound", "error at 1 % noise")
-COMPARED_RATIOS = (0.7, 1.0)
-"""Values of s/t with which the target is compared."""
+COMPARED_RATIOS = (0.7, 1.0)  # values of s/t with which the target is compared
 
 
 def gamma_diagram(
@@ -28,11 +26,26 @@ def gamma_diagram(
     diffraction : if given, its cutoff is compared with the band of s
     """
     curve = gamma_curve(s, k)
-    sentences = [_comparison(curve, optics, s, k, aim)]
+    # sentence on gamma at the target and at other distances
+    (best,) = gamma_curve(s, k, (aim,))
+    comparisons = (
+        f"{view.gamma / best.gamma:.1f} times as much at {view.s_over_t:g} ({_distance(optics, view.s_over_t, s)})"
+        for view in (*gamma_curve(s, k, COMPARED_RATIOS), curve[-1])
+    )
+    comparison = (
+        f"At s/t {aim:g} ({_distance(optics, aim, s)}) the noise amplification gamma is {best.gamma:.2f}; "
+        f"it is {', '.join(comparisons)}."
+    )
+    sentences = [(comparison)]
     if diffraction is not None:
         sentences.append(_band(diffraction, s))
         if diffraction.cutoff > s / 2:
-            sentences.append(_raised(s, k, aim))
+            ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
+            (view,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
+            sentences.append(
+                f"If lens and photosites pass higher frequencies, s is raised to {s + 1}: at the same distance s/t is "
+                f"then {ratio:.2f} and gamma {view.gamma:.2f}."
+            )
     rows = (HEADINGS, *(_row(view, optics, s) for view in curve))
     x, y = zip(*((view.s_over_t, view.gamma) for view in curve), strict=True)
     return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(sentences), rows)
@@ -49,19 +62,6 @@ def _row(view: "NoiseRegionView", optics: ImagingGeometry, s: int) -> tuple[str,
     )
 
 
-def _comparison(curve: "Sequence[NoiseRegionView]", optics: ImagingGeometry, s: int, k: int, aim: float) -> str:
-    """Sentence on gamma at the target and at other distances."""
-    (best,) = gamma_curve(s, k, (aim,))
-    comparisons = (
-        f"{view.gamma / best.gamma:.1f} times as much at {view.s_over_t:g} ({_distance(optics, view.s_over_t, s)})"
-        for view in (*gamma_curve(s, k, COMPARED_RATIOS), curve[-1])
-    )
-    return (
-        f"At s/t {aim:g} ({_distance(optics, aim, s)}) the noise amplification gamma is {best.gamma:.2f}; "
-        f"it is {', '.join(comparisons)}."
-    )
-
-
 def _band(diffraction: Diffraction, s: int) -> str:
     """Sentence on the diffraction cutoff relative to the band; gamma itself is independent of the lens."""
     cutoff = diffraction.cutoff
@@ -69,16 +69,6 @@ def _band(diffraction: Diffraction, s: int) -> str:
     if cutoff <= (s - 1) / 2:
         return f"{words}: s = {max(math.ceil(2 * cutoff), 2)} suffices."
     return f"{words}."
-
-
-def _raised(s: int, k: int, aim: float) -> str:
-    """Sentence on s/t after s is raised because lens and photosites pass more; the PSF's width stays."""
-    ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
-    (view,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
-    return (
-        f"If lens and photosites pass higher frequencies, s is raised to {s + 1}: at the same distance s/t is then "
-        f"{ratio:.2f} and gamma {view.gamma:.2f}."
-    )
 
 
 def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:
@@ -90,10 +80,8 @@ def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:
 # the s grid, band-limited to it. Closer than s/t = 1 more samples cover the noise region, and the chart's spectrum
 # falls, to zero at the band's edge for s/t = 2; farther away the cells average to grey.
 
-RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)
-"""Sampling ratios of the curve."""
-NODES = 200
-"""Nodes of the quadrature over the band, in which the spectra oscillate about ten times at most."""
+RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)  # sampling ratios of the curve
+NODES = 200  # nodes of the quadrature over the band, in which the spectra oscillate about ten times at most
 
 
 @dataclass(frozen=True)
@@ -131,19 +119,16 @@ def expected_gamma(s_over_t: float, k: int, m: int) -> float:
     """
     import scipy.linalg  # now: it is slow to load, and a PSF needs none of it
 
-    inverse = scipy.linalg.inv(scipy.linalg.toeplitz(_covariance(s_over_t, k)))
+    # covariance (k,) at whole samples of a line of independent cells of variance 1, limited to the samples' band
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    f, df = nodes / 2, weights / 2  # cycles per sample
+    power = s_over_t * np.sinc(s_over_t * f) ** 2
+    covariance = np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
+    inverse = scipy.linalg.inv(scipy.linalg.toeplitz(covariance))
     level = inverse.sum(axis=0)
     spread = 4 * float(np.trace(inverse)) ** 2
     known_better = 4 * float(level @ level) ** 2 / (1 + float(level.sum()) ** 2)
     return (spread - known_better) / (m - k * k - 1)
-
-
-def _covariance(cell: float, k: int) -> Array:
-    """Covariance (k,) at whole samples of a line of independent cells of variance 1, limited to the samples' band."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    f, df = nodes / 2, weights / 2  # cycles per sample
-    power = cell * np.sinc(cell * f) ** 2
-    return np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
 
 
 # --- gamma of a view ---

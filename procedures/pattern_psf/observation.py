@@ -3,9 +3,8 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, Array32, Indices
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.radiometry import LightLevels, quadratic
@@ -25,8 +24,8 @@ class Observation:
         normalised coordinates
     """
 
-    rows: npt.NDArray[np.int64]
-    columns: npt.NDArray[np.int64]
+    rows: Indices
+    columns: Indices
     points: Array
     y: Array
     weight: Array
@@ -43,7 +42,7 @@ class Observation:
         x, y = (self.points[0] - (self.columns[0], self.rows[0])).astype(int)
         return Window(int(x), int(y), int(self.columns.max()) + 1, int(self.rows.max()) + 1)
 
-    def where(self, kept: npt.NDArray[np.bool_] | slice) -> "Observation":
+    def where(self, kept: Mask | slice) -> "Observation":
         """Subset of the samples."""
         return Observation(*(getattr(self, field.name)[kept] for field in fields(self)))
 

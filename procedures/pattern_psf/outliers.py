@@ -5,25 +5,20 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import quantile
+from procedures.numerics.arrays import Mask, quantile
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.refine import ChartFit
 
-OUTLIER_SIGMAS = 6.0
-"""Robust standard deviations beyond which no noise explains a sample."""
-PATCH_PX = 9
-"""Side of the windows of the local mean square residual, which is then known to a sixth."""
-MAX_LOCAL_RATIO = 2.5
-"""Mean square residual of a window, over the median, above which the chart is hidden there."""
+OUTLIER_SIGMAS = 6.0  # robust standard deviations beyond which no noise explains a sample
+PATCH_PX = 9  # side of the windows of the local mean square residual, which is then known to a sixth
+MAX_LOCAL_RATIO = 2.5  # mean square residual of a window, over the median, above which the chart is hidden there
 LEVEL_MARGIN = 0.5
 """Distance below black or above white, in units of their contrast and in addition to noise, that no sample of the chart
 reaches even if sharpened. A few extreme samples would dominate the fit."""
 STRAY_SHARE = 0.1
 """Share of the residual's sum of squares above which hot or dead samples are excluded, however few they are."""
-MAX_REFITS = 3
-"""Greatest number of exclusions, as large specks hide small ones."""
+MAX_REFITS = 3  # greatest number of exclusions, as large specks hide small ones
 
 
 @dataclass(frozen=True)
@@ -45,8 +40,7 @@ def excluded_samples(whole: Observation, kept: Observation) -> ExcludedSamples:
     return ExcludedSamples((int(np.count_nonzero(excluded)) - count) / len(whole), count)
 
 
-def _excluded(whole: Observation, kept: Observation) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks (m,) of the whole observation's samples that were not kept, and of the isolated ones among them."""
+def _excluded(whole: Observation, kept: Observation) -> tuple[Mask, Mask]:
     excluded = np.zeros((int(whole.rows.max()) + 1, int(whole.columns.max()) + 1), dtype=np.float32)
     excluded[whole.rows, whole.columns] = 1
     excluded[kept.rows, kept.columns] = 0

@@ -7,8 +7,7 @@ from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.plan import Points
 
-SHEET = 1.3
-"""Side of the chart with its marks and a white rim, over that of its noise region."""
+SHEET = 1.3  # side of the chart with its marks and a white rim, over that of its noise region
 CORNERS: Array = CELLS / 2 * (1 + SHEET * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64))
 """The sheet's corners in cells, from the upper left clockwise."""
 

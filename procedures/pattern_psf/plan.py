@@ -65,14 +65,11 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 
 CHART = "chart.pdf"
-FEWEST, MOST = 3, 16
-"""Number of shots; fewer cannot be tested for agreement."""
-TARGET_UNCERTAINTY = 0.002
-"""Default target of MTF50's standard uncertainty in every plane, in cycles/pixel."""
+FEWEST, MOST = 3, 16  # number of shots; fewer cannot be tested for agreement
+TARGET_UNCERTAINTY = 0.002  # default target of MTF50's standard uncertainty in every plane, in cycles/pixel
 S_OVER_T = f"s/t near {RATIO:g}. s/t is the number of samples of the PSF across one cell of the chart."
 SHARPNESS = "MTF50 in cycles/pixel"
-RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
-"""Positions on the rail about the initial one, in depths of focus."""
+RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)  # positions on the rail about the initial one, in depths of focus
 
 
 def plan() -> Plan:

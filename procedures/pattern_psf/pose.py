@@ -62,25 +62,19 @@ def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: ImagingGeom
     """
     middle = CELLS / 2
     to_cells = np.array([[1 / optics.cell_mm, 0, middle], [0, 1 / optics.cell_mm, middle], [0, 0, 1]])
-    px_per_cell = _scale(H_plane_cells)
+    # pixels per cell at the chart's centre, along the direction without foreshortening
+    px_per_cell = float(np.linalg.norm(homography_jacobian(H_plane_cells, np.full(2, CELLS / 2)), 2))
     F = optics.principal_px(optics.distance_mm(px_per_cell))
     K = np.array([[F, 0, (shape[1] - 1) / 2], [0, F, (shape[0] - 1) / 2], [0, 0, 1]])
     M = np.linalg.solve(K, H_plane_cells @ to_cells)
     M = M / np.sqrt(np.linalg.norm(M[:, 0]) * np.linalg.norm(M[:, 1]))
     M = M if M[2, 2] > 0 else -M
-    R = _nearest_rotation(M[:, 0], M[:, 1])
+    # rotation whose first two columns are nearest to a and b
+    a = M[:, 0]
+    b = M[:, 1]
+    U, _, Vt = np.linalg.svd(np.column_stack([a, b, np.cross(a, b)]))
+    R = np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
     # R = Rz(roll) Ry(yaw) Rx(pitch)
     yaw, pitch, roll = -np.arcsin(R[2, 0]), np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
     x, y, z = (float(part) for part in M[:, 2])
     return ChartPose((x, y, z), *(float(np.degrees(angle)) for angle in (yaw, pitch, roll)))
-
-
-def _scale(H: Array) -> float:
-    """Pixels per cell at the chart's centre, along the direction without foreshortening."""
-    return float(np.linalg.norm(homography_jacobian(H, np.full(2, CELLS / 2)), 2))
-
-
-def _nearest_rotation(a: Array, b: Array) -> Array:
-    """Rotation whose first two columns are nearest to a and b."""
-    U, _, Vt = np.linalg.svd(np.column_stack([a, b, np.cross(a, b)]))
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

@@ -22,12 +22,9 @@ from procedures.pattern_psf.registration import Registration
 
 Indices = npt.NDArray[np.int32]
 
-LINES = CELLS + 1
-"""Lines between the cells along one axis, the noise region's rim included."""
-OVERSAMPLING = 4
-"""Samples of the interpolated PSF per sample of the s grid."""
-MIN_PRIOR_RMS = 0.001
-"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve."""
+LINES = CELLS + 1  # lines between the cells along one axis, the noise region's rim included
+OVERSAMPLING = 4  # samples of the interpolated PSF per sample of the s grid
+MIN_PRIOR_RMS = 0.001  # narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve
 CORE_SHARE = 0.03
 """Share of the PSF's peak below which its samples are excluded from the columns, as the offsets are corrections."""
 
@@ -102,35 +99,23 @@ def edge_columns(
     right = np.ascontiguousarray((along_x[:, :-1] - along_x[:, 1:]).T)
     lower = np.ascontiguousarray(along_y[:-1] - along_y[1:])
     pixels = inverse(J)
-    fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
-    reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
-    pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
-    scale = pixels * (s * OVERSAMPLING)
-    # a horizontal line is a vertical one of the transposed chart
-    return EdgeColumns(
-        *loops.edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
-        *loops.edge_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
-    )
-
-
-def _transposed(
-    cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array
-) -> tuple[Array, Array32, Array32, Array, Array]:
-    """Arguments of `edge_lines` with x and y exchanged."""
-    flipped = np.ascontiguousarray(scale[::-1, ::-1])
-    return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
-
-
-def _core_radius(h: Array) -> int:
-    """Radius along either axis, in samples, beyond which the PSF is below `CORE_SHARE` of its peak."""
-    rows, columns = np.nonzero(np.abs(h) > CORE_SHARE * np.abs(h).max())
-    return int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
-
-
-def _interpolated(h: Array) -> Array32:
-    """PSF interpolated band-limited, OVERSAMPLING times as densely, one sample wider on each side."""
+    # PSF interpolated band-limited, OVERSAMPLING times as densely, one sample wider on each side
     k = len(h)
     n = (k + 1) * OVERSAMPLING
     t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2
     S = np.sinc(t[:, None] - np.arange(k))
-    return np.asarray(S @ h @ S.T, dtype=np.float32)
+    interpolated = np.asarray(S @ h @ S.T, dtype=np.float32)
+    fine = interpolated * np.float32(s * s * abs(np.linalg.det(pixels)))
+    # radius along either axis, in samples, beyond which the PSF is below `CORE_SHARE` of its peak
+    rows, columns = np.nonzero(np.abs(h) > CORE_SHARE * np.abs(h).max())
+    core_radius = int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
+    reach = np.abs(J).sum(axis=1) * (core_radius + 1) / s
+    pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
+    scale = pixels * (s * OVERSAMPLING)
+    # a horizontal line is a vertical one of the transposed chart
+    swapped = np.ascontiguousarray(cells[:, ::-1]), lower, np.ascontiguousarray(fine.T)
+    turned = np.ascontiguousarray(scale[::-1, ::-1]), reach[::-1].copy()
+    return EdgeColumns(
+        *loops.edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
+        *loops.edge_lines(*swapped, *turned, pieces, row_weight),
+    )

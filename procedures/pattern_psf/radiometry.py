@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import SensorModel, find_clipping
-from procedures.numerics.arrays import Array, quantile
+from procedures.numerics.arrays import Array, Array32, Indices, Mask, quantile
 from procedures.outcome import Refused
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, WHITE_BLOCKS
 from procedures.pattern_psf.rasterise import Window
@@ -20,10 +19,8 @@ OUTLIER_SIGMAS = 6.0
 MIN_SAMPLES = 12
 """Samples of a block above which a surface of degree two is fitted to them, and outliers are searched for; for fewer
 than half of them it is a constant, for those between a plane."""
-MAX_SIGNAL_SHARE = 0.97
-"""Share of the saturation signal up to which the response is known."""
-MIN_BEND_UNCERTAINTY = 1e-4
-"""Least uncertainty of the response's curvature: the model error of its polynomial."""
+MAX_SIGNAL_SHARE = 0.97  # share of the saturation signal up to which the response is known
+MIN_BEND_UNCERTAINTY = 1e-4  # least uncertainty of the response's curvature: the model error of its polynomial
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ def quadratic(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> LightLevels:
+def measure_light(samples: Array32, registration: Registration, quantisation: float) -> LightLevels:
     """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
     samples : (rows, columns) float32 the plane
@@ -130,17 +127,7 @@ def bend_of_chart(light: LightLevels, sensor: SensorModel, plane: Plane) -> floa
     return max(4 * sensor.bend_uncertainty * share, MIN_BEND_UNCERTAINTY)
 
 
-def _neighbour_correlation(points: npt.NDArray[np.int64], residual: Array) -> tuple[float, float]:
-    """Sums of products of residuals (n,) at pixels (n, 2) with their right and lower neighbours."""
-    corner = points.min(axis=0)
-    grid = np.zeros(points.max(axis=0) - corner + 1)
-    grid[tuple((points - corner).T)] = residual
-    return float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
-
-
-def _block_pixels(
-    registration: Registration, shape: tuple[int, ...]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _block_pixels(registration: Registration, shape: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Pixels (x, y) inside the chart's blocks, away from their borders, and their blocks (column, row)."""
     points = Window.around(registration, shape, float(BLOCK), 0.0).pixels()
     cells = registration.to_pattern(points.astype(np.float64)) + BLOCK
@@ -156,21 +143,20 @@ class _Block:
     """Pixels of one block (n, 2), their monomials and samples, the mask of inliers, and the residuals of the block's
     own surface, of degree two because stray light from the neighbours enters, where there are enough samples."""
 
-    pixels: npt.NDArray[np.int64]
+    pixels: Indices
     design: Array
     value: Array
-    inliers: npt.NDArray[np.bool_]
+    inliers: Mask
     residuals: Array
 
 
 def _block_reader(
-    samples: npt.NDArray[np.float32],
+    samples: Array32,
     registration: Registration,
-    points: npt.NDArray[np.int64],
-    block: npt.NDArray[np.int64],
+    points: Indices,
+    block: Indices,
     quantisation: float,
 ) -> Callable[[tuple[int, int]], _Block]:
-    """Function from a column and row to the block there."""
     number = block[:, 0] + BLOCKS * block[:, 1]
     order = np.argsort(number, kind="stable")
     starts = np.searchsorted(number[order], np.arange(BLOCKS * BLOCKS + 1)).tolist()
@@ -186,7 +172,7 @@ def _block_reader(
     return block_at
 
 
-def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
+def _find_inliers(design: Array, value: Array, least: float) -> tuple[Mask, Array]:
     """Mask (n,) of a block's samples free of specks, scratches and shadows, if most are; and the residuals of the
     surface through these."""
     if len(value) <= MIN_SAMPLES:
@@ -207,7 +193,6 @@ def _terms(count: int) -> int:
 
 
 def _without_surface(design: Array, value: Array) -> Array:
-    """Residuals (n,) of a block's samples from their surface."""
     used = design[:, : _terms(len(value))]
     return np.asarray(value - used @ np.linalg.lstsq(used, value, rcond=None)[0]) if len(value) else value
 
@@ -224,7 +209,13 @@ def _fit_blocks(
         if len(residual) > 1:
             square += float(residual @ residual)
             freedom += len(residual) - _terms(len(residual))
-            neighbours += _neighbour_correlation(block.pixels[block.inliers], residual)
+            # sums of products of residuals (n,) at pixels (n, 2) with their right and lower neighbours
+            points = block.pixels[block.inliers]
+            corner = points.min(axis=0)
+            grid = np.zeros(points.max(axis=0) - corner + 1)
+            grid[tuple((points - corner).T)] = residual
+            neighbour_correlation = float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
+            neighbours += neighbour_correlation
     coefficients = _robust_fit(
         [block.design[block.inliers] for block in blocks], [block.value[block.inliers] for block in blocks]
     )

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import Array32
+from procedures.numerics.arrays import Array32, Indices
 from procedures.numerics.splines import Band, CellSpectra, cell_image_spline, outline_spline, read_spline
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.registration import Registration
@@ -33,12 +32,12 @@ class Window:
         last = np.clip(np.ceil(rim.max(axis=0) + more), 0, limit).astype(int)
         return cls(int(first[0]), int(first[1]), int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
 
-    def pixels(self) -> npt.NDArray[np.int64]:
+    def pixels(self) -> Indices:
         """All pixels (x, y) of the plane in the window, row by row, (rows * columns, 2)."""
         x, y = np.meshgrid(self.x + np.arange(self.columns), self.y + np.arange(self.rows))
         return np.column_stack([x.ravel(), y.ravel()])
 
-    def cut(self, samples: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def cut(self, samples: Array32) -> Array32:
         """The window's part of a plane."""
         return samples[self.y : self.y + self.rows, self.x : self.x + self.columns]
 

@@ -217,7 +217,9 @@ def refine(
             fit = _centred(fit, model)
             A = model.system(coarse, model.read(fit.registration, k // 2))
             AA = gram(A)
-        last, fit = fit, _coarse_step(fit, model, A, AA)
+        start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
+        system = eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual))
+        last, fit = fit, _advanced(start, A, Z, system)
         if map_distance(last.registration, fit.registration, coarse.points[::29]) < NEAR_PX:
             break
     fit = replace(fit, observation=observation)
@@ -279,7 +281,6 @@ def _scores(fit: ChartFit, system_matrix: Array32) -> Array:
 
 
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> ChartFit:
-    """Fit the PSF and the light's quadratics with the map of the marks."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = equations.kernel
     light = np.zeros(TAIL + len(SHAPES))
@@ -294,12 +295,6 @@ def _centred(fit: ChartFit, model: _Model) -> ChartFit:
     return replace(
         fit, registration=fit.registration.translated(-mark_offset(h, model.raster.s, fit.registration.jacobian()))
     )
-
-
-def _coarse_step(fit: ChartFit, model: _Model, A: Array32, AA: Array) -> ChartFit:
-    """One Gauss-Newton step of PSF, geometry, light and response, for the system A and its Gram matrix."""
-    start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
-    return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
 def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
@@ -326,7 +321,6 @@ def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
 
 
 def _with_priors(parts: Products, fit: ChartFit, model: _Model) -> Products:
-    """Add the priors of the response and of the tail's amplitudes to the products."""
     first, tail_prior = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
     if model.bend is not None:
@@ -347,7 +341,6 @@ def _with_priors(parts: Products, fit: ChartFit, model: _Model) -> Products:
 
 
 def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations) -> ChartFit:
-    """Apply the increments that solve the equations, with the prediction to first order."""
     o, n = start.observation, Z.shape[1]
     dh = equations.kernel
     t = equations.nuisance(dh)

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.warps import CubicWarp, apply_homography, fit_homography, inverse
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
 
@@ -24,7 +23,7 @@ class Registration(CubicWarp):
         return self.backward(cells)
 
 
-def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:
+def refine_corners(plane: Array32, corners: Array, block_px: float) -> Array:
     """Refine x-corners (n, 2) to subpixel accuracy, where the surrounding gradients are orthogonal to the rays.
 
     plane : (rows, columns) float32

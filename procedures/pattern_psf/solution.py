@@ -59,7 +59,13 @@ class Solution:
 
 def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
     """PSF of sum 1 by the requested solver, with the least-squares covariance: an upper limit for "clip" and "nnls"."""
-    covariance = _joint_covariance(fit)
+    # covariance (k^2 + q, k^2 + q) of samples and tail before normalisation; given h, t = (Z'Z)^-1 (Z'r - Z'A h)
+    equations = fit.equations
+    of_tail = slice(GEOMETRY + TAIL, None)
+    C, E = equations.inverse, equations.E[of_tail]
+    cross = -C @ E.T
+    conditional = cholesky_inverse(equations.ZZ)[of_tail, of_tail] - E @ cross
+    covariance = np.block([[C, cross], [cross.T, conditional]]) * fit.residual_std**2
     h = _kernel(fit, covariance[: k * k, : k * k], s, solver)
     amplitudes = fit.light[TAIL:] + fit.equations.response(h - fit.h)[GEOMETRY + TAIL :]
     p, covariance = _normalised(np.concatenate([h, amplitudes]), covariance, len(h))
@@ -69,7 +75,9 @@ def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
     shift_gradient = np.zeros((len(p), 2))
     shift_gradient[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
     F = mark_offset_gradient(image, s, fit.registration.jacobian())
-    D = _centre_gradient(fit)
+    # derivative (2, 18) of the chart's centre by the displacement's coefficients, relative to the samples' mean
+    middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
+    D = np.kron(np.eye(2), fit.registration.monomials(middle)[0] - fit.observation.cubics.mean(axis=0))
     shared = _recentred(_shared(fit, covariance, F, D), F, shift_gradient)
     centre_covariance = _centre_covariance(fit, covariance[:n, :n], F, D)
     covariance = covariance + shift_gradient @ (F @ covariance[:n])
@@ -90,30 +98,13 @@ def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
     return solve_constrained(G, b, solver)
 
 
-def _joint_covariance(fit: ChartFit) -> Array:
-    """Covariance (k^2 + q, k^2 + q) of samples and tail before normalisation; given h, t = (Z'Z)^-1 (Z'r - Z'A h)."""
-    equations = fit.equations
-    of_tail = slice(GEOMETRY + TAIL, None)
-    C, E = equations.inverse, equations.E[of_tail]
-    cross = -C @ E.T
-    conditional = cholesky_inverse(equations.ZZ)[of_tail, of_tail] - E @ cross
-    return np.block([[C, cross], [cross.T, conditional]]) * fit.residual_std**2
-
-
 def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
-    """Parameters divided by the sum of the first n, the samples, and their covariance to first order."""
     total = p[:n].sum()
     p = p / total
     # J C J' with J = (I - p 1_n') / total
     covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
     covariance = covariance - np.outer(covariance[:, :n].sum(axis=1), p)
     return p, covariance / total**2
-
-
-def _centre_gradient(fit: ChartFit) -> Array:
-    """Derivative (2, 18) of the chart's centre by the displacement's coefficients, relative to the samples' mean."""
-    middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
-    return np.kron(np.eye(2), fit.registration.monomials(middle)[0] - fit.observation.cubics.mean(axis=0))
 
 
 def _shared(fit: ChartFit, covariance: Array, F: Array, D: Array) -> SharedErrors:

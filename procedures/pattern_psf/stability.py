@@ -16,13 +16,10 @@ from procedures.numbers import SENSITIVITY, SENSITIVITY_AT_5, STABLE_HORIZONTAL,
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Quantity
 
-FEWEST = 3
-"""PSFs that have a standard deviation without each of them."""
-HALF = 40
-"""Frequencies from zero to the end of the band, along each axis."""
+FEWEST = 3  # PSFs that have a standard deviation without each of them
+HALF = 40  # frequencies from zero to the end of the band, along each axis
 THRESHOLDS: Array = np.linspace(0.0, 0.5, 51)
-FIVE_PERCENT = 5
-"""Index of the threshold of 5 %."""
+FIVE_PERCENT = 5  # index of the threshold of 5 %
 METHOD = "standard deviation of repeated PSFs, uncertainty by leaving out each"
 
 
@@ -68,13 +65,11 @@ def stability_of(psfs: Sequence[tuple[Array, int]], limit: float = 0.03) -> Stab
 
 
 def _mtf(h: Array, s: int, frequencies: Array) -> Array:
-    """Modulus of the support's transfer function on the grid of frequencies, 1 at zero."""
     waves = np.exp(-2j * np.pi * np.outer(frequencies, (np.arange(len(h)) - len(h) // 2) / s))
     return np.asarray(np.abs(waves @ h @ waves.T) / abs(h.sum()))
 
 
 def _sensitivity(mean: Array, std: Array) -> Array:
-    """s(Omega) for every threshold; NaN where the region is empty."""
     regions = [mean >= least for least in THRESHOLDS]
     return np.array([std[region].mean() / mean[region].mean() if region.any() else np.nan for region in regions])
 

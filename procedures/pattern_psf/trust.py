@@ -19,41 +19,31 @@ from procedures.pattern_psf.registration import mark_residuals
 from procedures.psf import Psf, Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
-MIN_AGREEMENT = 0.3
-"""Least share of the noise region's variance that the expected cells must explain."""
+MIN_AGREEMENT = 0.3  # least share of the noise region's variance that the expected cells must explain
 MAX_UNEXPLAINED = 0.15
 """Greatest share of the variance that is neither chart nor noise; above it the result is refused."""
 DOUBTFUL_UNEXPLAINED = 0.03
 """Share of the variance that is neither chart nor noise above which a result is doubtful."""
 MAX_RESIDUAL_CORRELATION = 0.3
 """Correlation of the residual at neighbouring pixels above which a result is doubtful."""
-MAX_NOISE_CORRELATION = 0.25
-"""Noise correlation of neighbouring samples above which the picture was processed."""
+MAX_NOISE_CORRELATION = 0.25  # noise correlation of neighbouring samples above which the picture was processed
 MAX_CURVATURE = 0.15
 """Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
-MAX_INK_SPREAD = 0.25
-"""Ink spread, in cells, above which the model of thin outlines fails."""
-MAX_SUPPORT_CUT = 0.15
-"""Share of the PSF's energy outside its support above which a result is doubtful."""
-MIN_CONTRAST_STEPS = 16
-"""Digital numbers between black and white above which rounding is no worse than noise."""
+MAX_INK_SPREAD = 0.25  # ink spread, in cells, above which the model of thin outlines fails
+MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above which a result is doubtful
+MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
 TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
-MISSING_LIGHT_SIGMAS = 3.0
-"""Standard uncertainties of missing light above which the picture was sharpened."""
+MISSING_LIGHT_SIGMAS = 3.0  # standard uncertainties of missing light above which the picture was sharpened
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
 the picture was processed or taken at another gain."""
-MAX_BLACK_CLIPPING = 0.05
-"""Share of black samples at one value above which black is clipped."""
-MAX_RESIDUAL = 2.0
-"""Residual in units of the noise above which a result is doubtful."""
+MAX_BLACK_CLIPPING = 0.05  # share of black samples at one value above which black is clipped
+MAX_RESIDUAL = 2.0  # residual in units of the noise above which a result is doubtful
 MAX_MISMATCH = 9.0
 """Variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful."""
-MAX_STRAY = 0.03
-"""Share of hot or dead samples above which a result is doubtful."""
-MAX_VARIATION = 0.03
-"""Relative difference of MTF50 between the chart's halves above which it is reported."""
+MAX_STRAY = 0.03  # share of hot or dead samples above which a result is doubtful
+MAX_VARIATION = 0.03  # relative difference of MTF50 between the chart's halves above which it is reported
 
 
 @dataclass(frozen=True)
@@ -105,7 +95,6 @@ def check_cells(fit: ChartFit) -> None:
 
 
 def _cell_checks(agreement: float, unexplained: float) -> list[Check]:
-    """Checks for other cells than expected, or none resolved."""
     refused, other_cells = Verdict.REFUSED, unexplained > 0.1
     return [
         Check("cells", agreement, MIN_AGREEMENT, refused,
@@ -163,17 +152,14 @@ def refusal_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, 
     ]  # fmt: skip
 
 
-IN_RAW = "the camera applied noise reduction, or the light flickered"
-"""Cause of correlated noise in a RAW file."""
+IN_RAW = "the camera applied noise reduction, or the light flickered"  # cause of correlated noise in a RAW file
 
 
 def _processing(raw: bool) -> float:
-    """Prior of processing as the cause."""
     return UNLIKELY_IN_RAW if raw else 1.0
 
 
 def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
-    """Checks that flag a usable PSF as doubtful."""
     doubtful, stray = Verdict.DOUBTFUL, d.stray_samples
     low, high = GOOD_S_OVER_T
     return [
@@ -207,7 +193,6 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
 
 
 def _truncation_checks(inputs: VerdictInputs, unexplained: float) -> list[Check]:
-    """Checks of the PSF's energy and band that the given s and k exclude."""
     doubtful, last, obeyed = Verdict.DOUBTFUL, inputs.tried[-1], not inputs.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
     undersampled = Verdict.REFUSED if unexplained > MAX_UNEXPLAINED else doubtful  # what the band excludes remains
@@ -231,7 +216,6 @@ def is_structured(d: Diagnostics) -> bool:
 
 
 def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
-    """Checks for traces of the camera's processing."""
     doubtful, raw, prior = Verdict.DOUBTFUL, inputs.raw, _processing(inputs.raw)
     less = "expose less" if inputs.sensor else "expose less, or calibrate the sensor's response"
     sharpened = SYMPTOM if raw or is_structured(d) else 1.0
@@ -263,7 +247,6 @@ def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
 
 
 def _noise_checks(d: Diagnostics, sensor: SensorModel | None, raw: bool) -> list[Check]:
-    """Check for noise that contradicts the sensor's calibration."""
     if sensor is None:
         return []
     off = abs(d.finest_noise - 1)
@@ -298,7 +281,6 @@ def _model_checks(d: Diagnostics, raw: bool) -> list[Check]:
 
 
 def _variation_checks(variations: tuple[Variation, ...]) -> Iterator[Check]:
-    """Checks of the PSF's variation over the chart."""
     for one in variations:
         a, b = one.values
         yield Check("variation", abs(a - b), MAX_VARIATION * (a + b) / 2, Verdict.DOUBTFUL,

@@ -11,14 +11,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from procedures.choice import with_modes
 from procedures.corruption.family import Strength, nuisance, threshold
 from procedures.corruption.noise import Variogram, mask_scores
 from procedures.numbers import WITNESS_BLACK, WITNESS_CURVATURE, WITNESS_PRINT_BLUR, WITNESS_RATIO, WITNESS_SHARPENING
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of, with_causes
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, print_blur_mode
@@ -27,22 +26,18 @@ from procedures.pattern_psf.radiometry import measure_light
 from procedures.quality import PRINT_BLUR, Diffraction
 from procedures.raw import Plane
 
-TILE = 5
-"""Side of the tiles in which two exposures are compared, pixels."""
+TILE = 5  # side of the tiles in which two exposures are compared, pixels
 CLIPPED = 0.97
-EXPOSURE_UNCERTAINTY = 0.005
-"""Relative standard uncertainty of the ratio of two exposure times."""
+EXPOSURE_UNCERTAINTY = 0.005  # relative standard uncertainty of the ratio of two exposure times
 LEVEL_UNCERTAINTY = 0.004
 """Standard uncertainty of black over white at two distances, by the far tail's part of it and by uneven light."""
 CURVATURE_UNCERTAINTY = 0.001
 """Standard uncertainty of a curvature, over the range, by a slight motion between two exposures."""
 MASKS_PX = (0.7, 1.0, 2.0)
-LEAST_RATIO, LEAST_NEARER = 1.3, 1.2
-"""Least ratio of the exposures, and of the chart's widths."""
+LEAST_RATIO, LEAST_NEARER = 1.3, 1.2  # least ratio of the exposures, and of the chart's widths
 FOCUS_UNCERTAINTY = 0.015
 """Relative standard uncertainty of the ratio of two distances' MTF, each focused in steps."""
-LEAST_MTF = 0.2
-"""MTF down to which curves from two distances are compared."""
+LEAST_MTF = 0.2  # MTF down to which curves from two distances are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +102,6 @@ def _doubt(name: str, score: float, sentence: str, remedy: str) -> Check:
 
 
 def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterator[Check]:
-    """Response and noise by two exposures."""
     short, long = (one.samples.astype(np.float64) for one in (photographs.short, photographs.long))
     known = (long < CLIPPED) & (short < CLIPPED)
     s, y, whole = (
@@ -153,7 +147,7 @@ def _scaled(samples: Array, low: float, high: float) -> Array:
     return np.asarray((samples - (low + high) / 2) / (high - low))
 
 
-def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> tuple[float, Strength]:
+def _strongest(difference: Array, known: Mask) -> tuple[float, Strength]:
     """Radius and strength of the mask with the largest score in noise whose variance is made equal over the picture."""
     local = uniform_filter(difference**2, 4 * TILE + 1)
     white = difference / np.sqrt(np.maximum(local, 1e-3 * float(local.mean())))
@@ -164,7 +158,6 @@ def _strongest(difference: Array, known: npt.NDArray[np.bool_]) -> tuple[float, 
 def _distances(
     photographs: Photographs, main: PatternPsf, near: Outcome[PatternPsf], numbers: dict[str, Quantity]
 ) -> Iterator[Check]:
-    """Print and stray light by two distances."""
     again = "focus on the chart from nearer, and photograph it again"
     if near.value is None:
         yield Check("near", True, 0, Verdict.DOUBTFUL, f"the near photograph gives no PSF: {near.reason}", near.remedy)
@@ -221,13 +214,11 @@ def _with_print_blur(main: PatternPsf, measured: Quantity | None, prior: float) 
 
 
 def _black(plane: Plane, psf: PatternPsf) -> float:
-    """Black over white at the chart's centre."""
     light = measure_light(plane.samples, psf.registration, plane.quantisation)
     return float(light.black[0] / light.white[0])
 
 
 def _defocus(defocused: Outcome[PatternPsf]) -> Check:
-    """Missing light about the wider spot."""
     remedy = "use the RAW file, or switch sharpening off"
     if defocused.value is None:
         reason = f"the defocused photograph gives no PSF: {defocused.reason}"

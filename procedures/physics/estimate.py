@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.display import summary
 from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, checked_type, verdict_of
 from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, bounds_of, names_of, start_of
 from procedures.psf import Psf
@@ -19,8 +18,7 @@ from procedures.quality import Diffraction
 
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4
-ALIKE = 2.0
-"""Difference of the criterion up to which two models are equally good: odds of e to 1."""
+ALIKE = 2.0  # difference of the criterion up to which two models are equally good: odds of e to 1
 SENSOR_UNITS = {"side": "pixel", "separation": "pixel", "diffusion": "pixel", "notch": "1"}
 EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
 """Aberrations whose common sign one PSF does not determine: the largest is taken as positive."""
@@ -59,29 +57,39 @@ def estimate_physics(
 ) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
 
-    Parameters
-    ----------
-    psf : Psf
-        With its full covariance.
-    diffraction : Diffraction or None
-        Aperture, pitch of the plane's pixels, wavelength.
-    pitch : int
-        Sensor pixels per pixel of the plane.
-    progress : callable, optional
-        Called with a sentence after every model that was fitted.
+    psf : Psf, with its full covariance
+    diffraction : Diffraction or None, aperture, pitch of the plane's pixels, wavelength
+    pitch : int, sensor pixels per pixel of the plane
+    progress : callable, called with a sentence after every model that was fitted
 
-    Raises
-    ------
-    BadParameter
-        If aperture or pitch are not known: without them diffraction and defocus cannot be separated.
+    Raises BadParameter if aperture or pitch are not known: without them diffraction and defocus cannot be separated.
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data, progress)
     numbers = _numbers(data, fit)
-    bounded = at_bounds(data, fit, numbers)
+    # numbers of a fit, with uncertainties from its curvature, that are limited on one side: parameters at bounds, fill
+    # factor above 1, Strehl ratio 1 with wavefront error 0
+    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
+    bounded = [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
-    return verdict_of(_doubts(fit, tried, bounded), _physics(data, fit, tried, numbers))
+    scale = scale_of(tried)
+    least = fit.criterion(scale)
+    prediction, _ = data.grid.model(fit.parts, fit.p)
+    nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
+    k = data.grid.psf.k
+    physics = Physics(
+        aperture=str(fit.parts.aperture),
+        low_pass=str(fit.parts.low_pass),
+        missing_corner_deg=fit.parts.aperture.missing_corner_deg,
+        numbers=numbers,
+        chi_square=fit.chi2,
+        freedom=fit.freedom,
+        remaining=fit.chi2 / nothing,
+        prediction=prediction.reshape(k, k),
+        candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
+    )
+    return verdict_of(_doubts(fit, tried, bounded), physics)
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -110,25 +118,6 @@ def _doubts(fit: ModelFit, tried: list[ModelFit], bounded: list[OneSided]) -> li
                 "take it as a limit, not as a value; reduce the noise, and check f-number and pixel pitch")
           for one in bounded),
     ]  # fmt: skip
-
-
-def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:
-    scale = scale_of(tried)
-    least = fit.criterion(scale)
-    prediction, _ = data.grid.model(fit.parts, fit.p)
-    nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
-    k = data.grid.psf.k
-    return Physics(
-        aperture=str(fit.parts.aperture),
-        low_pass=str(fit.parts.low_pass),
-        missing_corner_deg=fit.parts.aperture.missing_corner_deg,
-        numbers=numbers,
-        chi_square=fit.chi2,
-        freedom=fit.freedom,
-        remaining=fit.chi2 / nothing,
-        prediction=prediction.reshape(k, k),
-        candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
-    )
 
 
 def _words(fit: ModelFit) -> str:
@@ -221,8 +210,7 @@ def scale_of(fits: Iterable[ModelFit]) -> float:
 
 # --- numbers at a bound ---
 
-AT_BOUND = 1e-3
-"""Fraction of a parameter's range within which it counts as at its bound."""
+AT_BOUND = 1e-3  # fraction of a parameter's range within which it counts as at its bound
 PROBES = ("defocus", "astigmatism", "coma_x", "spherical")
 """Aberrations tried one at a time for the largest that the data allow where the fit has none."""
 LARGEST_PROBE = 0.25
@@ -251,13 +239,6 @@ class OneSided:
         """The number with its one-sided uncertainty."""
         method = f"{number.method}; at its bound: chi-square rises by 1 over this distance, on one side"
         return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
-
-
-def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
-    """Numbers of a fit, with uncertainties from its curvature, that are limited on one side: parameters at bounds, fill
-    factor above 1, Strehl ratio 1 with wavefront error 0."""
-    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
-    return [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
 
 
 def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:
@@ -407,9 +388,8 @@ def _descend(
     parts: ModelParts,
     start: Array,
     bounds: tuple[Array, Array],
-    free: npt.NDArray[np.bool_] | None = None,
+    free: Mask | None = None,
 ) -> ModelFit:
-    """Best fit from a start; parameters that are not `free` are held."""
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}
 

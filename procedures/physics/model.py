@@ -102,8 +102,7 @@ TERMS = (
     "defocus", "astigmatism_oblique", "astigmatism", "coma_y", "coma_x", "trefoil_y", "trefoil_x", "spherical",
 )  # fmt: skip
 """Noll's polynomials 4 to 11, of unit root mean square over the pupil."""
-LEAST_ACROSS = 48
-"""Samples across the pupil: the error of the discs' overlap is then 2e-3 of its peak."""
+LEAST_ACROSS = 48  # samples across the pupil: the error of the discs' overlap is then 2e-3 of its peak
 SUBSAMPLES = 8
 
 
@@ -121,11 +120,27 @@ class Pupil:
 
     def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
         """OTF and its derivatives with respect to the given aberrations, (2 h + 1, 2 h + 1) each."""
-        _, zernikes = self._sampled()
+        disc, zernikes = self._sampled()
         field = self._field(waves)
-        amplitude, *changes = self._spectra(np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)]))
+        fields = np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)])
+        size = scipy.fft.next_fast_len(2 * fields.shape[-1])  # so that their squares do not wrap round
+        amplitude, *changes = scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1)
         slopes = [2 * np.real(np.conj(amplitude) * change) for change in changes]
-        otf, *derivatives = self._correlated(np.stack([np.abs(amplitude) ** 2, *slopes]))
+        # autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
+        # without aberrations
+        powers = np.stack([np.abs(amplitude) ** 2, *slopes])
+        finer, count = self._finer, round(self.highest / self.step)
+        reach = min(count, (size // 2 - 1) // finer)
+        rows = finer * np.arange(-reach, reach + 1)
+        half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
+        # the field's correlation at a shift is the intensity's spectrum at the opposite frequency
+        right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
+        # at zero shift the covered fractions are squared and underestimate the area; elsewhere they represent it
+        right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
+        correlated = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
+        inside = slice(count - reach, count + reach + 1)
+        correlated[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
+        otf, *derivatives = correlated
         return otf, derivatives
 
     def strehl(self, waves: Array) -> float:
@@ -140,31 +155,8 @@ class Pupil:
         return _disc(self.cutoff / 2 / (self.step / self._finer))
 
     def _field(self, waves: Array) -> Complex:
-        """Complex amplitude in the pupil, (n, n)."""
         disc, zernikes = self._sampled()
         return np.asarray(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
-
-    def _spectra(self, fields: Complex) -> Complex:
-        """Fourier transforms of fields (m, n, n), on a grid twice as wide, so that their squares do not wrap round."""
-        size = scipy.fft.next_fast_len(2 * fields.shape[-1])
-        return np.asarray(scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1))
-
-    def _correlated(self, powers: Array) -> Complex:
-        """Autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
-        without aberrations."""
-        disc, _ = self._sampled()
-        size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
-        reach = min(count, (size // 2 - 1) // finer)
-        rows = finer * np.arange(-reach, reach + 1)
-        half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
-        # the field's correlation at a shift is the intensity's spectrum at the opposite frequency
-        right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
-        # at zero shift the covered fractions are squared and underestimate the area; elsewhere they represent it
-        right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
-        correlated = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
-        inside = slice(count - reach, count + reach + 1)
-        correlated[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
-        return correlated
 
 
 @lru_cache(maxsize=16)

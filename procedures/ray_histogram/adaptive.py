@@ -4,22 +4,18 @@ A renderer filters its film, casts the samples allotted to each pixel, and repea
 """
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.film import Film
 
-Doubles = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
-SMOOTHING = 3
-"""Side of the neighbourhood over which variances are averaged, as those of single pixels are noisy."""
+SMOOTHING = 3  # side of the neighbourhood over which variances are averaged, as those of single pixels are noisy
 FAINT = 1e-3
 """Smallest variance of a sample as a fraction of the picture's mean: an apparently noiseless pixel may not be."""
 
 
-def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
+def allot(film: Film, similar: Array32, budget: int) -> Indices:
     """Number of samples to add to each pixel, (rows, columns), `budget` in all.
 
     A filtered pixel has the variance v / (n c): v that of one sample, n the pixel's count, c its similar patches. The
@@ -31,10 +27,16 @@ def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
     v = np.ones(film.count.shape) if variance is None else variance.mean(-1)
     v = ndimage.uniform_filter(v, SMOOTHING)
     need = np.sqrt((v + FAINT * v.mean()) / similar) if v.any() else 1 / np.sqrt(similar)
-    return _whole_shares(_fill(need, film.count.astype(np.float64), float(budget)), budget)
+    # the shares rounded to integers that sum to the budget: the largest remainders are rounded up
+    shares = _fill(need, film.count.astype(np.float64), float(budget))
+    whole = np.floor(shares).astype(np.int64)
+    missing = budget - int(whole.sum())
+    order = np.argsort(whole - shares, axis=None, kind="stable")
+    whole.ravel()[order[: max(missing, 0)]] += 1
+    return whole
 
 
-def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
+def _fill(need: Array, level: Array, budget: float) -> Array:
     # pixels in the order of the x from which on they get samples, so that their sums are prefix sums
     order = np.argsort(level / need, axis=None)
     needs, levels = np.cumsum(need.ravel()[order]), np.cumsum(level.ravel()[order])
@@ -42,14 +44,5 @@ def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
     spent = begins * needs - levels
     last = int(np.searchsorted(spent, budget, side="right")) - 1
     x = (budget + levels[last]) / needs[last]
-    shares: Doubles = np.maximum(0.0, x * need - level)
+    shares: Array = np.maximum(0.0, x * need - level)
     return shares
-
-
-def _whole_shares(shares: Doubles, budget: int) -> Ints:
-    """The shares rounded to integers that sum to the budget: the largest remainders are rounded up."""
-    whole = np.floor(shares).astype(np.int64)
-    missing = budget - int(whole.sum())
-    order = np.argsort(whole - shares, axis=None, kind="stable")
-    whole.ravel()[order[: max(missing, 0)]] += 1
-    return whole

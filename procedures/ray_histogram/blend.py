@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
@@ -23,57 +24,45 @@ from procedures.ray_histogram.regression import regress
 from procedures.ray_histogram.rims import lamp_rims
 from procedures.ray_histogram.uncertainty import weighting_variance
 
-Doubles = npt.NDArray[np.float64]
 Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 """A filter from outside: it takes the film's picture and its features."""
 
 HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
-DENOISED, UNFILTERED = "denoiser", "unfiltered"
-"""The candidates, in the order in which they are blended."""
-WEIGHT_PX = 4.0
-"""Standard deviation of the neighbourhood in which a weight is determined, pixels."""
+DENOISED, UNFILTERED = "denoiser", "unfiltered"  # the candidates, in the order in which they are blended
+WEIGHT_PX = 4.0  # standard deviation of the neighbourhood in which a weight is determined, pixels
 SIGNIFICANCE = 4.0
 """A candidate's weight is reduced by this factor times its squared relative error, so that chance adds no noise."""
-ERROR_PX = 4.0
-"""Standard deviation of the neighbourhood over which squared errors are averaged, pixels."""
-CHANCE = 0.2
-"""Standard deviations subtracted from squared biases, as chance makes those above zero that are zero."""
+ERROR_PX = 4.0  # standard deviation of the neighbourhood over which squared errors are averaged, pixels
+CHANCE = 0.2  # standard deviations subtracted from squared biases, as chance makes those above zero that are zero
 NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the noise is averaged, which differs more between pixels."""
-SMOOTH_PX = 1.0
-"""Standard deviation by which weights are smoothed."""
+SMOOTH_PX = 1.0  # standard deviation by which weights are smoothed
 ALBEDO_STEP, GUIDE_STEPS = 0.2, 5.0
 """Differences of albedo, and of guides in their units, over which a regression takes light as linear."""
-LEAST_ALBEDO = 0.05
-"""Pixels that reflect less are not divided by their albedo: lamps, glass and metal."""
+LEAST_ALBEDO = 0.05  # pixels that reflect less are not divided by their albedo: lamps, glass and metal
 
 
 @dataclass(frozen=True)
 class Render:
     """A film, or a half of it, with what the renderer knows of the surfaces.
 
-    film : Film
-        The light of the picture.
-    albedo : (rows, columns, 3) float64 or None
-        Diffuse reflectance of the surfaces.
-    light : Film or None
-        The film of the samples divided by `divisor(albedo)`: without texture, more pixels are similar.
-    normal : (rows, columns, 3) or None
-        Normals of the surfaces.
-    guides : (rows, columns, 2 n) float32 or None
-        Features for `filter_film`.
+    film : Film, the light of the picture
+    albedo : (rows, columns, 3) float64 or None, diffuse reflectance of the surfaces
+    light : Film or None, the film of the samples divided by `divisor(albedo)`: without texture, more pixels are similar
+    normal : (rows, columns, 3) or None, normals of the surfaces
+    guides : (rows, columns, 2 n) float32 or None, features for `filter_film`
     """
 
     film: Film
-    albedo: Doubles | None = None
+    albedo: Array | None = None
     light: Film | None = None
-    normal: Doubles | None = None
-    guides: npt.NDArray[np.float32] | None = None
+    normal: Array | None = None
+    guides: Array32 | None = None
 
     __repr__ = summary
 
 
-def divisor(albedo: npt.NDArray[np.floating]) -> Doubles:
+def divisor(albedo: npt.NDArray[np.floating]) -> Array:
     """The albedo to divide by: 1 where a surface reflects almost nothing diffusely, and at most 1."""
     limited = np.clip(albedo.astype(np.float64), LEAST_ALBEDO, 1.0)
     return np.where(albedo.max(-1, keepdims=True) < LEAST_ALBEDO, 1.0, limited)
@@ -91,16 +80,11 @@ def blend(
 
     Raises BadInput if a film cannot be filtered, or a half has a single sample in a pixel.
 
-    halves : (Render, Render)
-        Two disjoint halves of the samples.
-    whole : Render
-        All samples.
-    parameters : FilterParameters
-        Those of the histogram filter; the defaults if None.
-    denoiser : callable
-        One more candidate.
-    threads : int
-        Bands filtered at once.
+    halves : (Render, Render) two disjoint halves of the samples
+    whole : Render, all samples
+    parameters : FilterParameters, those of the histogram filter; the defaults if None
+    denoiser : callable, one more candidate
+    threads : int, bands filtered at once
     """
     for half in halves:
         if (half.film.count < 2).any():
@@ -124,7 +108,7 @@ def blend(
 @dataclass(frozen=True)
 class _Candidates:
     filtered: FilteredFilm
-    pictures: dict[str, Doubles]
+    pictures: dict[str, Array]
 
 
 def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int) -> _Candidates:
@@ -141,7 +125,7 @@ def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser
     return _Candidates(filtered, {name: picture.astype(np.float64) for name, picture in pictures.items()})
 
 
-def _features(render: Render) -> Doubles:
+def _features(render: Render) -> Array:
     """Albedo, normals and depth in units of the differences over which light is nearly linear, (rows, columns, n)."""
     known = [np.zeros((*render.film.count.shape, 0))]
     if render.albedo is not None:
@@ -152,8 +136,8 @@ def _features(render: Render) -> Doubles:
 
 
 def cross_validated(
-    films: tuple[Film, Film], first: Mapping[str, Doubles], second: Mapping[str, Doubles]
-) -> dict[str, Doubles]:
+    films: tuple[Film, Film], first: Mapping[str, Array], second: Mapping[str, Array]
+) -> dict[str, Array]:
     """Weights (rows, columns, 1) of the candidates of two halves, of sum 1: each is compared with the other's film.
 
     The candidates are added one after another. For the difference d of a new one from the blend so far, r the
@@ -178,11 +162,11 @@ def cross_validated(
     return weights
 
 
-def _mix(pictures: Mapping[str, Doubles], weights: Mapping[str, Doubles]) -> Doubles:
+def _mix(pictures: Mapping[str, Array], weights: Mapping[str, Array]) -> Array:
     return np.asarray(np.sum([weights[name] * picture for name, picture in pictures.items()], axis=0))
 
 
-def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) -> npt.NDArray[np.float32]:
+def _uncertainty(films: tuple[Film, Film], pictures: tuple[Array, Array]) -> Array32:
     """Standard uncertainty of the blend of all samples, from the blends of the halves.
 
     A half's picture differs from the other half's film by its own squared error and the film's noise; the two pictures
@@ -200,11 +184,11 @@ def _uncertainty(films: tuple[Film, Film], pictures: tuple[Doubles, Doubles]) ->
     return np.maximum(sigma, np.spacing(np.abs(a + b).astype(np.float32)))  # a light without noise is still rounded
 
 
-def _around(values: Doubles, sigma_px: float) -> Doubles:
+def _around(values: Array, sigma_px: float) -> Array:
     return np.asarray(ndimage.gaussian_filter(values, (sigma_px, sigma_px, 0)))
 
 
-def open_image_denoise(render: Render) -> npt.NDArray[np.float32]:
+def open_image_denoise(render: Render) -> Array32:
     """The film's picture by Intel Open Image Denoise, with albedo and normals where known.
 
     Raises BadInput if the package pyoidn is missing.
@@ -214,14 +198,14 @@ def open_image_denoise(render: Render) -> npt.NDArray[np.float32]:
     except ImportError as error:
         remedy = "pip install 'calibration-station[denoise]'"
         raise BadInput("Open Image Denoise requires the package pyoidn", remedy) from error
-    features: dict[str, npt.NDArray[np.float32]] = {}
+    features: dict[str, Array32] = {}
     if render.albedo is not None:
         features["albedo"] = _single(np.clip(render.albedo, 0, 1))
         if render.normal is not None:
             features["normal"] = _single(render.normal)
-    picture: npt.NDArray[np.float32] = denoise(_single(np.maximum(render.film.mean, 0)), hdr=True, **features)
+    picture: Array32 = denoise(_single(np.maximum(render.film.mean, 0)), hdr=True, **features)
     return picture
 
 
-def _single(values: Doubles) -> npt.NDArray[np.float32]:
+def _single(values: Array) -> Array32:
     return np.ascontiguousarray(values, np.float32)

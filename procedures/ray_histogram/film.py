@@ -13,20 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.numerics.compiled import compiled
 from procedures.outcome import BadInput
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.uint32]
-Indices = npt.NDArray[np.int64]
 
-BINS = 20
-"""Bins per colour."""
-EXPONENT = 2.2
-"""Exponent of the sample's value by which bins widen."""
-RANGE = 7.5
-"""Value of a sample at which the evenly spaced nodes end."""
+BINS = 20  # bins per colour
+EXPONENT = 2.2  # exponent of the sample's value by which bins widen
+RANGE = 7.5  # value of a sample at which the evenly spaced nodes end
 LARGEST = 1e30
 """Upper limit of a pixel's value: filtering in single precision must hold sums of a million of them."""
 SUM_TOLERANCE = 0.005
@@ -39,19 +34,16 @@ class Film:
 
     histogram : (rows, columns, 3, 20) float32
         Votes; each colour's sum is the count. No bins, (rows, columns, 3, 0), where only mean and variance are known.
-    mean : (rows, columns, 3) float64
-        The picture: linear, 1 = white.
+    mean : (rows, columns, 3) float64, the picture: linear, 1 = white
     moment2 : (rows, columns, 3) float64 or None
         Sum of squared differences from the mean; None if the film was made without it.
-    count : (rows, columns) uint32
-        Valid samples.
-    dropped : (rows, columns) uint32
-        Samples dropped because they are not finite.
+    count : (rows, columns) uint32, valid samples
+    dropped : (rows, columns) uint32, samples dropped because they are not finite
     """
 
-    histogram: Floats
-    mean: Doubles
-    moment2: Doubles | None
+    histogram: Array32
+    mean: Array
+    moment2: Array | None
     count: Counts
     dropped: Counts
 
@@ -69,11 +61,11 @@ class Film:
         )
 
     @property
-    def variance(self) -> Doubles | None:
+    def variance(self) -> Array | None:
         """Unbiased variance of single samples, (rows, columns, 3); 0 for a single sample; None if not recorded."""
         if self.moment2 is None:
             return None
-        variance: Doubles = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
+        variance: Array = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
         return variance
 
     def add(self, row: npt.ArrayLike, column: npt.ArrayLike, colour: npt.ArrayLike) -> None:
@@ -133,7 +125,14 @@ class Film:
         Raises BadInput if sizes differ, a count is negative or zero, a value is not finite or too large, a variance is
         impossible, or histograms and counts disagree.
         """
-        _check_sizes(self)
+        size = self.count.shape
+        bins = 0 if self.histogram.shape[-1] == 0 and self.moment2 is not None else BINS
+        if self.mean.shape != (*size, 3) or self.histogram.shape != (*size, 3, bins):
+            raise BadInput(
+                f"picture, histograms and counts need one size; got {self.mean.shape}, {self.histogram.shape} and "
+                f"{size}",
+                f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
+            )
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
@@ -167,16 +166,6 @@ def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:
     return film
 
 
-def _check_sizes(film: Film) -> None:
-    size = film.count.shape
-    bins = 0 if film.histogram.shape[-1] == 0 and film.moment2 is not None else BINS
-    if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, bins):
-        raise BadInput(
-            f"picture, histograms and counts need one size; got {film.mean.shape}, {film.histogram.shape} and {size}",
-            f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
-        )
-
-
 def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:
     bad = np.asarray(condition)
     if bad.any():
@@ -186,8 +175,8 @@ def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:
 
 @compiled
 def _expose(
-    rows: Indices, columns: Indices, colours: Doubles,
-    histogram: Floats, mean: Doubles, moment2: Doubles, count: Counts, dropped: Counts,
+    rows: Indices, columns: Indices, colours: Array,
+    histogram: Array32, mean: Array, moment2: Array, count: Counts, dropped: Counts,
 ) -> None:  # fmt: skip
     for i in range(rows.size):
         r, c = rows[i], columns[i]
@@ -204,7 +193,7 @@ def _expose(
 
 
 @compiled
-def vote(value: float, histogram: Floats) -> None:
+def vote(value: float, histogram: Array32) -> None:
     """Divide one vote between the two nodes next to the value."""
     last = histogram.size - 1
     v = (max(value, 0.0) / RANGE) ** (1.0 / EXPONENT)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
 from procedures.reading.arrays import Arrays, Shape, checked_array, read_npz
@@ -24,20 +25,13 @@ PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
 def read_film(path: Path, picture: Path | None = None) -> Film:
     """Read a film from an npz, or from an OpenEXR of histograms with its picture.
 
-    Parameters
-    ----------
-    path : Path
-        `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count.
-    picture : Path, optional
-        The OpenEXR with the picture's R, G and B, if `path` does not contain them. The published renderer writes two
-        files: histograms in single precision, and the picture in half precision with alpha and, for a part of the
-        frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not with
-        files of the renderer itself.
+    path : Path, `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count
+    picture : Path, the OpenEXR with the picture's R, G and B, if `path` does not contain them. The published renderer
+        writes two files: histograms in single precision, and the picture in half precision with alpha and, for a part
+        of the frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not
+        with files of the renderer itself.
 
-    Raises
-    ------
-    BadInput
-        If the file cannot be read, or something is missing; `Film.checked` checks the contents.
+    Raises BadInput if the file cannot be read, or something is missing; `Film.checked` checks the contents.
     """
     if path.suffix.lower() == ".exr":
         return _read_exr(path, picture)
@@ -89,7 +83,7 @@ def _real(arrays: Arrays, name: str, shape: Shape) -> npt.NDArray[Any]:
 def _whole(numbers: npt.NDArray[Any], what: str, shape: Shape) -> npt.NDArray[np.uint32]:
     high = float(np.iinfo(np.uint32).max)
     remedy = "write the film again"
-    counts: npt.NDArray[np.float64] = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
+    counts: Array = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
     return np.rint(counts).astype(np.uint32)
 
 

@@ -11,56 +11,35 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32, Indices
 from procedures.outcome import BadInput, BadParameter
 from procedures.ray_histogram.kernels import Rules, Stack, fuse_band
 
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
-
-BAND_ROWS = 32
-"""Rows filtered at once: large enough that the rows computed twice at the rims cost little."""
-BAND_FLOATS = 16_000_000
-"""Maximum number of ratios per thread; bands of wide pictures have fewer rows."""
+BAND_ROWS = 32  # rows filtered at once: large enough that the rows computed twice at the rims cost little
+BAND_FLOATS = 16_000_000  # maximum number of ratios per thread; bands of wide pictures have fewer rows
 
 
 @dataclass(frozen=True)
 class FilterParameters:
     """Criteria of similarity, and the range of the search.
 
-    Attributes
-    ----------
-    kappa : float
-        Chi-square per bin with a weight of one half; 1 suits a path tracer.
-    scales : int
-        Scales of Algorithm 2; 1 removes no noise wider than the search block.
-    search, patch : int
-        Half sizes of the search block (6: 13 x 13) and of the patches (1: 3 x 3), pixels of the scale.
-    at_least : int
-        Number of other patches averaged with every patch at the finest scale, however different.
-    least_count : float
-        A bin is used when the two pixels together have more samples than this in it.
-    welch, doubt : float
-        Where two means differ by more than `doubt` standard deviations, the excess of the squared difference, in these
-        units, is added to chi-square, times `welch`, for each colour; 0 ignores means.
-    softness : float
-        The weight falls from 1 to 0 between kappa (1 - softness) and kappa (1 + softness).
-    trend : bool
-        Whether to fit a plane through the similar patches instead of their mean.
-    trust : float
-        Weight of patch estimates: their number of similar patches to this power.
-    ease : float
-        Where few patches are similar at the finest scale, kappa is raised by this fraction of it per sample, at most
-        to twice itself.
-    coarse : float
-        Fraction of the low frequencies taken from the next coarser scale.
-    pixel : float
-        Two patches differ by at least this fraction of the chi-square per bin of their most different pixels.
-    bound : float
-        Largest change of a pixel in standard deviations of its samples' mean; 0 for no limit.
-    rims : bool
-        Whether to estimate pixels at rims of lamps from the rim's shape (see `rims`).
+    kappa : float, chi-square per bin with a weight of one half; 1 suits a path tracer
+    scales : int, scales of Algorithm 2; 1 removes no noise wider than the search block
+    search, patch : int, half sizes of the search block (6: 13 x 13) and of the patches (1: 3 x 3), pixels of the scale
+    at_least : int, number of other patches averaged with every patch at the finest scale, however different
+    least_count : float, a bin is used when the two pixels together have more samples than this in it
+    welch, doubt : float, where two means differ by more than `doubt` standard deviations, the excess of the squared
+        difference, in these units, is added to chi-square, times `welch`, for each colour; 0 ignores means
+    softness : float, the weight falls from 1 to 0 between kappa (1 - softness) and kappa (1 + softness)
+    trend : bool, whether to fit a plane through the similar patches instead of their mean
+    trust : float, weight of patch estimates: their number of similar patches to this power
+    ease : float, where few patches are similar at the finest scale, kappa is raised by this fraction of it per sample,
+        at most to twice itself
+    coarse : float, fraction of the low frequencies taken from the next coarser scale
+    pixel : float, two patches differ by at least this fraction of the chi-square per bin of their most different pixels
+    bound : float, largest change of a pixel in standard deviations of its samples' mean; 0 for no limit
+    rims : bool, whether to estimate pixels at rims of lamps from the rim's shape (see `rims`)
     """
 
     kappa: float = 1.0
@@ -110,35 +89,30 @@ PAPER = FilterParameters(
 class Samples:
     """One picture with statistics of its samples.
 
-    picture : (rows, columns, channels) float32
-        Means of the samples.
-    histogram : (rows, columns, bins) float32
-        Votes, colour by colour.
-    count : (rows, columns) float32
-        Samples per pixel.
+    picture : (rows, columns, channels) float32, means of the samples
+    histogram : (rows, columns, bins) float32, votes, colour by colour
+    count : (rows, columns) float32, samples per pixel
     means : (rows, columns, 6) float32 or None
         Means of the samples' three colours and the variances of these means; None to compare histograms alone.
     """
 
-    picture: Floats
-    histogram: Floats
-    count: Floats
-    means: Floats | None = None
+    picture: Array32
+    histogram: Array32
+    count: Array32
+    means: Array32 | None = None
 
 
 @dataclass(frozen=True)
 class Fused:
     """A filtered picture.
 
-    picture : (rows, columns, channels) float32
-        The filtered picture.
-    similar : (rows, columns) float32
-        Number of patches similar to each pixel's patch, itself included, partly similar ones counted in part. Where it
-        is low, more samples are needed.
+    picture : (rows, columns, channels) float32, the filtered picture
+    similar : (rows, columns) float32, number of patches similar to each pixel's patch, itself included, partly similar
+        ones counted in part. Where it is low, more samples are needed.
     """
 
-    picture: Floats
-    similar: Floats
+    picture: Array32
+    similar: Array32
 
 
 def fuse_scale(
@@ -148,14 +122,11 @@ def fuse_scale(
 
     Raises BadInput if the frames differ in size.
 
-    frame : Samples
-        What to filter.
-    parameters : FilterParameters
-        `scales` and `coarse` are not used here.
+    frame : Samples, what to filter
+    parameters : FilterParameters, `scales` and `coarse` are not used here
     neighbours : sequence of Samples
         Frames before and after, of the same size, in which similar patches are searched for too.
-    threads : int
-        Bands filtered at once; the result does not depend on it.
+    threads : int, bands filtered at once; the result does not depend on it
     """
     frames = (frame, *neighbours)
     sizes = {f.count.shape for f in frames}
@@ -187,19 +158,19 @@ def fuse_scale(
     return Fused(fused, similar)
 
 
-def _compared(frame: Samples, parameters: FilterParameters) -> Floats:
+def _compared(frame: Samples, parameters: FilterParameters) -> Array32:
     if frame.means is None or parameters.welch == 0:
         return np.empty((*frame.count.shape, 0), np.float32)
     return frame.means
 
 
-def _stacked(arrays: list[Floats]) -> Floats:
+def _stacked(arrays: list[Array32]) -> Array32:
     if len(arrays) == 1:
         return np.ascontiguousarray(arrays[0], np.float32)[None]
     return np.ascontiguousarray(np.stack(arrays), np.float32)
 
 
-def search_block(half_size: int, frames: int) -> tuple[Ints, int]:
+def search_block(half_size: int, frames: int) -> tuple[Indices, int]:
     """Candidates (n, 3) as frame, row offset, column offset in the kernels' order, and the number of forward ones."""
     block = [(y, x) for y in range(-half_size, half_size + 1) for x in range(-half_size, half_size + 1)]
     forward = [offset for offset in block if offset > (0, 0)]

@@ -10,22 +10,16 @@ Arrays are copied and combined by loops: Numba makes larger code of array expres
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32, Indices
 from procedures.numerics.compiled import vectorised
 
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
-
-FAR = np.float32(1e30)
-"""Ratio of a pair that cannot be compared: outside the picture, or without a valid bin."""
+FAR = np.float32(1e30)  # ratio of a pair that cannot be compared: outside the picture, or without a valid bin
 RIDGE = np.float32(0.5)
 """Variance of position, pixel^2, added before the trend is fitted: two patches in a row determine no slope across
 it."""
-FEW = np.float32(15.0)
-"""Number of similar patches below which the threshold is raised."""
-MOST_EASE = np.float32(0.7)
-"""Largest relative increase of the threshold."""
+FEW = np.float32(15.0)  # number of similar patches below which the threshold is raised
+MOST_EASE = np.float32(0.7)  # largest relative increase of the threshold
 LEAST_FOR_TREND = np.float32(5.0)
 """Number of similar patches below which no trend is fitted: a plane has three unknowns."""
 
@@ -35,10 +29,10 @@ class Stack(NamedTuple):
     column, bin), counts (frame, row, column) and means (frame, row, column, value): means of the samples' colours
     followed by the variances of these means, or nothing. All float32."""
 
-    planes: Floats
-    histograms: Floats
-    counts: Floats
-    means: Floats
+    planes: Array32
+    histograms: Array32
+    counts: Array32
+    means: Array32
 
 
 class Rules(NamedTuple):
@@ -58,7 +52,7 @@ class Rules(NamedTuple):
 
 
 @vectorised
-def means_distance(x: Floats, y: Floats, rules: Rules) -> np.float32:
+def means_distance(x: Array32, y: Array32, rules: Rules) -> np.float32:
     """`welch` times the excess of the squared Welch statistics of the colours over the square of `doubt`."""
     colours = x.size // 2
     distance = np.float32(0.0)
@@ -70,7 +64,7 @@ def means_distance(x: Floats, y: Floats, rules: Rules) -> np.float32:
 
 
 @vectorised
-def squared_differences(x: Floats, y: Floats) -> tuple[np.float32, np.float32]:
+def squared_differences(x: Array32, y: Array32) -> tuple[np.float32, np.float32]:
     """Sum of the squared Welch statistics of the three colours, and their number."""
     distance = np.float32(0.0)
     n = x.size // 2
@@ -81,7 +75,7 @@ def squared_differences(x: Floats, y: Floats) -> tuple[np.float32, np.float32]:
 
 
 @vectorised
-def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: Floats, k: Floats) -> None:
+def pixel_distances(stack: Stack, candidate: Indices, first: int, rules: Rules, d: Array32, k: Array32) -> None:
     """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those of the candidate.
 
     Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` samples in total are excluded.
@@ -116,7 +110,7 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: 
 
 
 @vectorised
-def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int, share: np.float32) -> np.float32:
+def patch_ratio(d: Array32, k: Array32, i: int, c: int, patch: int, share: np.float32) -> np.float32:
     """Chi-square per bin over the patch of half size `patch` around row i, column c of the maps. Equation (4.4).
 
     At least `share` of that of its most different pixel: a mean conceals one bright pixel among dark ones.
@@ -139,7 +133,7 @@ def allowed(p: int, offset: int, size: int, patch: int) -> bool:
 
 
 @vectorised
-def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: int, ratios: Floats) -> None:
+def band_ratios(stack: Stack, candidates: Indices, half: int, rules: Rules, first: int, ratios: Array32) -> None:
     """Chi-square per bin of every candidate for the patches of a band: ratios (candidates, rows, columns).
 
     The band starts at row `first`. Each pair within the frame is computed once and stored for both patches.
@@ -175,7 +169,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
 
 
 @vectorised
-def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
+def nearest(ratios: Array32, i: int, c: int, k: int) -> np.float32:
     """The k-th smallest ratio among the candidates of patch (i, c) except itself; 0 if there are fewer than k."""
     best = np.full(k, FAR, np.float32)
     for j in range(1, ratios.shape[0]):
@@ -191,7 +185,7 @@ def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
 
 
 @vectorised
-def weigh(ratios: Floats, counts: Floats, rules: Rules) -> None:
+def weigh(ratios: Array32, counts: Array32, rules: Rules) -> None:
     """Turn ratios into weights in [0, 1], in place: 1 well below kappa, 0 well above, a ramp of `softness` between.
 
     Where few patches are similar, kappa is raised by `ease` per sample in `counts` (rows, columns): with more samples,
@@ -223,7 +217,7 @@ def weigh(ratios: Floats, counts: Floats, rules: Rules) -> None:
 
 
 @vectorised
-def fit_patches(stack: Stack, candidates: Ints, rules: Rules, first: int, weights: Floats, fit: Floats) -> Floats:
+def fit_patches(stack: Stack, candidates: Indices, rules: Rules, first: int, weights: Array32, fit: Array32) -> Array32:
     """Fit the average of the similar patches of each patch; returns their number, the patch itself included.
 
     Weights are multiplied by the samples, in place. With mean offset m and covariance C of the similar patches' offsets
@@ -257,7 +251,7 @@ def fit_patches(stack: Stack, candidates: Ints, rules: Rules, first: int, weight
 
 
 @vectorised
-def fit_patch(moments: Floats, trend: bool, similar: float, trust: float, fit: Floats) -> None:
+def fit_patch(moments: Array32, trend: bool, similar: float, trust: float, fit: Array32) -> None:
     """One patch of `fit_patches`, from its sum of weights and their first and second moments."""
     total = moments[0]
     my, mx = moments[1] / total, moments[2] / total
@@ -276,7 +270,7 @@ def fit_patch(moments: Floats, trend: bool, similar: float, trust: float, fit: F
 
 @vectorised
 def aggregate(
-    planes: Floats, candidates: Ints, weights: Floats, fit: Floats, top: int, patch: int, fused: Floats
+    planes: Array32, candidates: Indices, weights: Array32, fit: Array32, top: int, patch: int, fused: Array32
 ) -> None:
     """Average the patch estimates that cover the pixels of a band: fused (channels, rows, columns).
 
@@ -308,7 +302,7 @@ def aggregate(
 
 
 @vectorised
-def plane_weights(weights: Floats, fit: Floats, dr: np.float32, dc: np.float32, out: Floats) -> None:
+def plane_weights(weights: Array32, fit: Array32, dr: np.float32, dc: np.float32, out: Array32) -> None:
     """Weights of one candidate under the fitted plane: out (rows, columns). `fit` is that of `fit_patches`."""
     for i in range(out.shape[0]):
         for c in range(out.shape[1]):
@@ -316,7 +310,7 @@ def plane_weights(weights: Floats, fit: Floats, dr: np.float32, dc: np.float32, 
 
 
 @vectorised
-def spread_row(weights: Floats, i: int, patch: int, spread: Floats) -> None:
+def spread_row(weights: Array32, i: int, patch: int, spread: Array32) -> None:
     """Sum of the weights over the patch around each pixel of row i."""
     rows, columns = weights.shape
     column = np.zeros(columns + 2 * patch, np.float32)
@@ -332,7 +326,7 @@ def spread_row(weights: Floats, i: int, patch: int, spread: Floats) -> None:
 
 @vectorised
 def fuse_band(
-    stack: Stack, candidates: Ints, half: int, rules: Rules, top: int, fused: Floats, similar: Floats
+    stack: Stack, candidates: Indices, half: int, rules: Rules, top: int, fused: Array32, similar: Array32
 ) -> None:  # fmt: skip
     """Filter the rows `top` to `top + len(similar)` of frame 0; fills fused (channels, rows, columns) and similar."""
     rows, columns = stack.counts.shape[1:]

@@ -10,27 +10,20 @@ from scipy import ndimage
 from scipy.sparse import csr_array
 
 from procedures.display import summary
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
 from procedures.ray_histogram.rims import beside_lamps, lamp_rims
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
+SIGMA = 0.55  # target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels
 
-SIGMA = 0.55
-"""Target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+FAINT = 1e-3  # smallest variance of a pixel's mean, as a fraction of the average over all pixels
+LEAST_VARIANCE = 1e-12  # smallest variance where no pixel is noisy
 
-FAINT = 1e-3
-"""Smallest variance of a pixel's mean, as a fraction of the average over all pixels."""
-LEAST_VARIANCE = 1e-12
-"""Smallest variance where no pixel is noisy."""
-
-RANGE_SIDE = 5
-"""Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
-AROUND_SIDE = 7
-"""Side of the neighbourhood, in pixels, whose variance bounds the filtered value too."""
+RANGE_SIDE = 5  # side of the neighbourhood, in pixels, whose noisy values bound the filtered one
+AROUND_SIDE = 7  # side of the neighbourhood, in pixels, whose variance bounds the filtered value too
 ALIKE, UNLIKE = 1.5, 3.0
 """Variance of the means around a pixel over that of their noise: up to the first all pixels there are alike, from the
 second on the pixel's own variance counts alone. Of 49 values the ratio has a standard deviation of 0.2."""
@@ -43,20 +36,17 @@ square up to which noise explains them, in variances of the samples' means: with
 class FilteredFilm:
     """Result of filtering a film.
 
-    picture : (rows, columns, 3) float32
-        The filtered picture, linear.
-    similar : (rows, columns) float32
-        Similar patches per pixel at the finest scale (see `filter.Fused`).
-    median_similar : tuple of float
-        Their median at each scale, the finest first.
+    picture : (rows, columns, 3) float32, the filtered picture, linear
+    similar : (rows, columns) float32, similar patches per pixel at the finest scale (see `filter.Fused`)
+    median_similar : tuple of float, their median at each scale, the finest first
     uncertainty : (rows, columns, 3) float32 or None
         Standard uncertainty of the picture (see `uncertainty`), if requested.
     """
 
-    picture: Floats
-    similar: Floats
+    picture: Array32
+    similar: Array32
     median_similar: tuple[float, ...]
-    uncertainty: Floats | None = None
+    uncertainty: Array32 | None = None
 
     __repr__ = summary
 
@@ -66,29 +56,21 @@ def filter_film(
     parameters: FilterParameters | None = None,
     *,
     neighbours: Sequence[Film] = (),
-    guides: Floats | None = None,
+    guides: Array32 | None = None,
     threads: int = 1,
 ) -> FilteredFilm:
     """Filter a film by Algorithm 2.
 
-    Parameters
-    ----------
-    film : Film
-        Checked here; at least one sample in each pixel.
-    parameters : FilterParameters
-        The defaults if None.
+    film : Film, checked here; at least one sample in each pixel
+    parameters : FilterParameters, the defaults if None
     neighbours : sequence of Film
         The frames before and after in a sequence, in which similar patches are searched for too.
-    guides : (rows, columns, 2 n) float32, optional
-        Values that differ between surfaces, such as normals, and their variances, in units of the difference that
-        matters; only for a film by itself.
-    threads : int
-        Bands filtered at once; the result does not depend on it.
+    guides : (rows, columns, 2 n) float32, values that differ between surfaces, such as normals, and their variances, in
+        units of the difference that matters; only for a film by itself
+    threads : int, bands filtered at once; the result does not depend on it
 
-    Raises
-    ------
-    BadInput
-        If a film cannot be filtered, the films differ in size, or the picture is too small for the number of scales.
+    Raises BadInput if a film cannot be filtered, the films differ in size, or the picture is too small for the number
+    of scales.
     """
     parameters = parameters or FilterParameters()
     frames = [samples_of(f.checked()) for f in (film, *neighbours)]
@@ -112,7 +94,16 @@ def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, thre
 
     Histograms and counts determine the weights; pictures may have any number of channels.
     """
-    check_scales(frames[0].count.shape, parameters)
+    # refuse too many scales for the size: the coarsest picture must hold two patches side by side
+    size = frames[0].count.shape
+    least = 2 * (2 * parameters.patch + 1)
+    coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
+    if min(coarsest) < least:
+        raise BadInput(
+            f"{parameters.scales} scales need {least} x {least} pixels at the coarsest to compare patches; "
+            f"{size[0]} x {size[1]} pixels give {coarsest[0]} x {coarsest[1]}",
+            "filter with fewer scales",
+        )
     results = []
     for s in range(parameters.scales):
         # at coarser scales a pixel may stay unfiltered: the finest scale ensures that none keeps its noise
@@ -127,29 +118,12 @@ def samples_of(film: Film) -> Samples:
     rows, columns = film.count.shape
     mean = film.mean.astype(np.float32)
     histogram = film.histogram.reshape(rows, columns, 3 * film.histogram.shape[-1])
-    return Samples(
-        mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _safe_variance(film)], axis=-1)
-    )
-
-
-def _safe_variance(film: Film) -> Floats:
-    """Variances of the pixels' means with a lower bound, as few samples can underestimate them."""
+    # variances of the pixels' means with a lower bound, as few samples can underestimate them
     variance = mean_variance(film)
     known = np.isfinite(variance)
     faint = FAINT * variance[known].mean() if known.any() else 0.0
-    return np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
-
-
-def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
-    """Refuse too many scales for the size: the coarsest picture must hold two patches side by side."""
-    least = 2 * (2 * parameters.patch + 1)
-    coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
-    if min(coarsest) < least:
-        raise BadInput(
-            f"{parameters.scales} scales need {least} x {least} pixels at the coarsest to compare patches; "
-            f"{size[0]} x {size[1]} pixels give {coarsest[0]} x {coarsest[1]}",
-            "filter with fewer scales",
-        )
+    safe_variance = np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
+    return Samples(mean, histogram, film.count.astype(np.float32), np.concatenate([mean, safe_variance], axis=-1))
 
 
 def downsample(frame: Samples, s: int) -> Samples:
@@ -168,7 +142,7 @@ def downsample(frame: Samples, s: int) -> Samples:
     return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor, means)
 
 
-def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
+def recombine(pictures: Sequence[Array32], coarse: float) -> Array32:
     """Combine filtered scales, finest first: the low frequencies of each are replaced by the coarser scale's.
 
     The errors of the scales are partly independent, so that a mean of the two (`coarse` < 1) is better than either.
@@ -180,7 +154,7 @@ def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
     return result
 
 
-def allowed_variance(film: Film) -> Doubles:
+def allowed_variance(film: Film) -> Array:
     """Variance of each pixel's mean, (rows, columns, 3), raised to that of the pixels around where these are alike.
 
     A pixel's own samples underestimate it where they miss rare bright paths. Its neighbours are expected to have such
@@ -199,7 +173,7 @@ def allowed_variance(film: Film) -> Doubles:
     return np.where(known, raised, np.inf)
 
 
-def within_noise(picture: Floats, film: Film, deviations: float) -> Floats:
+def within_noise(picture: Array32, film: Film, deviations: float) -> Array32:
     """Limit the picture to what the samples of each pixel allow: `deviations` standard deviations of their mean.
 
     Similar patches with one bright pixel among dark ones would otherwise change the pixels beside a lamp. Where changes
@@ -214,11 +188,11 @@ def within_noise(picture: Floats, film: Film, deviations: float) -> Floats:
     return np.asarray(film.mean + change * np.where(bias, EXPLAINED / np.maximum(nearby, EXPLAINED), 1), np.float32)
 
 
-def _around(values: npt.ArrayLike) -> Doubles:
+def _around(values: npt.ArrayLike) -> Array:
     return np.asarray(ndimage.uniform_filter(np.asarray(values, np.float64), (AROUND_SIDE, AROUND_SIDE, 0)))
 
 
-def within_range(picture: Floats, noisy: Floats) -> Floats:
+def within_range(picture: Array32, noisy: Array32) -> Array32:
     """Limit the picture to the range of the noisy pixels nearby, which avoids a dark rim around a lamp.
 
     Exchanged low frequencies overshoot next to something much brighter.
@@ -227,17 +201,17 @@ def within_range(picture: Floats, noisy: Floats) -> Floats:
     return np.clip(picture, cv2.erode(noisy, around), cv2.dilate(noisy, around))
 
 
-def gaussian_downsample(picture: Floats, s: int) -> Floats:
+def gaussian_downsample(picture: Array32, s: int) -> Array32:
     """(rows, columns, channels) blurred and sampled at every 2^s-th pixel from the first: ceil(n / 2^s) pixels."""
     return _along_both(picture, *(_gaussian_rows(n, s) for n in picture.shape[:2]))
 
 
-def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
+def bicubic_upsample(picture: Array32, size: tuple[int, ...]) -> Array32:
     """(rows, columns, channels) twice as large, by Keys' cubic (a = -1/2), which keeps the samples."""
     return _along_both(picture, *(_bicubic_rows(n) for n in size))
 
 
-def _along_both(picture: Floats, along_rows: csr_array, along_columns: csr_array) -> Floats:
+def _along_both(picture: Array32, along_rows: csr_array, along_columns: csr_array) -> Array32:
     rows, columns, channels = picture.shape
     narrow = (along_rows @ picture.reshape(rows, -1)).reshape(-1, columns, channels)
     return np.stack([along_columns @ row for row in narrow])
@@ -262,7 +236,7 @@ def _bicubic_rows(n: int) -> csr_array:
     return _mirrored(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
 
 
-def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> csr_array:
+def _mirrored(indices: Indices, weights: Array, n: int) -> csr_array:
     """Matrix (rows, n) of weights (rows, k) at indices (rows, k), which are mirrored at the borders."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)

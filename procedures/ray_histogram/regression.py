@@ -9,47 +9,38 @@ give weights and values: halves of a half are too noisy.
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32, Indices
 from procedures.numerics.compiled import compiled
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.multiscale import allowed_variance
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-
-REACH, PATCH = 7, 1
-"""Half sizes of the window and of the compared patches, pixels."""
-DECAY = 0.6
-"""Difference, in standard deviations of the noise, at which the weight has fallen to exp(-1)."""
-LEAST_WEIGHT = 1e-3
-"""Weight below which a pixel is not used."""
+REACH, PATCH = 7, 1  # half sizes of the window and of the compared patches, pixels
+DECAY = 0.6  # difference, in standard deviations of the noise, at which the weight has fallen to exp(-1)
+LEAST_WEIGHT = 1e-3  # weight below which a pixel is not used
 RIDGE = 1e-4
 """Variance added to that of each feature in its window: a feature that is constant there has no slope."""
-BAND_ROWS = 32
-"""Rows fitted at once."""
-NO_NOISE = 1e-10
-"""Variance added to differences: two pixels without noise may be equal."""
+BAND_ROWS = 32  # rows fitted at once
+NO_NOISE = 1e-10  # variance added to differences: two pixels without noise may be equal
 
 
-def regress(film: Film, features: Doubles, *, threads: int = 1) -> Doubles:
+def regress(film: Film, features: Array, *, threads: int = 1) -> Array:
     """The film's picture, (rows, columns, 3), each pixel from linear fits over the windows that it is in.
 
-    features : (rows, columns, n) float64
-        In units of the differences over which light changes linearly; none is needed.
-    threads : int
-        Bands fitted at once; the result does not depend on it.
+    features : (rows, columns, n) float64, in units of the differences over which light changes linearly; none is needed
+    threads : int, bands fitted at once; the result does not depend on it
     """
     rows, columns = film.count.shape
     position = np.moveaxis(np.mgrid[:rows, :columns], 0, -1) / REACH
     regressors = np.ascontiguousarray(np.concatenate([position, features], axis=-1))
     offsets = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1].reshape(2, -1).T.copy()
     around = REACH + PATCH
-    mean, variance = (_padded(array, around) for array in (film.mean, allowed_variance(film)))
+    rim = ((around, around), (around, around), (0, 0))
+    mean, variance = (np.pad(array, rim, "symmetric") for array in (film.mean, allowed_variance(film)))
     total = np.zeros((rows + 2 * REACH, columns, 4))
 
-    def fit_rows(top: int) -> Doubles:
+    def fit_rows(top: int) -> Array:
         end = min(rows, top + BAND_ROWS)
         weights = _weights(mean[top : end + 2 * around], variance[top : end + 2 * around], offsets)
         return _fit(film.mean, regressors, weights, offsets, top)
@@ -62,11 +53,7 @@ def regress(film: Film, features: Doubles, *, threads: int = 1) -> Doubles:
     return np.asarray(inside[..., :3] / inside[..., 3:])
 
 
-def _padded(array: Doubles, around: int) -> Doubles:
-    return np.pad(array, ((around, around), (around, around), (0, 0)), "symmetric")
-
-
-def _weights(mean: Doubles, variance: Doubles, offsets: npt.NDArray[np.int64]) -> Floats:
+def _weights(mean: Array, variance: Array, offsets: Indices) -> Array32:
     """Weights (offsets, rows, columns) of the pixels around those of a band, which is padded by window and patch."""
     rows, columns = (size - 2 * REACH for size in mean.shape[:2])
     here = np.s_[REACH : REACH + rows, REACH : REACH + columns]
@@ -83,8 +70,8 @@ def _weights(mean: Doubles, variance: Doubles, offsets: npt.NDArray[np.int64]) -
 
 @compiled
 def _fit(
-    picture: Doubles, regressors: Doubles, weights: Floats, offsets: npt.NDArray[np.int64], top: int
-) -> Doubles:  # fmt: skip
+    picture: Array, regressors: Array, weights: Array32, offsets: Indices, top: int
+) -> Array:  # fmt: skip
     """Sums of the weighted estimates and of the weights, (rows + 2 REACH, columns, 4), by the fits around a band.
 
     Row 0 of the weights is row `top` of the picture.

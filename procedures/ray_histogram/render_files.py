@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 from procedures.ray_histogram.blend import Render, divisor
 from procedures.ray_histogram.film import Film, film_of_samples
 from procedures.reading.arrays import checked_array, read_npz
 from procedures.reading.exr import read_exr
 
-Doubles = npt.NDArray[np.float64]
 Layers = Mapping[str, npt.NDArray[Any]]
 Halves = tuple[tuple[Render, Render], Render]
 
@@ -32,14 +32,12 @@ LAYERS = {
 """Names of the layers, without the render layer's name before them, in lower case; the first that is present counts."""
 COMPONENTS = {"image": "rgb", "albedo": "rgb", "normal": "xyz", "depth": "zvtryx", "variance": "rgb"}
 """Components; of the depth the first that is present."""
-NORMAL_STEP, DEPTH_STEP = 0.1, 0.02
-"""Differences of normals, and of depths over the median depth, that matter."""
+NORMAL_STEP, DEPTH_STEP = 0.1, 0.02  # differences of normals, and of depths over the median depth, that matter
 VARIANCE_PX = 1.0
 """Standard deviation of the neighbourhood over which the squared difference of two pictures is averaged."""
 MEDIAN_SIDE, MOST_OVER_MEDIAN = 3, 4.0
 """Side of the neighbourhood whose median limits that mean, and the factor between the two."""
-MEDIAN_OF_SQUARES = 0.455
-"""Median of the square of a normal variable with unit variance."""
+MEDIAN_OF_SQUARES = 0.455  # median of the square of a normal variable with unit variance
 
 
 def read_halves(paths: Iterable[Path]) -> Halves:
@@ -47,10 +45,9 @@ def read_halves(paths: Iterable[Path]) -> Halves:
 
     Raises BadInput if a file cannot be read, or the files do not make two halves.
 
-    paths : iterable of Path
-        An npz of `samples` (rows, columns, n, 3), optionally with `albedo`, `normal` (rows, columns, n, 3) and `depth`
-        (rows, columns, n) of the samples or (rows, columns, ...) of the pixels; or two OpenEXR pictures with other
-        random numbers.
+    paths : iterable of Path, an npz of `samples` (rows, columns, n, 3), optionally with `albedo`, `normal` (rows,
+        columns, n, 3) and `depth` (rows, columns, n) of the samples or (rows, columns, ...) of the pixels; or two
+        OpenEXR pictures with other random numbers
     """
     files = tuple(paths)
     if len(files) == 2 and all(path.suffix.lower() == ".exr" for path in files):
@@ -82,10 +79,10 @@ def halves_of_samples(arrays: Layers) -> Halves:
     return (first, second), whole
 
 
-def _of_samples(samples: npt.NDArray[Any], features: Mapping[str, Doubles], part: slice) -> Render:
+def _of_samples(samples: npt.NDArray[Any], features: Mapping[str, Array], part: slice) -> Render:
     chosen = samples[:, :, part]
-    means: dict[str, Doubles] = {}
-    variances: dict[str, Doubles] = {}
+    means: dict[str, Array] = {}
+    variances: dict[str, Array] = {}
     for name, values in features.items():
         each = values.ndim == (3 if name == "depth" else 4)
         chosen_values = values[:, :, part] if each else values[:, :, None]
@@ -117,7 +114,7 @@ def halves_of_pictures(first: Layers, second: Layers) -> Halves:
     return (a, b), both
 
 
-def _of_means(means: Layers, variances: Mapping[str, Doubles]) -> Render:
+def _of_means(means: Layers, variances: Mapping[str, Array]) -> Render:
     film = _film(means["image"], variances["image"])
     if "albedo" not in variances:
         return Render(film, guides=_guides(means, variances))
@@ -126,13 +123,12 @@ def _of_means(means: Layers, variances: Mapping[str, Doubles]) -> Render:
     return Render(film, means["albedo"], light, means.get("normal"), _guides(means, variances))
 
 
-def _film(mean: Doubles, variance: Doubles) -> Film:
-    """A film without histograms; it counts two samples, as fewer have no variance."""
+def _film(mean: Array, variance: Array) -> Film:
     count = np.full(mean.shape[:2], 2, np.uint32)
     return Film(np.zeros((*mean.shape, 0), np.float32), mean, 2 * variance, count, np.zeros_like(count))
 
 
-def _guides(means: Layers, variances: Mapping[str, Doubles]) -> npt.NDArray[np.float32] | None:
+def _guides(means: Layers, variances: Mapping[str, Array]) -> Array32 | None:
     """Normal and depth in units of the differences that matter, and their variances with that of such a difference."""
     values, squares = [], []
     if "normal" in variances:
@@ -147,7 +143,7 @@ def _guides(means: Layers, variances: Mapping[str, Doubles]) -> npt.NDArray[np.f
     return np.concatenate([*values, *(square + 0.5 for square in squares)], axis=-1).astype(np.float32)
 
 
-def _variance(difference: Doubles) -> Doubles:
+def _variance(difference: Array) -> Array:
     """Variance of the difference of two pictures: the mean square around each pixel.
 
     It is limited where the pixel itself and the median around are far below the mean: beside a lamp's rim.
@@ -158,7 +154,7 @@ def _variance(difference: Doubles) -> Doubles:
     return np.asarray(np.minimum(mean, MOST_OVER_MEDIAN * np.maximum(squares, median)))
 
 
-def read_layers(path: Path) -> dict[str, Doubles]:
+def read_layers(path: Path) -> dict[str, Array]:
     """Picture, and as far as present albedo, normal, depth and variance, of a layered OpenEXR.
 
     Raises BadInput if the file cannot be read, has no picture, or a value that is not finite.

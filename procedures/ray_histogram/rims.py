@@ -18,30 +18,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
 
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
 
-Doubles = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
-REACH = 2
-"""Half size of the neighbourhood that determines a rim, pixels."""
+REACH = 2  # half size of the neighbourhood that determines a rim, pixels
 SIDE = 2 * REACH + 1
 CENTRE = SIDE * SIDE // 2
-CONTRAST = 10.0
-"""How many times as bright as the darkest pixel nearby a lamp is."""
-QUIET = 0.01
-"""Largest variance of a lamp's own samples, as a fraction of its squared step in brightness."""
+CONTRAST = 10.0  # how many times as bright as the darkest pixel nearby a lamp is
+QUIET = 0.01  # largest variance of a lamp's own samples, as a fraction of its squared step in brightness
 SHAPE_ERROR = 0.05
 """Largest standard deviation of covered parts from those of lines and circles: at a half covered pixel."""
-MISFIT = 30.0
-"""Deviance of 24 pixels above which neither a line nor a circle is a rim's shape."""
-LEAST_HITS = 0.25
-"""Samples seeing the lamp, or not seeing it, below which none does: the rest is noise."""
-LEAST = 0.02
-"""Smallest part, and smallest rest, of a shape that is compared with the parts seen."""
-LEAST_PART = 0.005
-"""Parts expected by the shape below which a pixel is not at the rim."""
+MISFIT = 30.0  # deviance of 24 pixels above which neither a line nor a circle is a rim's shape
+LEAST_HITS = 0.25  # samples seeing the lamp, or not seeing it, below which none does: the rest is noise
+LEAST = 0.02  # smallest part, and smallest rest, of a shape that is compared with the parts seen
+LEAST_PART = 0.005  # parts expected by the shape below which a pixel is not at the rim
 SHOWN = 0.5
 """Values are averaged as x / (SHOWN + x), as the eye and a display do: a possible lamp must not outshine the rest."""
 DARK = 0.08
@@ -50,23 +41,18 @@ errs more, relative to its light, than a lit one that stays dark."""
 TRUST_PX, TRUST = 3.0, 2.0
 """Standard deviation of the neighbourhood in which the prior's error is determined, pixels, and a factor on the noise
 in that comparison: pixels that all miss a lamp have none."""
-FLOOR = 0.01
-"""Added to squared values in relative squared errors."""
-BESIDE = 6
-"""Distance to a lamp up to which a pixel is beside it: half the side of the filter's search."""
+FLOOR = 0.01  # added to squared values in relative squared errors
+BESIDE = 6  # distance to a lamp up to which a pixel is beside it: half the side of the filter's search
 LONE = 0.7
 """Squared relative noise above which a pixel's light is that of a single sample: 1 - 1/n for one, half for two."""
-RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0
-"""Radii of round rims, pixels."""
+RADII = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 6.0, 10.0  # radii of round rims, pixels
 TURNS, STEP, SUBPIXELS = 40, 0.1, 4
 """Directions of a rim, distances between rims in pixels, and points along a pixel's side."""
-QUANTILES = (np.arange(24) + 0.5) / 24
-"""Quantiles of the posterior over which values are averaged."""
-PIXELS = 256
-"""Pixels whose rims are determined at once."""
+QUANTILES = (np.arange(24) + 0.5) / 24  # quantiles of the posterior over which values are averaged
+PIXELS = 256  # pixels whose rims are determined at once
 
 
-def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Array, Array]:
     """Values of the pixels at rims of lamps and their standard uncertainties, (rows, columns, 3); NaN elsewhere.
 
     Pixels beside a lamp that see it by a single sample have a value only.
@@ -74,8 +60,7 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, D
     None are found in films without histograms, as the numbers of their samples are unknown, and where a lamp has no
     pixel of its own.
 
-    picture : (rows, columns, 3)
-        The filtered one: what is beside the lamps.
+    picture : (rows, columns, 3) the filtered one: what is beside the lamps
     """
     values, uncertainty = np.full((2, *film.mean.shape), np.nan)
     if film.histogram.shape[-1] and min(film.count.shape) >= SIDE:
@@ -88,14 +73,14 @@ def lamp_rims(film: Film, picture: npt.NDArray[np.floating]) -> tuple[Doubles, D
     return values, uncertainty
 
 
-def beside_lamps(film: Film) -> npt.NDArray[np.bool_]:
+def beside_lamps(film: Film) -> Mask:
     """Pixels (rows, columns) beside a lamp: `CONTRAST` times as bright, and of samples that are nearly alike."""
     brightness, noise = film.mean.sum(-1), mean_variance(film).sum(-1) * film.count
     lamps = np.where(noise < QUIET * brightness**2, brightness, 0)
     return np.asarray(ndimage.maximum_filter(lamps, 2 * BESIDE + 1) > CONTRAST * np.maximum(brightness, 0))
 
 
-def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, Doubles]:
+def _estimates(expected: Array, rim: Mask) -> tuple[Array, Array]:
     """Values and uncertainties (n, 3) of the pixels at a rim (rows, columns), with what `_expected` knows of them."""
     part, variance, n, hits = expected[:4]
     lamp, dark = expected[4:7].T, expected[7:].T
@@ -115,7 +100,7 @@ def _estimates(expected: Doubles, rim: npt.NDArray[np.bool_]) -> tuple[Doubles, 
     return values, np.sqrt(np.mean((possible - values[:, None]) ** 2, axis=1))
 
 
-def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
+def _near_lamps(brightness: Array) -> Iterator[tuple[Indices, Indices]]:
     """Rows and columns of the pixels near something much brighter, some at a time."""
     most, least = ndimage.maximum_filter(brightness, SIDE), ndimage.minimum_filter(brightness, SIDE)
     near = (most > CONTRAST * np.maximum(least, 0)) & (brightness < most)
@@ -125,8 +110,8 @@ def _near_lamps(brightness: Doubles) -> Iterator[tuple[Ints, Ints]]:
 
 
 def _expected(
-    film: Film, noise: Doubles, picture: npt.NDArray[np.floating], rows: Ints, columns: Ints
-) -> tuple[Doubles, Doubles]:
+    film: Film, noise: Array, picture: npt.NDArray[np.floating], rows: Indices, columns: Indices
+) -> tuple[Array, Array]:
     """Knowledge from the pixels around, (10, n): part covered, its variance, own samples, hits, lamp and dark values.
 
     NaN where not at a rim; and the values of pixels that see a lamp once, (n, 3).
@@ -151,7 +136,7 @@ def _expected(
     return np.where(rim, known, np.nan), np.where(alone[:, None], np.minimum(filtered[:, CENTRE], light), np.nan)
 
 
-def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+def _shapes(part: Array, n: Array) -> tuple[Array, Array, Array]:
     """Part of the central pixels expected from those around, its variance, and the deviance of the best shape.
 
     part, n : (pixels, SIDE^2) the parts covered by the samples of each pixel, and their number.
@@ -170,7 +155,7 @@ def _shapes(part: Doubles, n: Doubles) -> tuple[Doubles, Doubles, Doubles]:
 
 
 @cache
-def _parts_of_shapes() -> Doubles:
+def _parts_of_shapes() -> Array:
     """Parts of the pixels of a neighbourhood that lines, discs and what is around discs cover, (shapes, SIDE^2).
 
     Directions of an eighth of a turn suffice: the others are reflections of these. A subpixel is covered by the share
@@ -194,7 +179,7 @@ def _parts_of_shapes() -> Doubles:
     return np.unique(parts.reshape(len(parts), -1).round(4), axis=0)
 
 
-def _beta(mean: Doubles, variance: Doubles, most_samples: Doubles) -> tuple[Doubles, Doubles]:
+def _beta(mean: Array, variance: Array, most_samples: Array) -> tuple[Array, Array]:
     """Parameters of the beta distributions with these means and variances that count so many samples at most."""
     mean = np.clip(mean, 1e-6, 1 - 1e-6)
     most = mean * (1 - mean)

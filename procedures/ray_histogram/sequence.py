@@ -30,16 +30,12 @@ def filter_sequence(
     Raises BadParameter if the reach is negative, BadInput if a film cannot be filtered or its neighbours differ in
     size.
 
-    films : iterable of Film
-        The frames in time.
-    parameters : FilterParameters
-        The defaults if None.
-    reach : int
-        Frames before and after in which similar patches are searched for; 0 filters each frame by itself.
+    films : iterable of Film, the frames in time
+    parameters : FilterParameters, the defaults if None
+    reach : int, frames before and after in which similar patches are searched for; 0 filters each frame by itself
     uncertain : bool
         Whether to estimate the standard uncertainty of each picture: one more filtering, with nine times the channels.
-    threads : int
-        Bands filtered at once.
+    threads : int, bands filtered at once
     """
     if reach < 0:
         raise BadParameter(f"the reach is 0 frames or more; got {reach}", "choose 0 or more")

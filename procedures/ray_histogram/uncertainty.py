@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_noise import mean_variance
@@ -24,48 +25,38 @@ from procedures.ray_histogram.filter import FilterParameters, Samples
 from procedures.ray_histogram.multiscale import allowed_variance, fuse_scales, recombine, samples_of
 from procedures.ray_histogram.rims import lamp_rims
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-
 DRAWS = 8
 """Pictures of noise: their variance in a pixel has a relative error of one half, and is then averaged (`NOISE_PX`)."""
-NOISE_PX = 2.0
-"""Standard deviation of the neighbourhood over which the variance of the draws is averaged, pixels."""
-BIAS_PX = 1.0
-"""Standard deviation for averaging the squared bias, which varies from pixel to pixel along edges."""
+NOISE_PX = 2.0  # standard deviation of the neighbourhood over which the variance of the draws is averaged, pixels
+BIAS_PX = 1.0  # standard deviation for averaging the squared bias, which varies from pixel to pixel along edges
 LOST_DETAIL = 2.0
 """Mean square of the true bias over that of the estimated one: 1.9 on the Cornell box at 64 samples, 2.0 at 256."""
 EXCESS_PX = 8.0
 """Standard deviation of the neighbourhood over which the excess is averaged: a single one is mostly chance."""
 RELATIVE_VARIANCE, DARK = 1e-2, 0.01
 """Lower bound of the variance in weights: this fraction of the squared value, plus that of a dark pixel."""
-SMOOTH_PX = 1.0
-"""Standard deviation of the neighbourhood whose variance bounds a pixel's in weights."""
+SMOOTH_PX = 1.0  # standard deviation of the neighbourhood whose variance bounds a pixel's in weights
 SEED = 4
 
 
 def standard_uncertainty(
     film: Film,
-    smooth: Floats,
+    smooth: Array32,
     parameters: FilterParameters | None = None,
     *,
-    neighbours: Sequence[tuple[Film, Floats]] = (),
+    neighbours: Sequence[tuple[Film, Array32]] = (),
     threads: int = 1,
-) -> Floats:
+) -> Array32:
     """Standard uncertainty of a film's filtered picture, (rows, columns, 3), linear.
 
     Raises BadInput if a pixel has a single sample, or the film cannot be filtered.
 
-    film : Film
-        At least two samples in each pixel.
-    smooth : (rows, columns, 3) float32
-        The filtered picture, in place of the truth.
-    parameters : FilterParameters
-        Parameters of the filtering.
+    film : Film, at least two samples in each pixel
+    smooth : (rows, columns, 3) float32, the filtered picture, in place of the truth
+    parameters : FilterParameters, parameters of the filtering
     neighbours : sequence of (Film, (rows, columns, 3))
         The frames it was filtered with, and their pictures, filtered in the same way.
-    threads : int
-        Bands filtered at once.
+    threads : int, bands filtered at once
     """
     parameters = parameters or FilterParameters()
     frames = ((film, smooth), *neighbours)
@@ -83,7 +74,7 @@ def standard_uncertainty(
     return sigma
 
 
-def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
+def _excess(film: Film, smooth: Array32, shared: Array32, variance: Array32) -> Array32:
     """Mean square error (rows, columns, 1) near each pixel in excess of an estimated variance.
 
     shared : covariance of the film's noise before and after filtering. The difference of film and filtered picture has
@@ -95,7 +86,7 @@ def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Flo
     return np.asarray(np.maximum(excess, 0), np.float32)
 
 
-def weighting_variance(film: Film) -> Doubles:
+def weighting_variance(film: Film) -> Array:
     """Variance of each pixel's mean, (rows, columns, 3), for weights: bounded below, and never far below those beside.
 
     A pixel whose few samples happen to agree would otherwise count most.
@@ -104,12 +95,12 @@ def weighting_variance(film: Film) -> Doubles:
     return np.asarray(np.maximum(variance, ndimage.gaussian_filter(variance, (SMOOTH_PX, SMOOTH_PX, 0))))
 
 
-def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:
+def coverage(picture: npt.NDArray[np.floating], uncertainty: Array32, truth: npt.NDArray[np.floating]) -> float:
     """Fraction of the values within two standard uncertainties of the truth."""
     return float(np.mean(np.abs(picture - truth) <= 2 * uncertainty))
 
 
-def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
+def _probe(film: Film, smooth: Array32, seed: int) -> Samples:
     """The film's samples with the filtered picture, and pictures of pure noise, in place of its own picture."""
     single = film.count < 2
     if single.any():
@@ -124,5 +115,5 @@ def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
     return replace(frame, picture=np.ascontiguousarray(planes, np.float32))
 
 
-def _around(squares: Floats, sigma_px: float) -> Floats:
+def _around(squares: Array32, sigma_px: float) -> Array32:
     return np.asarray(ndimage.gaussian_filter(squares, (sigma_px, sigma_px, 0)), np.float32)

@@ -10,7 +10,7 @@ import struct
 import zipfile
 from collections.abc import Container
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,15 +20,12 @@ from procedures.reading.guard import Room, decoding, open_file, read_file
 
 Arrays = dict[str, npt.NDArray[Any]]
 
-LONGEST_HEAD = 1 << 14
-"""Greatest length of an array's header, in bytes."""
+LONGEST_HEAD = 1 << 14  # greatest length of an array's header, in bytes
 LARGEST_DIRECTORY = 1 << 20
 """Greatest size of an archive's central directory, in bytes: some ten thousand members."""
 BLOCK = 1 << 20
-LARGEST, SMALLEST = 1e30, 1e-30
-"""Range of magnitudes that are read: squares and ratios of them stay finite."""
-LONGEST = 1_000_000
-"""Limit of pixels along a side of a frame, beyond any sensor."""
+LARGEST, SMALLEST = 1e30, 1e-30  # range of magnitudes that are read: squares and ratios of them stay finite
+LONGEST = 1_000_000  # limit of pixels along a side of a frame, beyond any sensor
 Shape = tuple[int | str | None, ...]
 """Lengths of the axes: a number, a letter for axes of equal length, None for any. Only 0 allows an empty axis."""
 _REWRITE = "correct it, or write it again"
@@ -52,7 +49,16 @@ def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> t
     Raises BadInput if it is invalid, or the wanted arrays are too large.
     """
     with decoding(str(path), "an npz archive of arrays", remedy), open_file(path, "npz archive") as file:
-        _check_directory(file)
+        # raise ValueError unless the archive has a central directory of plausible size
+        end = file.seek(0, io.SEEK_END)
+        file.seek(max(0, end - (1 << 16) - 22))
+        tail = file.read()
+        at = tail.rfind(b"PK\5\6")
+        if at < 0 or len(tail) < at + 16:
+            raise ValueError("it is truncated: its list of members is missing")
+        (size,) = struct.unpack_from("<I", tail, at + 12)
+        if size > LARGEST_DIRECTORY:
+            raise ValueError(f"its list of members must have at most {LARGEST_DIRECTORY} bytes; it declares {size}")
         with zipfile.ZipFile(file) as archive:
             members = {one.filename.removesuffix(".npy"): one for one in archive.infolist()}
             chosen = {name: member for name, member in members.items() if name in wanted}
@@ -60,19 +66,6 @@ def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> t
             for name, member in chosen.items():
                 room.take(member.file_size, f"the array `{name}` of {member.file_size} bytes")
             return {name: _array(_content(archive, member)) for name, member in chosen.items()}, sorted(members)
-
-
-def _check_directory(file: BinaryIO) -> None:
-    """Raise ValueError unless the archive has a central directory of plausible size."""
-    end = file.seek(0, io.SEEK_END)
-    file.seek(max(0, end - (1 << 16) - 22))
-    tail = file.read()
-    at = tail.rfind(b"PK\5\6")
-    if at < 0 or len(tail) < at + 16:
-        raise ValueError("it is truncated: its list of members is missing")
-    (size,) = struct.unpack_from("<I", tail, at + 12)
-    if size > LARGEST_DIRECTORY:
-        raise ValueError(f"its list of members must have at most {LARGEST_DIRECTORY} bytes; it declares {size}")
 
 
 def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytearray:
@@ -113,14 +106,10 @@ def checked_array(
 
     Raises BadInput if it has another shape, is not real, or has numbers out of range.
 
-    what : str
-        Name and source of the value, the subject of the message.
-    low, high : float
-        Inclusive limits of the numbers.
-    finite : bool
-        False disables the check of the range where infinities and NaN have a meaning.
-    dtype : float type or None
-        Type of the result; None keeps that of the array.
+    what : str, name and source of the value, the subject of the message
+    low, high : float, inclusive limits of the numbers
+    finite : bool, false disables the check of the range where infinities and NaN have a meaning
+    dtype : float type or None, type of the result; None keeps that of the array
     """
     try:
         array = np.asarray(value)

@@ -8,22 +8,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
+
 
 @dataclass(frozen=True, eq=False)
 class Development:
     """How a picture's file encodes light.
 
-    format : str
-        "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none.
+    format : str, "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none
     curve : ToneCurve
-    assumed : bool
-        Whether the curve is neither stated by the operator nor by the file's ICC profile.
-    bits : int
-        Of a sample: 8 or 16.
-    coding : float
-        Standard deviation of the error of block coding, as part of white's level; 0 for files without loss.
-    icc, exif : bytes
-        Profile and metadata of the file; empty where it has none.
+    assumed : bool, whether the curve is neither stated by the operator nor by the file's ICC profile
+    bits : int, of a sample: 8 or 16
+    coding : float, standard deviation of the error of block coding, as part of white's level; 0 for files without loss
+    icc, exif : bytes, profile and metadata of the file; empty where it has none
     """
 
     format: str
@@ -39,7 +36,7 @@ class Development:
         """Standard deviation of the error of a level by rounding and coding, as part of white's."""
         return float(np.hypot((12**-0.5) / ((1 << self.bits) - 1), self.coding))
 
-    def light_error(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def light_error(self, light: npt.NDArray[np.floating]) -> Array32:
         """Standard deviation of the error of light by rounding and coding, white = 1."""
         return np.asarray(self.level_error * self.curve.slope(light), dtype=np.float32)
 
@@ -61,26 +58,19 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
     from scipy.fft import dctn
 
     step = np.asarray(steps, dtype=np.float64).reshape(BLOCK, BLOCK)
-    blocks = _blocks(levels @ np.array(LUMINANCE) if levels.shape[2] == 3 else levels[..., 0].astype(np.float64))
-    zero = np.abs(dctn(blocks - 128, axes=(1, 2), norm="ortho")) < step / 2
-    share = np.clip(zero.mean(axis=0), 1e-9, 1 - 0.5 / len(blocks))
-    variance = (1 - share) * step**2 / 12 + share * _laplace_variance(share, step / 2)
-    return float(np.sqrt(variance.mean()) / 255)  # the transform is orthonormal
-
-
-def _laplace_variance(share: npt.NDArray[np.float64], limit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Variance within the limits of a Laplace distribution of which this share lies within them."""
-    t = -np.log1p(-share)  # limit over the distribution's scale
-    scale = limit / t
-    return np.asarray(scale**2 * (2 - np.exp(-t) * (t**2 + 2 * t + 2)) / share)
-
-
-def _blocks(plane: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The whole blocks (N, 8, 8) of a plane, at most `MOST_BLOCKS`."""
+    plane = levels @ np.array(LUMINANCE) if levels.shape[2] == 3 else levels[..., 0].astype(np.float64)
     rows, columns = (size // BLOCK * BLOCK for size in plane.shape)
     tiled = plane[:rows, :columns].reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).swapaxes(1, 2)
     blocks = tiled.reshape(-1, BLOCK, BLOCK)
-    return blocks[:: max(1, len(blocks) // MOST_BLOCKS)]
+    blocks = blocks[:: max(1, len(blocks) // MOST_BLOCKS)]
+    zero = np.abs(dctn(blocks - 128, axes=(1, 2), norm="ortho")) < step / 2
+    share = np.clip(zero.mean(axis=0), 1e-9, 1 - 0.5 / len(blocks))
+    # variance within the limits of a Laplace distribution of which this share lies within them
+    t = -np.log1p(-share)  # limit over the distribution's scale
+    scale = (step / 2) / t
+    laplace_variance = np.asarray(scale**2 * (2 - np.exp(-t) * (t**2 + 2 * t + 2)) / share)
+    variance = (1 - share) * step**2 / 12 + share * laplace_variance
+    return float(np.sqrt(variance.mean()) / 255)  # the transform is orthonormal
 
 
 # --- Tone curves of picture files: light of an encoded level, by sRGB's transfer function or an ICC profile ---
@@ -88,12 +78,10 @@ def _blocks(plane: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 # ----------
 # IEC 61966-2-1:1999 (sRGB); ICC.1:2022, 10.6 (curveType), 10.18 (parametricCurveType).
 
-Array = npt.NDArray[np.float64]
 
 POINTS = 4096
 LINEAR, SRGB = "linear", "srgb"
-_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}
-"""Number of parameters by the type of a parametric curve."""
+_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # number of parameters by the type of a parametric curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +91,17 @@ class ToneCurve:
     name: str
     light: Array
 
-    def decoded(self, levels: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def decoded(self, levels: npt.NDArray[np.floating]) -> Array32:
         """Light of levels, white = 1."""
         if self.name == LINEAR:
             return np.asarray(levels, dtype=np.float32)
         return np.asarray(np.interp(levels, self._levels, self.light), dtype=np.float32)
 
-    def encoded(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def encoded(self, light: npt.NDArray[np.floating]) -> Array32:
         """Levels of light, clipped to 0 and 1."""
         return np.asarray(np.interp(light, self.light, self._levels), dtype=np.float32)
 
-    def slope(self, light: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    def slope(self, light: npt.NDArray[np.floating]) -> Array32:
         """Change of light per change of level, at the levels of this light."""
         return np.asarray(np.interp(light, self.light, np.gradient(self.light, self._levels)), dtype=np.float32)
 

@@ -9,17 +9,13 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from procedures.numerics.arrays import Array32
 from procedures.outcome import BadInput
 
 OPCODE_LIST_2, OPCODE_LIST_3 = 51009, 51022
 WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL, GAIN_MAP = 1, 3, 9
-VERSION = bytes((1, 3, 0, 0))
-"""Version of the specification that defines these opcodes."""
-OPTIONAL = 1
-"""Flag: a reader may ignore an opcode that it does not support."""
+VERSION = bytes((1, 3, 0, 0))  # version of the specification that defines these opcodes
+OPTIONAL = 1  # flag: a reader may ignore an opcode that it does not support
 UNDEFINED, LONG, IFD = 7, 4, 13
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
 SUB_DIRECTORIES, DNG_VERSION, DNG_BACKWARD_VERSION = 330, 50706, 50707
@@ -54,19 +50,16 @@ def fix_vignette_radial(terms: Sequence[float], centre: tuple[float, float]) -> 
 class GainMap:
     """Gains over the frame, with bilinear interpolation.
 
-    size : (columns, rows)
-        Size of the mosaic.
-    origin : (x, y)
-        First pixel that it applies to; others follow at intervals of `pitch`.
-    gains : (rows, columns) float32
-        Gains at equally spaced points, the first at 0, the last at 1 of the frame, whose pixels' centres lie at
-        (i + 1/2) / n.
+    size : (columns, rows) size of the mosaic
+    origin : (x, y) first pixel that it applies to; others follow at intervals of `pitch`
+    gains : (rows, columns) float32, gains at equally spaced points, the first at 0, the last at 1 of the frame, whose
+        pixels' centres lie at (i + 1/2) / n
     """
 
     size: tuple[int, int]
     origin: tuple[int, int]
     pitch: int
-    gains: npt.NDArray[np.float32]
+    gains: Array32
 
     def opcode(self) -> Opcode:
         (columns, rows), (x, y), (v, h) = self.size, self.origin, self.gains.shape
@@ -80,10 +73,8 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
 
     Raises BadInput if it is not a DNG, or its directories are damaged.
 
-    opcodes : sequence of Opcode
-        Opcodes for the demosaicked picture.
-    on_mosaic : sequence of Opcode
-        Opcodes for the mosaic; if empty, those of the file stay.
+    opcodes : sequence of Opcode, opcodes for the demosaicked picture
+    on_mosaic : sequence of Opcode, opcodes for the mosaic; if empty, those of the file stay
     """
     try:
         data = _with_version(data)
@@ -94,7 +85,10 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
     lists = {OPCODE_LIST_3: opcodes} | ({OPCODE_LIST_2: on_mosaic} if on_mosaic else {})
     new = []
     for tag, list_opcodes in lists.items():
-        content = _list(list_opcodes)
+        parts = [struct.pack(">I", len(list_opcodes))]
+        for opcode in list_opcodes:
+            parts.append(struct.pack(">I4sII", opcode.number, VERSION, OPTIONAL, len(opcode.data)) + opcode.data)
+        content = b"".join(parts)
         new.append(struct.pack(order + "HHII", tag, UNDEFINED, len(content), len(out)))
         out += content + b"\0" * (len(content) % 2)
     retained = [entry for entry in entries if struct.unpack_from(order + "H", entry)[0] not in lists]
@@ -116,13 +110,6 @@ def _with_version(data: bytes) -> bytes:
         if struct.unpack_from(order + "H", data, place)[0] in (DNG_VERSION, DNG_BACKWARD_VERSION):
             out[place + 8 : place + 12] = max(VERSION, data[place + 8 : place + 12])
     return bytes(out)
-
-
-def _list(opcodes: Sequence[Opcode]) -> bytes:
-    parts = [struct.pack(">I", len(opcodes))]
-    for opcode in opcodes:
-        parts.append(struct.pack(">I4sII", opcode.number, VERSION, OPTIONAL, len(opcode.data)) + opcode.data)
-    return b"".join(parts)
 
 
 def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], int]:

@@ -34,15 +34,25 @@ Tags = Mapping[str, Any]
 def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
     """Read the exposure data of one file.
 
-    file : a seekable binary file
-        Read for EXIF.
-    raw : rawpy.RawPy, optional
-        The file opened by LibRaw, whose answers have priority.
+    file : a seekable binary file, read for EXIF
+    raw : rawpy.RawPy, the file opened by LibRaw, whose answers have priority
     """
     tags = _exif_tags(file)
     answers: dict[str, Field] = {}
     sources: dict[str, str] = {}
-    for source, fields in (("LibRaw", _from_libraw(raw, tags)), ("EXIF", _from_exif(tags))):
+    distance_m = _number(tags, "EXIF SubjectDistance", "Image SubjectDistance")
+    from_exif = {
+        "camera": _camera(_text(tags, "Image Make"), _text(tags, "Image Model")),
+        "lens": _text(tags, "EXIF LensModel"),
+        "exposure_s": _number(tags, "EXIF ExposureTime", "Image ExposureTime"),
+        "f_number": _number(tags, "EXIF FNumber", "Image FNumber"),
+        "iso": _number(tags, "EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings"),
+        "focal_length_mm": _number(tags, "EXIF FocalLength", "Image FocalLength"),
+        "pixel_pitch_um": _pitch_um(tags),
+        "subject_distance_mm": None if distance_m is None else 1000.0 * distance_m,
+        "captured_at": _moment(_text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTime")),
+    }
+    for source, fields in (("LibRaw", _from_libraw(raw, tags)), ("EXIF", from_exif)):
         for name, value in fields.items():
             if value is not None and name not in answers:
                 answers[name], sources[name] = value, source
@@ -60,10 +70,8 @@ def _exif_tags(file: BinaryIO) -> Tags:
     return tags
 
 
-MAX_METADATA_BYTES = 1 << 26
-"""Limit of bytes read for metadata; a camera writes some thousand."""
-MIN_BYTES_PER_READ = 64
-"""Bytes that each read counts at least, to limit the time."""
+MAX_METADATA_BYTES = 1 << 26  # limit of bytes read for metadata; a camera writes some thousand
+MIN_BYTES_PER_READ = 64  # bytes that each read counts at least, to limit the time
 
 
 class _LimitedFile:
@@ -99,21 +107,6 @@ def _from_libraw(raw: Any, tags: Tags) -> dict[str, Field | None]:
     }
 
 
-def _from_exif(tags: Tags) -> dict[str, Field | None]:
-    distance_m = _number(tags, "EXIF SubjectDistance", "Image SubjectDistance")
-    return {
-        "camera": _camera(_text(tags, "Image Make"), _text(tags, "Image Model")),
-        "lens": _text(tags, "EXIF LensModel"),
-        "exposure_s": _number(tags, "EXIF ExposureTime", "Image ExposureTime"),
-        "f_number": _number(tags, "EXIF FNumber", "Image FNumber"),
-        "iso": _number(tags, "EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings"),
-        "focal_length_mm": _number(tags, "EXIF FocalLength", "Image FocalLength"),
-        "pixel_pitch_um": _pitch_um(tags),
-        "subject_distance_mm": None if distance_m is None else 1000.0 * distance_m,
-        "captured_at": _moment(_text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTime")),
-    }
-
-
 _MICROMETRES = {2: 25400.0, 3: 10000.0, 4: 1000.0, 5: 1.0}
 """Micrometres per EXIF FocalPlaneResolutionUnit: inch, centimetre, and two unofficial ones."""
 
@@ -141,7 +134,6 @@ def _blank(tags: Tags, name: str) -> bool:
 
 
 def _number(tags: Tags, *names: str) -> float | None:
-    """Value of the first tag with a positive finite number."""
     for name in names:
         with suppress(KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
             if value := _positive(float(tags[name].values[0])):
@@ -189,8 +181,7 @@ def check_typed(exposure: Exposure, typed: Mapping[str, float | None], name: str
     Raises BadParameter if a setting differs from the recorded one.
 
     name : name of the photograph
-    insist : str
-        Instruction to keep the typed value.
+    insist : str, instruction to keep the typed value
     """
     fields = disagreements(exposure, typed)
     if fields:

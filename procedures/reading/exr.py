@@ -10,8 +10,7 @@ import numpy.typing as npt
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, open_file
 
-BYTES = 4
-"""Greatest size of a sample in memory: OpenEXR has half and single precision and 32 bit integers."""
+BYTES = 4  # greatest size of a sample in memory: OpenEXR has half and single precision and 32 bit integers
 MOST_CHANNELS = 1024
 
 

@@ -31,10 +31,8 @@ PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _EXPORT = "export one linear colour plane as an 8 or 16 bit grey PGM, PNG or TIFF, or give the RAW file itself"
 _AGAIN = "copy or export it again"
-BYTES, PLAIN_BYTES = 4, 80
-"""Bytes of a sample in memory, as a number and as text."""
-LONGEST_HEAD = 1 << 16
-"""Greatest length of a PGM's header with its comments, in bytes."""
+BYTES, PLAIN_BYTES = 4, 80  # bytes of a sample in memory, as a number and as text
+LONGEST_HEAD = 1 << 16  # greatest length of a PGM's header with its comments, in bytes
 
 
 def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:

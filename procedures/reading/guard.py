@@ -15,10 +15,8 @@ from pathlib import Path
 
 from procedures.outcome import BadInput, BadParameter, ProcedureError
 
-LIMIT = "STATION_LARGEST_MB"
-"""Environment variable: memory limit of one decoded file, in megabytes."""
-DEFAULT_MB = 1000.0
-"""Default limit: a photograph of 250 million samples of four bytes."""
+LIMIT = "STATION_LARGEST_MB"  # environment variable: memory limit of one decoded file, in megabytes
+DEFAULT_MB = 1000.0  # default limit: a photograph of 250 million samples of four bytes
 DISK = "check its permissions and the disk"
 
 

@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.reading.arrays import LARGEST, Shape, checked_array, checked_number
 from procedures.reading.guard import Room
 
@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     import h5py
 
 
-CPU_LIMIT_S = 5
-"""Limit of processor time; the field of a sensor takes some tenths."""
-WALL_TIMEOUT_S = 300
-"""Limit of wall time, for a machine under load."""
+CPU_LIMIT_S = 5  # limit of processor time; the field of a sensor takes some tenths
+WALL_TIMEOUT_S = 300  # limit of wall time, for a machine under load
 PROGRAM = """
 import contextlib, sys
 path, most, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
@@ -49,8 +47,7 @@ with contextlib.suppress(Exception), h5py.File(path, "r") as file:
 def check_ends(path: Path, largest: int) -> None:
     """Raise ValueError if the library does not terminate or crashes.
 
-    largest : int
-        Size in bytes of the largest data set that is read.
+    largest : int, size in bytes of the largest data set that is read
     """
     command = [sys.executable, "-c", PROGRAM, str(path), str(largest), str(CPU_LIMIT_S)]
     try:
@@ -71,7 +68,7 @@ class Stored:
         """Whether the group has this data set."""
         return name in self._group
 
-    def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> npt.NDArray[np.float64]:
+    def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> Array:
         """Data set of real numbers. Raises BadInput as `checked_array` and `Room.take`, ValueError, KeyError."""
         return checked_array(self.values(name), self._where(name), shape, low=-largest, high=largest)
 

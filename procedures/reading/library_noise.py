@@ -13,6 +13,8 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32, Mask
+
 # LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
 _OWN_LINES = re.compile(
     rb"[^\n]*(?:: Unexpected end of file|: data corrupted(?: at [^\n]*)?)\n?"
@@ -78,7 +80,7 @@ def no_pixels() -> npt.NDArray[np.intp]:
     return np.empty((0, 2), dtype=np.intp)
 
 
-def stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
+def stuck_pixels(samples: Array32, zero: float) -> npt.NDArray[np.intp]:
     """[row, column] of pixels at white whose eight neighbours are all below half of it, and of pixels at the digital
     number 0 whose neighbours all exceed 10 % of white; none if more than 1 % qualify, which is scene detail."""
     white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
@@ -87,7 +89,7 @@ def stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[n
     return np.concatenate(bad)
 
 
-def _isolated(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
+def _isolated(samples: Array32, chosen: Mask, differs: Any) -> npt.NDArray[np.intp]:
     rows, columns = samples.shape
     places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
     if len(places) == 0 or len(places) > samples.size / 100:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Complex
 from procedures.outcome import BadInput
 
 
@@ -17,9 +18,9 @@ class ImuRecord:
     within_s : bound of the common error of all times.
     """
 
-    time_s: npt.NDArray[np.float64]
-    acceleration_m_s2: npt.NDArray[np.float64]
-    rotation_rad_s: npt.NDArray[np.float64]
+    time_s: Array
+    acceleration_m_s2: Array
+    rotation_rad_s: Array
     within_s: float = 0.0
 
 
@@ -31,7 +32,7 @@ class ShakerResponse:
     frequency_hz: float | None = None
     damping: float = 1.0
 
-    def at(self, frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+    def at(self, frequency_hz: Array) -> Complex:
         """Amplitude and phase at some frequencies: of a mass on a damped spring."""
         if self.frequency_hz is None:
             return np.full(frequency_hz.shape, self.gain, np.complex128)
@@ -51,7 +52,7 @@ class ShakerPath:
     amplitude_uncertainty : its relative standard uncertainty, which is that of the inverse depths of a restoration, too
     """
 
-    position_m: npt.NDArray[np.float64]
+    position_m: Array
     interval_s: float
     since_s: float | None = None
     response: tuple[ShakerResponse, ...] = (ShakerResponse(),) * 3
@@ -59,10 +60,8 @@ class ShakerPath:
     amplitude_uncertainty: float = 0.0
 
 
-LEAST_ROUNDS = 2.0
-"""Rounds that a record must have to separate its harmonics from drift."""
-HIGHEST = 0.4
-"""Frequency of the highest harmonic that is measured, relative to the sampling rate."""
+LEAST_ROUNDS = 2.0  # rounds that a record must have to separate its harmonics from drift
+HIGHEST = 0.4  # frequency of the highest harmonic that is measured, relative to the sampling rate
 
 
 def measured_path(commanded: ShakerPath, imu: ImuRecord) -> ShakerPath:

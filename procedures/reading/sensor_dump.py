@@ -22,14 +22,10 @@ _FORM = f"give WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE, for example {EXAMPLE}"
 class DumpLayout:
     """Layout of a sensor dump.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Size of the frame.
+    columns, rows : int, size of the frame
     order : one of ORDERS
     kind : one of KINDS
-    black, white : int
-        Digital numbers of darkness and saturation.
+    black, white : int, digital numbers of darkness and saturation
     """
 
     columns: int

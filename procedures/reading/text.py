@@ -7,17 +7,14 @@ import math
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-import numpy.typing as npt
-
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.reading.arrays import Shape, checked_array
 from procedures.reading.guard import Room, decoding, read_file
 
 BYTES_PER_BYTE = 30
 """Bytes in memory per byte of text: a number of two characters becomes an object of 32 bytes in a list."""
-LARGEST_WHOLE = 1 << 63
-"""Limit of integers, as in TOML 1.0.0 ("Integer"): larger ones do not fit into an array."""
+LARGEST_WHOLE = 1 << 63  # limit of integers, as in TOML 1.0.0 ("Integer"): larger ones do not fit into an array
 
 
 def read_text(path: Path, kind: str, remedy: str, errors: str = "strict") -> str:
@@ -90,7 +87,7 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
         return list(csv.reader(io.StringIO(text, newline="")))
 
 
-def read_numbers(path: Path, what: str, shape: Shape = (None, None)) -> npt.NDArray[np.float64]:
+def read_numbers(path: Path, what: str, shape: Shape = (None, None)) -> Array:
     """Read a text array (rows, columns), a row per line, `#` before comments. Raises BadInput as `checked_array`."""
     remedy = "give a text array of numbers"
     text = read_text(path, what, remedy)

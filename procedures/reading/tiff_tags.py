@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.outcome import BadInput
 
 WIDTH, LENGTH = 256, 257
@@ -46,14 +46,10 @@ WANTED = frozenset((
 # type code -> (struct letter, number of items per value)
 _KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 7: ("B", 1), 8: ("h", 1), 9: ("i", 1),
           10: ("i", 2), 11: ("f", 1), 12: ("d", 1), 13: ("I", 1), 16: ("Q", 1)}  # fmt: skip
-_TYPES = range(1, 19)
-"""Known types of fields, including those of manufacturers and BigTIFF."""
-MOST_DIRECTORIES = 32
-"""Limit of directories; cameras write up to ten: mosaic, previews, metadata."""
-MOST_TAGS = 1000
-"""Limit of tags per directory; cameras write up to a hundred."""
-MOST_VALUES = 1 << 17
-"""Limit of values per tag: a black level for each row of the largest sensor."""
+_TYPES = range(1, 19)  # known types of fields, including those of manufacturers and BigTIFF
+MOST_DIRECTORIES = 32  # limit of directories; cameras write up to ten: mosaic, previews, metadata
+MOST_TAGS = 1000  # limit of tags per directory; cameras write up to a hundred
+MOST_VALUES = 1 << 17  # limit of values per tag: a black level for each row of the largest sensor
 
 
 class _Form(NamedTuple):
@@ -91,13 +87,27 @@ def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
 
     Raises BadInput if it has too many directories, or too many tags in one of them.
 
-    file : a seekable binary file
-        Files other than TIFF, or damaged ones, give no directories.
-    name : str
-        Name of the file for messages.
+    file : a seekable binary file; files other than TIFF, or damaged ones, give no directories
+    name : str, name of the file for messages
     """
     try:
-        return _directories(file, name)
+        # all image directories: the chain from the header, and their sub-directories
+        form = _form(file)
+        if form is None:
+            return []
+        pending = [form.read(file, form.pointer)]
+        directories: dict[int, Tags] = {}
+        while pending:
+            at = pending.pop(0)
+            if at == 0 or at in directories:
+                continue
+            if len(directories) == MOST_DIRECTORIES:
+                raise BadInput(
+                    f"a file must have at most {MOST_DIRECTORIES} image directories; {name} has more", _NO_CAMERA
+                )
+            directories[at], following = _directory(file, form, at, name)
+            pending += [int(v) for v in directories[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
+        return list(directories.values())
     except (struct.error, OSError, OverflowError):
         return []
 
@@ -148,37 +158,14 @@ def _form(file: BinaryIO) -> _Form | None:
     return _Form(order, "Q", "Q", 20) if file.read(4) == struct.pack(order + "HH", 8, 0) else None
 
 
-LARGEST_COUNT = 0xFFFF
-"""Limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory."""
-BIG = 43
-"""Version number of BigTIFF."""
-
-
-def _directories(file: BinaryIO, name: str) -> list[Tags]:
-    """All image directories: the chain from the header, and their sub-directories."""
-    form = _form(file)
-    if form is None:
-        return []
-    pending = [form.read(file, form.pointer)]
-    directories: dict[int, Tags] = {}
-    while pending:
-        at = pending.pop(0)
-        if at == 0 or at in directories:
-            continue
-        if len(directories) == MOST_DIRECTORIES:
-            raise BadInput(
-                f"a file must have at most {MOST_DIRECTORIES} image directories; {name} has more", _NO_CAMERA
-            )
-        directories[at], following = _directory(file, form, at, name)
-        pending += [int(v) for v in directories[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
-    return list(directories.values())
+LARGEST_COUNT = 0xFFFF  # limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory
+BIG = 43  # version number of BigTIFF
 
 
 _NO_CAMERA = "give the camera's original file"
 
 
 def _directory(file: BinaryIO, form: _Form, at: int, name: str) -> tuple[Tags, int]:
-    """Wanted tags of the directory at an offset, and the offset of the next one."""
     file.seek(at)
     count = form.read(file, form.number)
     if count > MOST_TAGS:
@@ -211,7 +198,7 @@ def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tup
     return tuple(a / b if b else float("nan") for a, b in zip(numbers[::2], numbers[1::2], strict=True))
 
 
-def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> npt.NDArray[np.float32]:
+def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> Array32:
     """Black level of a mosaic's plane by its tags, one number or one per row and column.
 
     Raises BadInput if the number of levels is wrong, or a level is not a number.
@@ -232,9 +219,7 @@ def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], na
     return level.astype(np.float32)
 
 
-def written_black_everywhere(
-    tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str
-) -> npt.NDArray[np.float32]:
+def written_black_everywhere(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> Array32:
     """Black level of every pixel of a sensor without a mosaic. Raises BadInput."""
     black = np.empty(shape, np.float32)
     for row, column in np.ndindex(2, 2):
@@ -243,7 +228,7 @@ def written_black_everywhere(
     return black
 
 
-def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> npt.NDArray[np.float64]:
+def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> Array:
     """Offsets of the black level of each row or column of a plane."""
     offsets = np.array(values[max(first, 0) :: 2][:n], dtype=np.float64)
     if len(offsets) != n:
@@ -252,7 +237,7 @@ def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) 
     return offsets
 
 
-def _repeated_black(tags: Tags, name: str) -> npt.NDArray[np.float64]:
+def _repeated_black(tags: Tags, name: str) -> Array:
     """BlackLevel pattern (2, 2), by position in the active area."""
     rows, columns = (int(v) for v in (*tags.get(BLACK_REPEAT, ()), 1, 1)[:2])
     levels = np.array(tags[BLACK_LEVEL], dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
-from procedures.numerics.arrays import Array, Mask
+from procedures.numerics.arrays import Array, Indices, Mask
 from procedures.outcome import Quantity
 from procedures.sensor.stacks import FrameStack, slow_part
 
@@ -108,7 +108,7 @@ class Histogram:
     """
 
     centres: Array
-    counts: npt.NDArray[np.int64]
+    counts: Indices
     model: Array
     limit: float
 
@@ -146,19 +146,16 @@ def find_defects(field: Array, noise: float, scale: float = 1.0, least_spread: f
     far = np.abs(field) > limit
     places = np.argwhere(far)
     order = np.argsort(-np.abs(field[far]), kind="stable")
-    count = _count(np.abs(field), limit, noise)
-    return Defects(places[order], field[far][order] * scale, count, _histogram(field, spread, limit, scale))
-
-
-def _count(size: Array, limit: float, noise: float) -> IntervalNumber:
-    """Number of deviations above the limit, with the numbers of certain and possible ones."""
+    # number of deviations above the limit, with the numbers of certain and possible ones
+    size = np.abs(field)
     low, value, high = (int(np.sum(size > limit + k * noise)) for k in (2, 0, -2))
     method = "deviation from the neighbourhood beyond what a normal distribution has once"
     # the lower limit includes the flank of the good pixels, whose number is known
     share = (limit - 2 * noise) / max(limit, 1e-12)
     expected = size.size * 2 * float(ndtr(share * ndtri(EXPECTED / size.size / 2)))
     high = max(value, round(high - expected))
-    return IntervalNumber(value, "pixels", (high - low) / 4, method, size.size, low, high)
+    count = IntervalNumber(value, "pixels", (high - low) / 4, method, size.size, low, high)
+    return Defects(places[order], field[far][order] * scale, count, _histogram(field, spread, limit, scale))
 
 
 def _histogram(field: Array, spread: float, limit: float, scale: float) -> Histogram:

@@ -89,8 +89,6 @@ class SensorResult:
 def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:
     """All numbers of one plane with their intervals, or the reason why there are none.
 
-    Parameters
-    ----------
     rng : for the draws behind the intervals of the temporal numbers
     """
     for checks_on in (count_checks, ladder_checks):  # the second requires what the first checks
@@ -186,7 +184,6 @@ def _with_response(
 
 
 def _pattern(stack: FrameStack, defects: Defects, unit: str, scale: float) -> FixedPattern:
-    """Spectrograms and periods of a mean picture; defects are excluded from the search for periods."""
     tame = np.where(defects.mask(stack.mean_picture.shape), np.median(stack.mean_picture), stack.mean_picture)
     spectra = tuple(spectrogram(stack, direction, scale) for direction in DIRECTIONS)
     periods = tuple(p for name in ("row", "column") for p in find_periods(tame, name, unit, scale))

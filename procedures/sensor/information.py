@@ -55,7 +55,9 @@ def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Inform
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)
     neq = noise.signal**2 * mtf**2 / noise.power
-    places, weights = _zero_weights()
+    # at frequency 0, where changes of the light disturb, the value of a paraboloid through the places around
+    places = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j]
+    weights = np.linalg.pinv(np.array([[1.0, i * i + j * j] for i, j in places]))[0]
     neq[:, 0, 0] = sum(w * neq[:, i, j] for w, (i, j) in zip(weights, places, strict=True))
     of_zero = float(np.linalg.norm(weights))
     share = 1 / np.sqrt(noise.blocks)  # of the NPS at each frequency
@@ -79,13 +81,6 @@ def _drawn_mtf(psf: Psf, f: Array, rng: np.random.Generator) -> Array:
     lift = np.maximum(np.mean(mtf[:, 1:] ** 2, axis=1) - mtf[:, 0] ** 2, 0)
     mtf = np.sqrt(np.maximum(mtf**2 - lift[:, None], 0))
     return np.asarray(mtf.T.reshape(-1, len(f), len(f)))
-
-
-def _zero_weights() -> tuple[list[tuple[int, int]], Array]:
-    """Places around frequency 0 and the weights of a paraboloid's value at 0, where changes of the light disturb."""
-    places = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j]
-    design = np.array([[1.0, i * i + j * j] for i, j in places])
-    return places, np.asarray(np.linalg.pinv(design)[0])
 
 
 def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, IntervalNumber]:
@@ -162,6 +157,5 @@ def total_snr(transfer: Transfer, numbers: Mapping[str, IntervalNumber], light: 
 
 
 def _electrons(transfer: Transfer, light: Array) -> tuple[Array, Array]:
-    """Mean electrons at light (n,), and their temporal variance."""
     e, dark_e = light * transfer.responsivity[0] / transfer.gain[0], transfer.dark_deviation[0] / transfer.gain[0]
     return e, e + dark_e**2

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numbers import (
     DARK_CURRENT,
@@ -37,7 +36,7 @@ from procedures.numbers import (
     TEMPORAL_DARK_NOISE,
     TEMPORAL_DARK_NOISE_DN,
 )
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.sensor.curves import Curves
 from procedures.sensor.defects import CONFIDENT, IntervalNumber, bounded, from_draws, measured, positive
 
@@ -66,7 +65,7 @@ class Transfer:
     responsivity: Array
     dark_deviation: Array
     saturation: int
-    fitted: npt.NDArray[np.bool_]
+    fitted: Mask
 
 
 def saturation_index(variance: Array) -> int:
@@ -216,7 +215,6 @@ def gain_and_noise(transfer: Transfer) -> GainAndNoise:
 
 
 def _dark_electrons(transfer: Transfer) -> Array:
-    """Temporal noise in the dark without that of rounding, (1 + draws,)."""
     return np.asarray(np.sqrt(np.maximum(transfer.dark_deviation**2 - ROUNDING, 0)) / transfer.gain)
 
 
@@ -295,7 +293,7 @@ class Linearity:
     slope: Array
     offset: Array
     deviation: Array
-    used: npt.NDArray[np.bool_]
+    used: Mask
 
 
 def fit_response(curves: Curves, saturation: int) -> Response:
@@ -320,9 +318,9 @@ def fit_linearity(curves: Curves, saturation: int) -> Linearity:
     return Linearity(slope, offset, (curves.signal - fitted) / fitted, used)
 
 
-def _used(curves: Curves, saturation: int, share: tuple[float, float]) -> npt.NDArray[np.bool_]:
+def _used(curves: Curves, saturation: int, share: tuple[float, float]) -> Mask:
     signal, full = curves.signal[0], curves.signal[0, saturation]
-    inside: npt.NDArray[np.bool_] = (signal >= share[0] * full) & (signal <= share[1] * full) & (signal > 0)
+    inside: Mask = (signal >= share[0] * full) & (signal <= share[1] * full) & (signal > 0)
     return inside
 
 

@@ -20,8 +20,7 @@ import numpy as np
 
 from procedures.numerics.arrays import Array
 
-NEGLIGIBLE = 0.5
-"""Temporal variance, in squared digital numbers, above which rounding adds 1/12 to 1e-3."""
+NEGLIGIBLE = 0.5  # temporal variance, in squared digital numbers, above which rounding adds 1/12 to 1e-3
 HARMONICS = 9
 LEAST, MOST = 0.05, 1.0
 """Standard deviations of temporal noise and of pixels that are distinguished: less is like the first."""
@@ -30,16 +29,13 @@ SMALL_FALL, FEW = 1e-2, 0.02
 """Fall of the sum of squares below which a draw is at its minimum; share of the draws that may not be."""
 WRONG = 9.0
 """Sum of squares of the weighted residuals above which a draw lies in a local minimum and is replaced by another."""
-CHANGE = 1e-4
-"""Change of the parameters by which derivatives are taken."""
+CHANGE = 1e-4  # change of the parameters by which derivatives are taken
 SUBTRACTIONS = 10
-LARGEST_STEP = 0.5
-"""Greatest change of a parameter in one iteration: digital numbers, or logarithm."""
+LARGEST_STEP = 0.5  # greatest change of a parameter in one iteration: digital numbers, or logarithm
 UNDETERMINED, BINS = 0.05, 20
 """Relative scatter of the temporal noise, or of the pixels, from which all possible values count alike, and their
 classes."""
-SCATTER = 0.1
-"""Standard deviation of the temporal variance from pixel to pixel where rounding dominates."""
+SCATTER = 0.1  # standard deviation of the temporal variance from pixel to pixel where rounding dominates
 LEAST_UNCERTAINTY = 1e-4
 """Least standard uncertainty of the statistics: noise and pixels are not exactly normally distributed."""
 

@@ -93,20 +93,20 @@ def _highest_peak(profile: Array) -> float | None:
     ratio = power[1:] / np.maximum(floor, 1e-300)
     ratio[: LEAST_CYCLES - 1] = 0
     best = int(np.argmax(ratio))
-    if ratio[best] < _limit(FALSE_ALARM / len(ratio), MEDIAN * width / 2):
+    # quantile of an exponential value over the mean of `count` others: (1 + t / n)^-n
+    count = MEDIAN * width / 2
+    limit = float(count * ((FALSE_ALARM / len(ratio)) ** (-1 / count) - 1))
+    if ratio[best] < limit:
         return None
     return (best + 1) / len(profile)
-
-
-def _limit(chance: float, count: float) -> float:
-    """Quantile of an exponential value over the mean of `count` others: (1 + t / n)^-n."""
-    return float(count * (chance ** (-1 / count) - 1))
 
 
 def _refined(profile: Array, start: float) -> tuple[float, float, float]:
     """Frequency, cosine and sine of the best sinusoid near a bin's frequency, by Gauss-Newton iterations."""
     n = np.arange(len(profile), dtype=np.float64) - (len(profile) - 1) / 2
-    frequency = _largest(profile, n, start)
+    # the strongest of frequencies a tenth of a bin apart
+    tried = start + np.linspace(-0.6, 0.6, 13) / len(profile)
+    frequency = float(tried[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(tried, n)) @ profile))])
     for _ in range(8):
         c, s = np.cos(2 * np.pi * frequency * n), np.sin(2 * np.pi * frequency * n)
         a, b = np.linalg.lstsq(np.column_stack([c, s]), profile, rcond=None)[0]
@@ -116,12 +116,6 @@ def _refined(profile: Array, start: float) -> tuple[float, float, float]:
     phase = 2 * np.pi * frequency * n[0]  # relative to the first sample
     a, b = a * np.cos(phase) + b * np.sin(phase), b * np.cos(phase) - a * np.sin(phase)
     return frequency, float(a), float(b)
-
-
-def _largest(profile: Array, n: Array, start: float) -> float:
-    """The strongest of frequencies a tenth of a bin apart."""
-    tried = start + np.linspace(-0.6, 0.6, 13) / len(profile)
-    return float(tried[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(tried, n)) @ profile))])
 
 
 def _period(pattern: str, f: float, a: float, noise: float, n: int, unit: str, scale: float) -> Period:
@@ -171,13 +165,10 @@ def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int =
     total, count = np.zeros((block, block)), 0
     for a, b in zip(pictures[::2], pictures[1::2], strict=False):
         difference = (np.asarray(b, dtype=np.float64) - a) / np.sqrt(2)
-        blocks = _blocks(difference - difference.mean(), block)
+        picture = difference - difference.mean()
+        down, across = (length // block for length in picture.shape)
+        cut = picture[: down * block, : across * block]
+        blocks = cut.reshape(down, block, across, block).swapaxes(1, 2).reshape(-1, block, block)
         total += np.sum(np.abs(np.fft.fft2(blocks * taper)) ** 2, axis=0)
         count += len(blocks)
     return NoisePower(total / count / np.sum(taper**2), signal, count) if count else None
-
-
-def _blocks(picture: Array, side: int) -> Array:
-    down, across = (length // side for length in picture.shape)
-    cut = picture[: down * side, : across * side]
-    return cut.reshape(down, side, across, side).swapaxes(1, 2).reshape(-1, side, side)

@@ -123,8 +123,6 @@ def slow_part(picture: Array) -> Array:
 class SensorRecording:
     """One plane's levels and stacks, in digital numbers.
 
-    Attributes
-    ----------
     darks : without light, by exposure time
     lights : by light
     photons_known : whether `light` is photons per pixel
@@ -199,14 +197,9 @@ class LightLevel:
 def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) -> LightLevel:
     """The level of an even number of pictures, taken two by two.
 
-    Parameters
-    ----------
     pictures : at least two (rows, columns) of digital numbers
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two.
+    Raises ValueError if there are fewer than two.
     """
     if len(pictures) < 2:
         raise ValueError(f"temporal noise needs two pictures of a level; got {len(pictures)}")

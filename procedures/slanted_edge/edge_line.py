@@ -3,18 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import EdgeLine, Strip
 
 CENTROID_ORDER = 2
 """Degree of the polynomial. Centroids depend on the edge's phase on the pixels, by hundredths of a pixel in a sharp
 picture; over a short drift a higher degree would follow that wave."""
-SMOOTHING_PX = 1.5
-"""Standard deviation of the derivative filter that detects the edge."""
+SMOOTHING_PX = 1.5  # standard deviation of the derivative filter that detects the edge
 ROUNDS = 4
 NO_EDGE = "give a region with one straight edge between two plain areas that crosses it from side to side"
 
@@ -69,12 +67,17 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
     course = Course(np.array([line.slope * half, line.middle]), half, rising)
     for _ in range(ROUNDS):
         course = _polynomial(strip.along, *_centroids(strip, course, reach), course)
-    _check_inside(strip, course)
+    x = course.at(strip.along)
+    outside = np.mean((x < 2) | (x > strip.samples.shape[1] - 3))
+    if outside > 0:
+        raise Refused(
+            f"the edge must cross the region from side to side; it leaves it along {outside:.0%} of its length",
+            "give a region that the edge crosses, with plain areas on both sides",
+        )
     return course
 
 
 def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:
-    """Line along the strongest smoothed derivative, its sign, and the distance within which centroids are computed."""
     smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
     x, along = np.arange(smooth.shape[1]), strip.along[:, None]
     rim = int(2 * SMOOTHING_PX)
@@ -121,7 +124,7 @@ def _reach(strip: Strip, line: EdgeLine) -> float:
     return float(np.clip(2 * wide, 4, max(strip.samples.shape[1] / 3, 4)))
 
 
-def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, Mask]:
     """Centroid of each row's derivative under a Tukey window about the course, and whether the row has one."""
     expected = course.at(strip.along)[:, None]
     steps = np.diff(strip.samples, axis=1) * (1 if course.rising else -1)
@@ -140,7 +143,7 @@ def tukey(x: Array, flat: float, end: float) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
-def _polynomial(along: Array, centroid: Array, valid: npt.NDArray[np.bool_], course: Course) -> Course:
+def _polynomial(along: Array, centroid: Array, valid: Mask, course: Course) -> Course:
     """Polynomial through the centroids without outliers, its degree by the Bayesian information criterion."""
     if np.count_nonzero(valid) < CENTROID_ORDER + 3:
         raise Refused("there is no edge in the region: too few rows show one", NO_EDGE)
@@ -156,13 +159,3 @@ def _polynomial(along: Array, centroid: Array, valid: npt.NDArray[np.bool_], cou
         if criterion < least:
             best, least = Course(coefficients, course.half, course.rising), criterion
     return best
-
-
-def _check_inside(strip: Strip, course: Course) -> None:
-    x = course.at(strip.along)
-    outside = np.mean((x < 2) | (x > strip.samples.shape[1] - 3))
-    if outside > 0:
-        raise Refused(
-            f"the edge must cross the region from side to side; it leaves it along {outside:.0%} of its length",
-            "give a region that the edge crosses, with plain areas on both sides",
-        )

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Budget, combined
 from procedures.corruption import probability
 from procedures.corruption.directions import mirrored
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF50, EDGE_MTF_NYQUIST, LEVELS
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -45,12 +44,9 @@ from procedures.slanted_edge.trust import MAX_OVERSHOOT, check_clipping, check_c
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-WIDENINGS = (3.2, 1.8, 1.0)
-"""Widths of the windows tried, relative to the narrowest."""
-WIDE_UNCERTAINTY = 0.008
-"""Relative uncertainty of MTF50 up to which a wide window is used."""
-MIN_FALLEN = 0.9
-"""Least share of the resampled curves that must fall to a level for its frequency to be reported."""
+WIDENINGS = (3.2, 1.8, 1.0)  # widths of the windows tried, relative to the narrowest
+WIDE_UNCERTAINTY = 0.008  # relative uncertainty of MTF50 up to which a wide window is used
+MIN_FALLEN = 0.9  # least share of the resampled curves that must fall to a level for its frequency to be reported
 NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
 METHOD = "ISO 12233:2023 e-SFR, four bins per pixel; uncertainty by resampling rows"
 
@@ -143,10 +139,7 @@ def estimate_edge(plane: PlaneLike, roi: Roi, diffraction: Diffraction | None = 
 
     The region of an edge of `estimate_edges` gives the same result as there.
 
-    Raises
-    ------
-    BadParameter
-        If the region does not lie in the plane.
+    Raises BadParameter if the region does not lie in the plane.
     """
     plane = as_plane(plane)
     strip = strip_of(plane.samples, checked_type(roi, Roi, "pass Roi(x, y, width, height) in pixels of the plane"))
@@ -161,7 +154,6 @@ def _measure_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffrac
 
 
 def _with_plane(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
-    """The strip with quantisation, tail, provenance and possible ghost of its plane."""
     tail, roi = None if diffraction is None else Tail.of_pupil(diffraction), strip.roi
     ghost = mirrored(plane.samples, (roi.x, roi.y), (roi.height, roi.width))
     ghost = ghost.T if strip.turned else ghost
@@ -268,7 +260,6 @@ def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[
 
 
 def _points(strip: Strip, course: Course) -> Array:
-    """Course of the edge in the plane, (n, 2)."""
     across, along = course.at(strip.along), np.arange(len(strip.samples))
     x, y = (along, across) if strip.turned else (across, along)
     return np.column_stack([x + strip.roi.x, y + strip.roi.y])
@@ -336,11 +327,9 @@ def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
 # Residuals of the mean spread function are regressed on the effect of a displacement of the edge, less what the spread
 # function absorbs. Unlike the row centroids of ISO 12233:2023, the result does not depend on the edge's phase.
 
-HIGHEST_ORDER = 5
-"""Highest degree of the polynomial, as in ISO 12233:2023."""
+HIGHEST_ORDER = 5  # highest degree of the polynomial, as in ISO 12233:2023
 MAX_ITERATIONS = 4
-BINNINGS = 2
-"""Rounds of binning in each iteration."""
+BINNINGS = 2  # rounds of binning in each iteration
 CONVERGED_PX = 1e-4
 
 
@@ -358,13 +347,11 @@ def refine_course(strip: Strip, course: Course) -> Course:
 
 
 def _with_degree(course: Course, order: int) -> Course:
-    """Nearest course of another degree."""
     t = np.linspace(-1, 1, 50)
     return replace(course, coefficients=np.polyfit(t, course.at(t * course.half), order))
 
 
 def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Course, float]:
-    """Converged course of this degree, and its Bayesian information criterion."""
     for _ in range(MAX_ITERATIONS):
         d = course.distances(strip)
         used = strip.usable & (np.abs(d) < profile.end_px + 1)
@@ -384,7 +371,7 @@ def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Cour
 
 
 def _displacement(
-    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: npt.NDArray[np.bool_]
+    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: Mask
 ) -> tuple[Array, Array]:
     """Least-squares change of the coefficients (p,), and its covariance for unit noise (p, p)."""
     t = np.broadcast_to((strip.along / course.half)[:, None], d.shape)[core]

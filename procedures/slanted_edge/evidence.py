@@ -27,16 +27,12 @@ tail."""
 HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 """Least distance from the edge, in full widths at half maximum and in pixels, at which a lens's spread function has the
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
-SUBBINS = 16
-"""Bins to a pixel within which samples scatter by noise alone, whatever the profile."""
-MODEL_PX = 0.003
-"""Displacement of an edge, root mean square, that the model's course and bins leave."""
+SUBBINS = 16  # bins to a pixel within which samples scatter by noise alone, whatever the profile
+MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
 SMOOTH_BINS = 13
 """Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
-WINDOWS_PX = (1, 2, 4, 8)
-"""Lengths whose means are compared to see a falling spread function."""
-MIN_SAMPLES = 20
-"""Least number of samples in such a mean."""
+WINDOWS_PX = (1, 2, 4, 8)  # lengths whose means are compared to see a falling spread function
+MIN_SAMPLES = 20  # least number of samples in such a mean
 PERIODIC_FROM, LOBE, MTF_MODEL = 0.75, 0.15, 0.02
 """Frequency from which the MTF is searched for a rise, in cycles/pixel; rise behind a defocused pupil; model error."""
 
@@ -176,7 +172,6 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
-    """Bins of all samples: centres, means, numbers, (2 K,)."""
     d = samples.d[samples.inside]
     K = int(np.abs(d).max() * BINS) + 1
     bins = np.floor(d * BINS).astype(int) + K

@@ -12,20 +12,13 @@ from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 MIN_LENGTH_PX = 24.0
 MIN_ANGLE_DEG, MAX_ANGLE_DEG = 2.0, 43.0
 """Angles from the nearest axis beyond which an edge of this length does not cross all phases of the pixels."""
-MIN_REACH_PX, MAX_REACH_PX = 6.0, 40.0
-"""Width of the plain areas on either side."""
-CORE_PX = 5.0
-"""Distance from the edge at which plains begin."""
-UNEVEN = 0.08
-"""Change, relative to the edge's contrast, at which a plain area ends."""
-END_PX = 3.0
-"""Length excluded at an edge's ends, in addition to that due to its slant."""
-MIN_CONTRAST = 0.02
-"""Least contrast, relative to white."""
-MAX_SEGMENTS = 600
-"""Number of segments examined, the longest first; textures have any number."""
-NOISE_LEVELS = 1.5
-"""Noise, in 256ths, to which the picture is smoothed before segments are detected."""
+MIN_REACH_PX, MAX_REACH_PX = 6.0, 40.0  # width of the plain areas on either side
+CORE_PX = 5.0  # distance from the edge at which plains begin
+UNEVEN = 0.08  # change, relative to the edge's contrast, at which a plain area ends
+END_PX = 3.0  # length excluded at an edge's ends, in addition to that due to its slant
+MIN_CONTRAST = 0.02  # least contrast, relative to white
+MAX_SEGMENTS = 600  # number of segments examined, the longest first; textures have any number
+NOISE_LEVELS = 1.5  # noise, in 256ths, to which the picture is smoothed before segments are detected
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +32,6 @@ class EdgeSighting:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """A straight segment between two points (x, y)."""
-
     start: Array
     end: Array
 
@@ -63,10 +54,14 @@ def find_edges(samples: Array32) -> list[EdgeSighting]:
     """Detect the slanted edges of a plane, the best first. Raises Refused if there is none, with the reason."""
     segments = _merged(_segments(samples))
     slanted = [segment for segment in segments if MIN_ANGLE_DEG <= segment.angle_deg <= MAX_ANGLE_DEG]
-    detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]
+    detected = [edge for one in slanted if (edge := _sighting(samples, one)) is not None]
     if not detected:
         raise Refused(*_why_none(segments, slanted))
-    return _apart(sorted(detected, key=lambda one: -one.score))
+    kept: list[EdgeSighting] = []
+    for sighting in sorted(detected, key=lambda one: -one.score):
+        if not any(_same(sighting, other) for other in kept):
+            kept.append(sighting)
+    return kept
 
 
 def longest_segment(samples: Array32) -> Array | None:
@@ -84,7 +79,6 @@ def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
 
 
 def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, str]:
-    """Reason and remedy where no edge was detected."""
     if slanted:
         return (
             "no edge has plain areas on both sides, 6 pixels wide and 16 long or more",
@@ -119,13 +113,16 @@ def _segments(samples: Array32) -> list[_Segment]:
 
 
 def _merged(segments: list[_Segment]) -> list[_Segment]:
-    """Segments joined where they continue each other, without the short ones."""
     joined: list[_Segment] = []
     remaining = segments[:MAX_SEGMENTS]
     while remaining:
         whole = remaining.pop(0)
         while (i := _continuation(whole, remaining)) is not None:
-            whole = _joined(whole, remaining.pop(i))
+            # segment from the first end of both to the last, along a
+            b = remaining.pop(i)
+            points = np.array([whole.start, whole.end, b.start, b.end])
+            places = (points - whole.start) @ whole.direction
+            whole = _Segment(points[np.argmin(places)], points[np.argmax(places)])
         if whole.length >= MIN_LENGTH_PX:
             joined.append(whole)
     return joined
@@ -144,13 +141,6 @@ def _continuation(a: _Segment, others: list[_Segment]) -> int | None:
     aside = np.maximum(np.abs(starts @ normal), np.abs(ends @ normal))
     detected = np.flatnonzero(parallel & (gap < 10) & (aside < 2))
     return int(detected[0]) if len(detected) else None
-
-
-def _joined(a: _Segment, b: _Segment) -> _Segment:
-    """Segment from the first end of both to the last, along a."""
-    points = np.array([a.start, a.end, b.start, b.end])
-    places = (points - a.start) @ a.direction
-    return _Segment(points[np.argmin(places)], points[np.argmax(places)])
 
 
 def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
@@ -222,17 +212,7 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
     return strip_of(samples, roi, turned=turned, reach_px=reach), EdgeLine(middle, slope)
 
 
-def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
-    """The edges without those on the line of a better one."""
-    kept: list[EdgeSighting] = []
-    for sighting in sightings:
-        if not any(_same(sighting, other) for other in kept):
-            kept.append(sighting)
-    return kept
-
-
 def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
-    """Whether the middle of a lies on b."""
     (x, y), (x0, y0) = _centre(a), _centre(b)
     if a.strip.turned != b.strip.turned:
         return False
@@ -241,6 +221,5 @@ def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
 
 
 def _centre(one: EdgeSighting) -> tuple[float, float]:
-    """Middle (x, y) of the line in the plane."""
     roi, half = one.strip.roi, (len(one.strip.samples) - 1) / 2
     return (roi.x + half, roi.y + one.line.middle) if one.strip.turned else (roi.x + one.line.middle, roi.y + half)

@@ -9,23 +9,19 @@ high.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
 
-BINS = 4
-"""Bins per pixel, as in ISO 12233:2023."""
+BINS = 4  # bins per pixel, as in ISO 12233:2023
 FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
 """Start and end of the window's taper, in full widths at half maximum of the line spread function."""
-ROUNDS = 4
-"""Iterations in which values are moved to the centres of their bins."""
+ROUNDS = 4  # iterations in which values are moved to the centres of their bins
 MIN_FLAT_PX = 2.0
-MIN_FAR_PX = 3.0
-"""Least width of the plains that they are fitted in."""
+MIN_FAR_PX = 3.0  # least width of the plains that they are fitted in
 LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 """Units of the plains' parameters: dark level, bright level, tail, relative slopes of the light across and along, per
 20 pixels so that all have one magnitude, and the tail's asymmetry."""
@@ -142,10 +138,13 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> EdgePro
     )
     profile, residual = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
+    # root of the covariance of neighbours along the edge, to which white noise contributes nothing
+    both = far[1:] & far[:-1]
+    shared = float(np.mean(plain[1:][both] * plain[:-1][both])) if both.any() else 0.0
     return replace(
         profile,
         noise=float(np.std(residual[used & (np.abs(d) < end)])) * abs(profile.contrast),
-        unevenness=_unevenness(plain, far) * abs(profile.contrast),
+        unevenness=float(np.sqrt(max(shared, 0.0))) * abs(profile.contrast),
     )
 
 
@@ -156,7 +155,7 @@ def values_of(light: Array, strip: Strip, d: Array) -> Array:
 
 
 def rebinned(
-    profile: EdgeProfile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
+    profile: EdgeProfile, value: Array, d: Array, used: Mask, rounds: int = ROUNDS
 ) -> tuple[EdgeProfile, Array]:
     """Profile of values at distances, and the residual of each value (n, m), whose mean in every bin is 0."""
     K = profile.sums.shape[1] // 2
@@ -176,15 +175,7 @@ def steepness(profile: EdgeProfile, d: Array) -> Array:
     return np.asarray(np.interp(d, (x[1:] + x[:-1]) / 2, np.diff(profile.esf) * BINS))
 
 
-def _unevenness(residual: Array, far: npt.NDArray[np.bool_]) -> float:
-    """Root of the covariance of neighbours along the edge, to which white noise contributes nothing."""
-    both = far[1:] & far[:-1]
-    shared = float(np.mean(residual[1:][both] * residual[:-1][both])) if both.any() else 0.0
-    return float(np.sqrt(max(shared, 0.0)))
-
-
 def _width(samples: Array, d: Array, reach: float) -> float:
-    """Full width at half maximum of the Gaussian with the line spread function's quartiles."""
     K = int(reach * BINS)
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)
@@ -208,9 +199,7 @@ def _last_below(x: Array, level: Array, share: float) -> float:
     return float(x[i] + (share - level[i]) / max(level[i + 1] - level[i], 1e-9) * (x[i + 1] - x[i]))
 
 
-def _plains(
-    strip: Strip, d: Array, far: npt.NDArray[np.bool_], width_px: float
-) -> tuple[Array, Array, Array, float, Lean]:
+def _plains(strip: Strip, d: Array, far: Mask, width_px: float) -> tuple[Array, Array, Array, float, Lean]:
     """Parameters (6,) of the plains by least squares beyond the core, each row's normal equations, and the tail's
     priors."""
     bright = d > 0
@@ -240,7 +229,7 @@ def solve_light(normal: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
 
 
-def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tuple[Array, Array]:
+def _binned(value: Array, d: Array, used: Mask, K: int) -> tuple[Array, Array]:
     """Sums and numbers of the values in each row's bins, (n, 2 K)."""
     bins = np.floor(d * BINS).astype(int) + K
     inside = used & (bins >= 0) & (bins < 2 * K)
@@ -253,7 +242,7 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
     return sums, counts
 
 
-def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: EdgeProfile) -> Array:
+def _moved(value: Array, d: Array, used: Mask, profile: EdgeProfile) -> Array:
     """Values moved along the spread function, a spline between the bins' centres, so that a mean is a value at the
     centre."""
     esf = profile.esf

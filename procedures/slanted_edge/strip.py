@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from procedures.numerics.arrays import Array, Array32
+from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.outcome import BadParameter
 from procedures.slanted_edge.tail import Tail
 
-MIN_SIDE = 8
-"""Least side of a rectangle, in pixels."""
+MIN_SIDE = 8  # least side of a rectangle, in pixels
 
 
 @dataclass(frozen=True)
@@ -76,14 +74,14 @@ class Strip:
     roi: Roi
     turned: bool
     reach_px: float = np.inf
-    valid: npt.NDArray[np.bool_] | None = None
+    valid: Mask | None = None
     tail: Tail | None = None
     quantisation: float = 0.0
     raw: bool = False
     mirrored: Array | None = None
 
     @property
-    def usable(self) -> npt.NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Samples of the edge and its plains, whatever their distance, (n, m)."""
         return np.ones(self.samples.shape, dtype=np.bool_) if self.valid is None else self.valid
 

@@ -16,10 +16,8 @@ import numpy as np
 from procedures.numerics.arrays import Array
 from procedures.quality import Diffraction
 
-COLUMN, LEAN = 2, 5
-"""Indices of the tail and its asymmetry among the plains' parameters."""
-EXACT = 1e6
-"""Weight of an exact prior of the tail, over that of the samples."""
+COLUMN, LEAN = 2, 5  # indices of the tail and its asymmetry among the plains' parameters
+EXACT = 1e6  # weight of an exact prior of the tail, over that of the samples
 MIN_LEAN, MAX_TAIL = 1e-3, 0.2
 """Least standard deviation of a g, in the samples' standard deviations times square pixels; greatest a, in pixels, that
 of a cutoff of a third of a cycle per pixel."""

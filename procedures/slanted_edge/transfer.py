@@ -8,8 +8,7 @@ from procedures.numerics.arrays import Array
 from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS
 
-STEP = 0.005
-"""Spacing of the frequencies, in cycles per pixel."""
+STEP = 0.005  # spacing of the frequencies, in cycles per pixel
 HIGHEST = 1.0
 FREQUENCIES: Array = np.arange(0, HIGHEST + STEP / 2, STEP)
 TAIL_END_PX = 400.0

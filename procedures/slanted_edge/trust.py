@@ -1,10 +1,9 @@
 """Checks on an edge and its MTF, but those of corruptions."""
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Mask
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import EdgeProfile
@@ -13,12 +12,9 @@ from procedures.slanted_edge.transfer import HIGHEST
 
 MAX_CLIPPED = 0.01
 MAX_OVERSHOOT = 0.01
-OUTER = 0.6
-"""Distance, relative to the plains' reach, from which their noise is estimated."""
-MIN_ROWS = 16
-"""Least length in pixels: fewer rows determine no uncertainty."""
-MIN_DRIFT_PX = 0.9
-"""Least drift across the pixels' grid: an edge must cross all phases."""
+OUTER = 0.6  # distance, relative to the plains' reach, from which their noise is estimated
+MIN_ROWS = 16  # least length in pixels: fewer rows determine no uncertainty
+MIN_DRIFT_PX = 0.9  # least drift across the pixels' grid: an edge must cross all phases
 MAX_EMPTY = 0.05
 FAINT, NOISY = 0.5, 2.0
 """Contrast over the noise of a pixel below which an edge is not visible, and not measurable."""
@@ -63,7 +59,7 @@ def check_clipping(strip: Strip, course: Course) -> None:
         )
 
 
-def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
+def _noise_along(samples: Array, plain: Mask) -> float:
     """Noise of a plain from second differences along the edge; 0 where there are none."""
     bends = np.diff(samples, 2, axis=0)[plain[2:] & plain[1:-1] & plain[:-2]]
     return float(np.sqrt(np.mean(bends**2) / 6)) if len(bends) else 0.0

@@ -122,8 +122,6 @@ def estimate_tilt(
 
     Raises BadParameter if the focal length is required and unknown, or the distance of a tilted chart.
 
-    Parameters
-    ----------
     bracket : mapping of position in mm to nodes; of one plane; charts at about the same place of the frame are combined
     shape : rows and columns of the plane, with pixels `pitch` sensor pixels wide
 
@@ -136,7 +134,17 @@ def estimate_tilt(
     side = pitch * parameters.pixel_pitch_um / 1000
     size = (shape[1] * side, shape[0] * side)
     places = best_focus(in_um, shape, frequency=parameters.frequency)
-    heights, covariance = measured_heights(places, _zero_um(parameters), _position_um(bracket, parameters))
+    zero_um = 0.0 if parameters.nominal_mm is None else _behind(parameters.nominal_mm, parameters)
+    # heights (N,) of the sensor behind the image in um, and covariance (N, N): noise of the PSFs, and the positions'
+    # errors, common to a photograph's charts
+    sources = sorted({name for place in places for optimum in place.optima for name in optimum.sensitivities})
+    J = np.array([[sum(o.sensitivities.get(name, 0.0) for o in one.optima) / 2 for name in sources] for one in places])
+    noise = np.array([place.covariance.mean() for place in places])
+    best = np.array([sum(o.at for o in place.optima) / 2 for place in places])
+    # standard uncertainty of the positions behind the lens, at the middle of the bracket
+    middle, u = float(np.median(list(bracket))), parameters.position_uncertainty_mm
+    position_um = abs(_behind(middle + u, parameters) - _behind(middle, parameters)) if u else 0.0
+    heights, covariance = zero_um - best, np.diag(noise) + position_um**2 * J @ J.T
     centre = (np.array([shape[1], shape[0]]) - 1) / 2
     at = (np.array([place.position for place in places]) - centre) * side
     sensor = fit_plane(at, heights, covariance, size)
@@ -149,34 +157,14 @@ def estimate_tilt(
     return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 
-def measured_heights(places: Sequence[PlaceFocus], zero_um: float, position_um: float) -> tuple[Array, Array]:
-    """Heights (N,) of the sensor behind the image in um, and covariance (N, N): noise of the PSFs, and the positions'
-    errors, common to a photograph's charts."""
-    sources = sorted({name for place in places for optimum in place.optima for name in optimum.sensitivities})
-    J = np.array([[sum(o.sensitivities.get(name, 0.0) for o in one.optima) / 2 for name in sources] for one in places])
-    noise = np.array([place.covariance.mean() for place in places])
-    best = np.array([sum(o.at for o in place.optima) / 2 for place in places])
-    return zero_um - best, np.diag(noise) + position_um**2 * J @ J.T
-
-
 def _behind(position_mm: float, parameters: TiltParameters) -> float:
     return behind_lens_um(position_mm, parameters.positions, parameters.focal_length_mm)
-
-
-def _zero_um(parameters: TiltParameters) -> float:
-    return 0.0 if parameters.nominal_mm is None else _behind(parameters.nominal_mm, parameters)
 
 
 def nominal_um(parameters: TiltParameters) -> float:
     """Standard uncertainty of the nominal position, behind the lens, in um."""
     at, u = parameters.nominal_mm, parameters.nominal_uncertainty_mm
     return 0.0 if at is None or not u else abs(_behind(at + u, parameters) - _behind(at, parameters))
-
-
-def _position_um(bracket: Mapping[float, Sequence[Node]], parameters: TiltParameters) -> float:
-    """Standard uncertainty of the positions behind the lens, at the middle of the bracket."""
-    middle, u = float(np.median(list(bracket))), parameters.position_uncertainty_mm
-    return abs(_behind(middle + u, parameters) - _behind(middle, parameters)) if u else 0.0
 
 
 def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> float:

@@ -19,8 +19,7 @@ FLANK, FOLLOWED = 2.0, 3.5
 """Depths of focus of the image before the sensor at the start, and the farthest that is followed."""
 SHARE, SIGMAS = 0.25, 3.0
 """Tolerance of a turn: a share of it, as the aberrations of the lens are not known, and standard uncertainties."""
-REACH, HALF = 0.4, 0.05
-"""Length of the bar of the largest turn, and half its height, in fractions of the frame's."""
+REACH, HALF = 0.4, 0.05  # length of the bar of the largest turn, and half its height, in fractions of the frame's
 
 
 def blur_logarithm(depths: float) -> float:

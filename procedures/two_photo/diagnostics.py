@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import find_clipping
 from procedures.numbers import EDGE_MTF50
+from procedures.numerics.arrays import Array32
 from procedures.psf import Psf
 from procedures.two_photo.error_parts import PairErrorParts, near_errors
 from procedures.two_photo.inter_image import PairFit
@@ -15,9 +15,6 @@ from procedures.two_photo.near_noise import InterImageKernel, noise_at_most
 from procedures.two_photo.pair_consistency import PairConsistency
 from procedures.two_photo.registration import PairSighting
 from procedures.two_photo.sharpness import sharpness_ratio
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 TILES = 8  # tiles along each side of the common region whose local shifts are estimated
 CLEAR = 0.1  # A frequency is determined where the MTF's standard uncertainty is below this
@@ -212,14 +209,12 @@ def relief(fit: PairFit) -> float:
 
 
 def _neighbour_correlation(fit: PairFit) -> float:
-    """Largest correlation of the residual at lag one, along rows or columns."""
     grid = fit.as_image(fit.residual, np.nan)
     pairs = (grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1])
     return max((float(np.nanmean(pair)) / fit.variance for pair in pairs), key=abs)
 
 
 def _light_change(fit: PairFit) -> float:
-    """Root mean square of the multiplicative quadratics, over the samples."""
     x, y = ((fit.samples.points - fit.warp.centre) / fit.warp.radius).T
     return float(np.std(np.stack([x, y, x * x, x * y, y * y], axis=-1) @ fit.light[6:]))
 

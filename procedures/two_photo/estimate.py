@@ -10,12 +10,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.choice import Trial, choose, remaining_change, with_modes, with_parts
 from procedures.corruption import probability
 from procedures.display import html, summary
 from procedures.numbers import GAIN, MTF50_HORIZONTAL, NOISE, PROBABILITY, RESIDUAL_STD, SCALE
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
@@ -35,8 +35,6 @@ from procedures.two_photo.trust import MAX_UNCERTAINTY, check_distance, check_li
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 START_S = 3  # first s that is tried: a finer grid needs detail that few walls have
 
@@ -124,14 +122,9 @@ def estimate_psf_of_pair(
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two photographs of one wall, in any order.
 
-    Parameters
-    ----------
-    a, b : Plane, or (rows, columns) arrays
-        Linear samples of the same plane, black 0, white 1.
-    parameters : TwoPhotoParameters, optional
-        s and k that are not given are chosen.
-    diffraction : Diffraction, optional
-        Diffraction limit of this plane, for the Strehl ratio.
+    a, b : Plane, or (rows, columns) arrays, linear samples of the same plane, black 0, white 1
+    parameters : TwoPhotoParameters, s and k that are not given are chosen
+    diffraction : Diffraction, diffraction limit of this plane, for the Strehl ratio
 
     Returns
     -------

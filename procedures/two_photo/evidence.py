@@ -1,7 +1,6 @@
 """Evidence of corruptions in the far photograph of a pair: scores by its residual."""
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, GHOST
@@ -16,13 +15,10 @@ from procedures.corruption.noise import (
     mask_scores,
     texture_correlation,
 )
+from procedures.numerics.arrays import Array, Array32
 from procedures.two_photo.inter_image import PairFit, linear_system, tiles_of
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-
-CONTRAST = 4.0
-"""Standard deviations of a wall's light that count as the contrast of black and white."""
+CONTRAST = 4.0  # standard deviations of a wall's light that count as the contrast of black and white
 
 
 def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEvidence:

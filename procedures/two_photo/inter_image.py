@@ -14,19 +14,15 @@ centred.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.splines import photograph_spline, read_spline
 from procedures.numerics.transforms import sample_convolution
 from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
 
 GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six additive quadratics, five multiplicative."""
@@ -55,7 +51,7 @@ class FarSamples:
     points: Array
     y: Array
 
-    def kept(self, mask: npt.NDArray[np.bool_]) -> "FarSamples":
+    def kept(self, mask: Mask) -> "FarSamples":
         """The selected samples."""
         return FarSamples(self.rows[mask], self.columns[mask], self.points[mask], self.y[mask])
 
@@ -180,7 +176,16 @@ def fit_kernel(
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
     centre = samples.points.mean(axis=0)
     warp = start or CubicWarp(H_near_far, centre, float(np.abs(samples.points - centre).max()), np.zeros((2, 9)))
-    image = _near_image(near, warp, samples, s, k, corner, shape)
+    # the required part of the near photograph, as a spline
+    mapped = warp.forward(samples.points)
+    scale = np.abs(homography_jacobian(warp.H, warp.centre)).sum(axis=1)
+    margin = scale * tail_border(k) / s + 8
+    low = np.maximum(np.floor(mapped.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(mapped.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
+    part = near[low[1] : high[1], low[0] : high[0]]
+    coefficients, grid = photograph_spline(part - part.mean(), warp.jacobian(), s / 2)
+    shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1]])
+    image = NearImage(coefficients, grid @ shift, s, corner, shape)
     stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
     coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
     fit = _iterated(_first_fit(coarse, image, warp, k), samples, k)
@@ -227,26 +232,14 @@ def _iterated(fit: PairFit, samples: FarSamples, k: int) -> PairFit:
     for iteration in range(1, MAX_ITERATIONS + 1):
         if fit.moved_px < ALL_SAMPLES_PX or iteration >= MAX_ITERATIONS - 2:
             fit = replace(fit, samples=samples)
-        before, fit = fit, _step(_centred(fit, k), k, whole=fit.samples is samples)
+        # the fit with the map shifted so that the kernel is centred; the next step moves the kernel
+        offset = centre_of(fit.kernel.reshape(k, k)) / fit.near.s
+        centred = replace(fit, warp=fit.warp.translated(-offset))
+        before, fit = fit, _step(centred, k, whole=fit.samples is samples)
         fit = replace(fit, travelled_px=before.travelled_px + fit.moved_px)
         if fit.samples is samples and fit.moved_px < CONVERGED_PX:
             break
     return fit
-
-
-def _near_image(
-    near: Array32, warp: CubicWarp, samples: FarSamples, s: int, k: int, corner: tuple[int, int], shape: tuple[int, int]
-) -> NearImage:
-    """The required part of the near photograph, as a spline."""
-    mapped = warp.forward(samples.points)
-    scale = np.abs(homography_jacobian(warp.H, warp.centre)).sum(axis=1)
-    margin = scale * tail_border(k) / s + 8
-    low = np.maximum(np.floor(mapped.min(axis=0) - margin), 0).astype(int)
-    high = np.minimum(np.ceil(mapped.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
-    part = near[low[1] : high[1], low[0] : high[0]]
-    coefficients, grid = photograph_spline(part - part.mean(), warp.jacobian(), s / 2)
-    shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1]])
-    return NearImage(coefficients, grid @ shift, s, corner, shape)
 
 
 def _quadratics(samples: FarSamples, warp: CubicWarp) -> Array:
@@ -273,12 +266,6 @@ def _first_fit(samples: FarSamples, near: NearImage, warp: CubicWarp, k: int) ->
     slopes = np.zeros((len(samples.y), 2))
     prediction = (A @ kernel.astype(np.float32)).astype(np.float64) + quadratics @ light[:6]
     return PairFit(warp, kernel, np.zeros(TAIL), light, samples, near, equations, slopes, prediction, np.inf, 0.0)
-
-
-def _centred(fit: PairFit, k: int) -> PairFit:
-    """The fit with the map shifted so that the kernel is centred; the next step moves the kernel."""
-    offset = centre_of(fit.kernel.reshape(k, k)) / fit.near.s
-    return replace(fit, warp=fit.warp.translated(-offset))
 
 
 def centre_of(kernel: Array) -> Array:

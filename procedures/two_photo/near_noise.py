@@ -11,18 +11,15 @@ removes the bias to first order. sigma derives from the residual, whose variance
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import tail_kernels
 from procedures.numerics.normal_equations import cholesky_solve
 from procedures.numerics.warps import inverse
 from procedures.outcome import Refused
 from procedures.two_photo.inter_image import TAIL, PairFit
 from procedures.two_photo.recursion import gain_of
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)

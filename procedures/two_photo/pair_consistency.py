@@ -16,16 +16,13 @@ Four properties that the fit itself does not test:
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from procedures.corruption.ring import missing_light
+from procedures.numerics.arrays import Array, Array32
 from procedures.psf import Psf
 from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.sharpness import patch_spectra
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose residuals are compared."""
@@ -49,8 +46,6 @@ MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 25, 3e-5
 class NearSpectrum:
     """Difference of the near photograph's OTF from the estimated one, for a wall with detail of all sizes.
 
-    Attributes
-    ----------
     softness : (2,), variance of a blur along x and y, in squared near pixels; negative where it is sharper
     sharpening : amplitude of unsharp masking of width `MASK_PX`
     turned : (2,), growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the
@@ -77,8 +72,6 @@ class NearSpectrum:
 class PairConsistency:
     """Consistency of both photographs.
 
-    Attributes
-    ----------
     left_over : amplitude of the residual at coarse detail without noise, over that of the wall there
     colour : power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter
     smoothing : the same at middle detail over the finest: a smoothed far photograph has less fine noise, while another

@@ -7,11 +7,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice
 from procedures.clipping import NOMINAL
 from procedures.drawings import steps as drawings
+from procedures.numerics.arrays import Array32
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -63,8 +63,6 @@ from procedures.two_photo.prediction import DISTANCES, noise_of_two, predicted_u
 from procedures.two_photo.several import estimate_psf_of_wall
 from procedures.two_photo.sharpness import fineness
 from procedures.two_photo.trust import check_settings
-
-Array32 = npt.NDArray[np.float32]
 
 TEXTURE = 5.0  # minimum contrast of the wall's detail, relative to the noise
 DETAIL_PX = 8.0  # slower variation than this is light, not detail
@@ -302,8 +300,7 @@ FARTHER = Ask(
     when=lambda facts: bool(further(facts)),
 )  # fmt: skip
 MTF_NYQUIST_WORDS = "MTF at Nyquist by noise"
-ALIKE = 0.1
-"""Relative difference below which two distances are one."""
+ALIKE = 0.1  # relative difference below which two distances are one
 
 
 def further(facts: Facts) -> list[float]:

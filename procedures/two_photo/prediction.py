@@ -19,8 +19,7 @@ DISTANCES = (3.2, 4.0, 5.0, 6.3)
 REPORTED = 1.4
 """Reported uncertainty by noise over that of the kernel alone, because of recursion, registration and light: 1.3 to 1.5
 for walls of two kinds from 3.45, 4.6 and 5.75 times the near distance."""
-HALF = 0.5
-"""MTF at the predicted frequency, by which its derivative by the sum of the kernel is weighted."""
+HALF = 0.5  # MTF at the predicted frequency, by which its derivative by the sum of the kernel is weighted
 RIDGE = 1e-9
 """Relative to the mean diagonal: the near photograph's own blur leaves the band's corners almost without texture."""
 
@@ -39,10 +38,8 @@ def together(uncertainties: Sequence[float]) -> float:
 def information(near: Array32, ratio: float, noise: float, s: int, k: int) -> Array:
     """Information matrix (k^2, k^2) of the kernel by a far photograph from `ratio` times the near distance.
 
-    near : (rows, columns)
-        The near photograph, linear.
-    noise : float
-        Standard deviation of the far photograph's noise, in its units.
+    near : (rows, columns) the near photograph, linear
+    noise : float, standard deviation of the far photograph's noise, in its units
     """
     rows, columns = (int(n * s / ratio) for n in near.shape)
     texture = cv2.resize(near, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
+from procedures.numerics.arrays import Array, Complex
 from procedures.numerics.kernel_tail import SHAPES, tail_spectra, tail_sums
 from procedures.numerics.warps import inverse
-
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 CONVERGENCE_TOLERANCE = 1e-4
 """The product ends with the first factor that differs from 1 by less everywhere in the band."""

@@ -9,11 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.warps import homography_jacobian, inverse
 from procedures.outcome import Refused
-
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 QUICK_PIXELS, MOST_PIXELS = 0.16e6, 4e6
 """Size to which a photograph is reduced for the detection of features, and where these are too few."""

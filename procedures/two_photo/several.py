@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
 from procedures.choice import remaining_change, with_modes, with_parts
 from procedures.numbers import MTF_CROSSINGS
+from procedures.numerics.arrays import Array
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import BadParameter, Check, Outcome, Verdict
 from procedures.psf import Psf
@@ -34,8 +34,6 @@ from procedures.two_photo.estimate import (
 )
 from procedures.two_photo.registration import PairSighting, register
 
-Array = npt.NDArray[np.float64]
-
 RIDGE = 0.1
 """Variance added in the weights, relative to the mean variance of the samples: model errors have no small variances."""
 DISAGREEMENT = 4.0
@@ -49,24 +47,16 @@ def estimate_psf_of_wall(
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two or more photographs of one wall at different distances, in any order.
 
-    Parameters
-    ----------
-    photographs : sequence of Plane, or of (rows, columns) arrays
-        Linear samples of the same plane, black 0, white 1.
-    parameters : TwoPhotoParameters, optional
-        s and k that are not given are chosen by the far photograph nearest to the wall.
-    diffraction : Diffraction, optional
-        Diffraction limit of this plane, for the Strehl ratio.
+    photographs : sequence of Plane, or of (rows, columns) arrays, linear samples of the same plane, black 0, white 1
+    parameters : TwoPhotoParameters, s and k that are not given are chosen by the far photograph nearest to the wall
+    diffraction : Diffraction, diffraction limit of this plane, for the Strehl ratio
 
     Returns
     -------
     Outcome[TwoPhotoPsf]
         Kernel, scale, gain and noise are those of the pair whose far photograph is nearest.
 
-    Raises
-    ------
-    BadParameter
-        If there are fewer than two photographs.
+    Raises BadParameter if there are fewer than two photographs.
     """
     planes, parameters = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
     if len(planes) < 2:
@@ -102,7 +92,6 @@ def _pairs(planes: list[Plane], parameters: TwoPhotoParameters, diffraction: Dif
 
 
 def _times_as_far(sighting: PairSighting) -> float:
-    """Distance of the second photograph over that of the first."""
     zoom = float(np.sqrt(abs(np.linalg.det(homography_jacobian(sighting.H_near_far, np.zeros(2))))))
     return 1 / zoom if sighting.swapped else zoom
 
@@ -177,7 +166,6 @@ def _parts(
 
 
 def _agreement(pairs: Sequence[_WallPair], whole: Quality) -> Check:
-    """Pairs whose MTF50 differs from that of all by more than their uncertainties."""
     off = [_disagreement(pair.solved.result.quality, whole) for pair in pairs]
     number = pairs[int(np.argmax(off))].number
     return Check(

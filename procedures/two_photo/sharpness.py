@@ -1,11 +1,9 @@
 """Relative sharpness of both photographs, by their spectra: equal, when refocused at either distance."""
 
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
+from procedures.numerics.arrays import Array, Array32, Indices
 
 PATCH = 64  # side of the patches; a smaller photograph is one patch along that axis
 MOST_PATCHES = 6  # along either axis
@@ -46,7 +44,7 @@ def patch_spectra(photograph: Array32, rows: int, columns: int) -> tuple[Array, 
     return power / len(patches) / float(np.sum(window**2)), len(patches)
 
 
-def _starts(n: int, side: int) -> npt.NDArray[np.int64]:
+def _starts(n: int, side: int) -> Indices:
     """First pixels of at most six patches along an axis of n pixels, overlapping by half at most."""
     count = int(np.clip(2 * n // side - 1, 1, MOST_PATCHES))
     return np.unique(np.linspace(0, max(n - side, 0), count).astype(np.int64))

@@ -18,7 +18,7 @@ from procedures.numbers import (
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
-from procedures.vignetting.surface import Falloff, LightCells, RadialFalloff, cells_of, fit_falloff, fit_radial
+from procedures.vignetting.surface import Falloff, RadialFalloff, cells_of, fit_falloff, fit_radial
 
 REFERENCE = "G1"
 GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
@@ -65,8 +65,6 @@ def estimate_vignetting(
 ) -> dict[str, Outcome[PlaneVignetting]]:
     """Vignetting of every plane, and colour shading relative to green.
 
-    Parameters
-    ----------
     flats : sequence of (name of the photograph, its planes), of RawFrame, or of (rows, columns) arrays
         From one camera, lens, aperture and focus, with camera or light rotated between them.
 
@@ -74,10 +72,7 @@ def estimate_vignetting(
     -------
     dict of plane to Outcome[PlaneVignetting]
 
-    Raises
-    ------
-    Refused
-        If there is none.
+    Raises Refused if there is none.
     """
     if not flats:
         raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
@@ -86,7 +81,16 @@ def estimate_vignetting(
     for name, first in named[0][1].items():
         try:
             cells = [cells_of(planes[name], source) for source, planes in named]
-            outcomes[name] = _plane(cells, first)
+            rows, columns = first.samples.shape
+            shape, size = (rows, columns), np.array([columns, rows], dtype=np.float64)
+            middle = ((first.pitch * size - 1) / 2 - first.origin) / first.pitch
+            surface = fit_falloff(cells, shape)
+            places = frame_places(shape)
+            radial = fit_radial(surface, places)
+            numbers = _numbers(surface, radial, middle, len(cells))
+            light, uncertainty = surface.light.at(places), surface.uncertainty(places)
+            result = PlaneVignetting(surface, radial, numbers, places, light, uncertainty, middle)
+            outcomes[name] = verdict_of(_checks(surface, len(cells)), result)
         except Refused as refusal:
             outcomes[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     green = outcomes[REFERENCE].value if REFERENCE in outcomes else None
@@ -98,19 +102,6 @@ def estimate_vignetting(
 def _named(flat: FrameLike, number: int) -> tuple[str, Mapping[str, Plane]]:
     frame = as_frame(flat, f"flat {number}")
     return frame.path.name, frame.planes
-
-
-def _plane(cells: Sequence[LightCells], plane: Plane) -> Outcome[PlaneVignetting]:
-    rows, columns = plane.samples.shape
-    shape, size = (rows, columns), np.array([columns, rows], dtype=np.float64)
-    middle = ((plane.pitch * size - 1) / 2 - plane.origin) / plane.pitch
-    surface = fit_falloff(cells, shape)
-    places = frame_places(shape)
-    radial = fit_radial(surface, places)
-    numbers = _numbers(surface, radial, middle, len(cells))
-    light, uncertainty = surface.light.at(places), surface.uncertainty(places)
-    result = PlaneVignetting(surface, radial, numbers, places, light, uncertainty, middle)
-    return verdict_of(_checks(surface, len(cells)), result)
 
 
 def frame_places(shape: tuple[int, int]) -> Array:
@@ -178,7 +169,6 @@ def _with_colour(outcome: Outcome[PlaneVignetting], green: PlaneVignetting) -> O
 
 
 def _noise(one: PlaneVignetting) -> Array:
-    """Relative uncertainty of the map by noise alone."""
     return replace(one.surface, slope_covariance=np.zeros((2, 2))).uncertainty(one.places) / one.value
 
 

@@ -97,7 +97,6 @@ def fit_falloff(flats: Sequence[LightCells], shape: tuple[int, int]) -> Falloff:
 
 
 def _fitted(flats: Sequence[LightCells], shape: tuple[int, int], degree: int) -> tuple[float, Falloff]:
-    """Akaike's criterion and the surface."""
     design, values, sigma = _system(flats, shape, degree)
     kept, whitened = np.ones(len(values), dtype=bool), design / sigma[:, None]
     c, count, bend = terms_of(degree), len(flats), np.zeros(len(values))
@@ -220,7 +219,15 @@ def cells_of(plane: Plane, source: str) -> LightCells:
             f"{columns} x {rows}",
             "give whole photographs of the sensor",
         )
-    _check_light(plane, source)
+    clipped = float(np.mean(plane.samples >= CLIPPED))
+    if clipped > MOST_CLIPPED:
+        raise Refused(f"{source}: {clipped:.1%} of {plane.name} are clipped", "expose a flat to half of the scale")
+    middle = float(np.median(plane.samples))
+    if middle < DARK:
+        raise Refused(
+            f"{source}: {plane.name} is at {middle:.1%} of the scale, too dark for a flat",
+            "expose a flat to half of the scale",
+        )
     ny, nx = rows // side, columns // side
     top, left = (rows - ny * side) // 2, (columns - nx * side) // 2
     part = plane.samples[top : top + ny * side, left : left + nx * side].astype(np.float64)
@@ -233,18 +240,6 @@ def cells_of(plane: Plane, source: str) -> LightCells:
     )
     place = np.column_stack([x.ravel(), y.ravel()])
     return LightCells(place, level.ravel(), np.sqrt(variance.ravel()) / side)
-
-
-def _check_light(plane: Plane, source: str) -> None:
-    clipped = float(np.mean(plane.samples >= CLIPPED))
-    if clipped > MOST_CLIPPED:
-        raise Refused(f"{source}: {clipped:.1%} of {plane.name} are clipped", "expose a flat to half of the scale")
-    middle = float(np.median(plane.samples))
-    if middle < DARK:
-        raise Refused(
-            f"{source}: {plane.name} is at {middle:.1%} of the scale, too dark for a flat",
-            "expose a flat to half of the scale",
-        )
 
 
 # --- The light of a plane over its frame: as a polynomial, and as even powers of a radius ---

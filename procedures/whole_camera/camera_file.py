@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.budget import TERMS
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
@@ -20,7 +20,6 @@ from procedures.whole_camera.from_field import CovarianceBlock, WholeCamera
 if TYPE_CHECKING:
     import h5py
 
-Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/camera/1"
 CONVENTIONS = """\
@@ -148,14 +147,10 @@ def read_camera_numbers(path: Path | str) -> CameraNumbers:
                 stored.numbers("covariance"), tuple(CovarianceBlock(*one) for one in zip(*texts, strict=True)),
                 str(geometry.get("model", "")), (int(geometry.get("columns", 0)), int(geometry.get("rows", 0))),
             )  # fmt: skip
-        _check(camera)
+        # raise ValueError where numbers and covariance are inconsistent
+        count, C = len(camera.names), camera.covariance
+        if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):
+            raise ValueError("names, units, values and covariance must have the same length")
+        if not np.allclose(C, C.T, rtol=1e-9, atol=0) or (np.diag(C) < 0).any():
+            raise ValueError("a covariance must be symmetric, with variances of 0 or more")
         return camera
-
-
-def _check(camera: CameraNumbers) -> None:
-    """Raise ValueError where numbers and covariance are inconsistent."""
-    count, C = len(camera.names), camera.covariance
-    if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):
-        raise ValueError("names, units, values and covariance must have the same length")
-    if not np.allclose(C, C.T, rtol=1e-9, atol=0) or (np.diag(C) < 0).any():
-        raise ValueError("a covariance must be symmetric, with variances of 0 or more")

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import MeasuredChart
@@ -14,12 +13,11 @@ from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
 from procedures.geometry.uncertainty import camera_response
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.vignetting.estimate import NAMES, UNITS, JointFormula
-
-Array = npt.NDArray[np.float64]
 
 ChartKey = tuple[str, str, int]  # plane, photograph and number of a chart in it
 
@@ -314,7 +312,6 @@ def _slopes(chart: MeasuredChart) -> Array:
 
 
 def _own_covariance(chart: MeasuredChart, slope: Array) -> Array:
-    """Covariance of one chart's numbers; further stated uncertainties are independent."""
     covariance = slope @ chart.node.psf.parameter_covariance @ slope.T
     stated = np.array([number.uncertainty**2 for number in chart.numbers.values()])
     return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))

@@ -93,7 +93,9 @@ class SimulatedBench:
 
     def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
         axes, seeds = self.world.axes, rng.spawn(5)
-        outputs = Outputs(self._relay, self.world.set_lamp)
+        outputs = Outputs(
+            lambda on, now_s: self.body.close(now_s) if on else self.body.release(now_s), self.world.set_lamp
+        )
         chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
@@ -139,12 +141,6 @@ class SimulatedBench:
         if self._motors_on_box:
             for name in ("z_mm", "x_mm", "y_mm"):
                 self.world.axes[name].power(on, now_s)
-
-    def _relay(self, on: bool, now_s: float) -> None:
-        if on:
-            self.body.close(now_s)
-        else:
-            self.body.release(now_s)
 
     def address(self, device: str) -> str:
         return f"sim://{self.name}/{device}"

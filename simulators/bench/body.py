@@ -115,7 +115,6 @@ class CameraBody(EventSource):
 
     @cached_property
     def _files_before(self) -> int:
-        """Number of the last file in the folder at the start."""
         numbers = (path.stem.removeprefix("IMG_") for path in self.folder.glob("IMG_*.*"))
         return max((int(number) for number in numbers if number.isdecimal()), default=0)
 
@@ -147,8 +146,7 @@ def _append(path: Path, part: bytes, final: Path) -> Callable[[], None]:
 
 # --- The shaker of the simulated bench: two voice coils that move the camera, driven by the box's channels ---
 
-STROKE_MM = 2.0
-"""Displacement from rest at full deflection, along x and y."""
+STROKE_MM = 2.0  # displacement from rest at full deflection, along x and y
 REST, DEEPEST = 2048, 2047
 
 

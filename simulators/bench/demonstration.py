@@ -11,10 +11,8 @@ from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Opt
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 
-WIDTH_MM = 124.0
-"""Width of the chart: the largest on A4 with slanted edges next to it."""
-S = 4
-"""Samples per pixel for which the charts' sizes are chosen."""
+WIDTH_MM = 124.0  # width of the chart: the largest on A4 with slanted edges next to it
+S = 4  # samples per pixel for which the charts' sizes are chosen
 PITCH_UM = 5.94
 LENS = Lens(
     focal_length_mm=50.0, f_number=2.8, k1=-0.02, spherical_um=0.03, coma_um=0.06, astigmatism_um=0.08,
@@ -31,16 +29,11 @@ WHITE_E_PER_S = 1.5e5
 class Staging:
     """One photograph: frame, and position, size and orientation of the chart.
 
-    name : str
-        Name of the files.
-    title : str
-        Displayed title.
-    at : (x, y)
-        The chart's centre, in fractions of the frame from the top left.
-    s_over_t : float
-        Sampling ratio with four samples per pixel.
-    slope : (float, float)
-        Relative change of the illumination from the chart's centre to the edges of its noise region.
+    name : str, name of the files
+    title : str, displayed title
+    at : (x, y) the chart's centre, in fractions of the frame from the top left
+    s_over_t : float, sampling ratio with four samples per pixel
+    slope : (float, float) relative change of the illumination from the chart's centre to the edges of its noise region
     """
 
     name: str

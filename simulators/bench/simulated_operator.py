@@ -19,35 +19,26 @@ from simulators.devices.serial_device import SimClock
 from simulators.world.world import SinusoidalDrive, World
 
 Known = str | float | bool
-HAND = "hand_"
-"""Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
-EYES_DIOPTRES = 0.04
-"""Largest error of focusing by eye or autofocus."""
-STEP_DIOPTRES = 0.03
-"""A small turn of the focus ring."""
-EXACT = ("exposure_ev", "aperture_ev")
-"""Settings with detents."""
+HAND = "hand_"  # prefix of a fact's name: the sum of all manual changes of that name requested so far
+EYES_DIOPTRES = 0.04  # largest error of focusing by eye or autofocus
+STEP_DIOPTRES = 0.03  # a small turn of the focus ring
+EXACT = ("exposure_ev", "aperture_ev")  # settings with detents
 RIM_PX, MAX_W = 8, 4.0
 """Margin of the marked region to the frame's edge, and the assumed widest blur, both in plane pixels."""
-TAPE_MM = 5.0
-"""Resolution of a distance read from a tape measure."""
-SQUARE_DEG = 0.4
-"""Standard deviation of each angle of a camera squared to a wall by eye."""
-RELATIVE_ERROR = 0.04
-"""Largest relative error of a manual change."""
+TAPE_MM = 5.0  # resolution of a distance read from a tape measure
+SQUARE_DEG = 0.4  # standard deviation of each angle of a camera squared to a wall by eye
+RELATIVE_ERROR = 0.04  # largest relative error of a manual change
 SET_UP = (
     "printed", "panel", "mounted", "wall", "scene", "focused", "refocused", "refocused_near", "focused_near",
     "focused_far", "first", "first_moves", "second", "third", "truth",
 )  # fmt: skip
 """Keys of the questions that trigger an action, in order."""
-MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
-"""Index of the rig's motion, by the question."""
+MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}  # index of the rig's motion, by the question
 F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
 """f-number set for each question where apertures blur."""
 LENS_AND_MOTIONS = {"first": 8.0, "truth": 22.0}
 """f-numbers where lens and motions blur: wide enough for defocus, with exposures long enough for the IMU."""
-NEARER = 0.65
-"""Fraction of a scene's distance that is nearer than anything in it."""
+NEARER = 0.65  # fraction of a scene's distance that is nearer than anything in it
 
 
 @dataclass(frozen=True)
@@ -122,7 +113,6 @@ class SimulatedActions:
         return known.get(key)
 
     def _depth_answers(self) -> dict[str, Known]:
-        """Answers about a scene in depth and its rig."""
         camera = self._at.view.camera
         rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
         return {
@@ -226,6 +216,5 @@ class SimulatedActions:
         self._focus()
 
     def _focus(self) -> None:
-        """Set the focus: the initial focus plus the requested steps towards infinity."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
         self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)

@@ -56,11 +56,9 @@ class Mount:
 class SensorMount:
     """The sensor's tilt and the screws that hold it, equally spaced around its centre.
 
-    slopes : (x, y)
-        Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
-        photograph.
-    offset_um : float
-        Distance of its centre from its first place, away from the lens.
+    slopes : (x, y) slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in
+        the photograph
+    offset_um : float, distance of its centre from its first place, away from the lens
     count, radius_mm, pitch_mm, first_deg
         Of the screws: number, radius, pitch, and angle of the first, clockwise from the top as seen from behind the
         camera.
@@ -212,7 +210,6 @@ class View:
         return self.focus_mm + self.focus_drift_mm_per_c * (self.world.temperature_c(t_s) - self.world.room.ambient_c)
 
     def _optics(self, centres: Array, focus_mm: float) -> Optics:
-        """The camera's optics with the movement of the chart's image during the exposure."""
         sharp = self.camera.optics or Optics.typical(f_number=self.camera.lens.f_number, pitch_um=self.camera.pitch_um)
         image = self.camera.projection(focus_mm).principal_px * centres[:, :2] / centres[:, 2:]
         path = image - image.mean(axis=0)

@@ -28,15 +28,11 @@ PERIOD_PX = 160
 class TruePsf:
     """The PSF of one plane, low-passed to s / 2 cycles per pixel: the part resolved by an estimate on the 1/s grid.
 
-    samples : (k, k)
-        Samples [row, column], pitch 1/s pixel of the plane, centre sample at the geometric centre, scaled so that
-        the sum over the whole plane is 1.
-    s : int
-        Samples per pixel.
-    energy_outside : float
-        1 minus the sum of the samples inside the support.
-    floor : float
-        Relative norm of the part outside the support: a lower bound of the error of k x k samples.
+    samples : (k, k) samples [row, column], pitch 1/s pixel of the plane, centre sample at the geometric centre, scaled
+        so that the sum over the whole plane is 1
+    s : int, samples per pixel
+    energy_outside : float, 1 minus the sum of the samples inside the support
+    floor : float, relative norm of the part outside the support: a lower bound of the error of k x k samples
     """
 
     samples: Array
@@ -53,8 +49,7 @@ class TruePsf:
 def true_psf(optics: Optics, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
     """The PSF of a plane, s samples per pixel, k x k of them.
 
-    pitch : int
-        Sensor pixels per pixel of the plane: 2 for a Bayer plane.
+    pitch : int, sensor pixels per pixel of the plane: 2 for a Bayer plane
     """
     n = s * PERIOD_PX
     f = np.fft.fftfreq(n) * s / pitch  # cycles per sensor pixel
@@ -78,14 +73,10 @@ def true_mtf(optics: Optics, frequency: Array, angle_deg: float, *, colour: str 
 class ChartTruth:
     """Position and optics of a chart in an image.
 
-    H_sensor_pattern : (3, 3)
-        Pattern coordinates (cells) to sensor pixels, before distortion.
-    projection : Projection
-        Holds the distortion.
-    optics : Optics
-        Blur, centred on the chart's points in the given colour.
-    colour_shift : ColourShift
-        Shift of colours other than green.
+    H_sensor_pattern : (3, 3) pattern coordinates (cells) to sensor pixels, before distortion
+    projection : Projection, holds the distortion
+    optics : Optics, blur, centred on the chart's points in the given colour
+    colour_shift : ColourShift, shift of colours other than green
     """
 
     H_sensor_pattern: Array
@@ -111,24 +102,18 @@ NOMINAL_F_NUMBER = 5.6
 class Lens:
     """A thin lens with radial distortion and third-order aberrations.
 
-    k1, k2 : float
-        Distortion at half the frame's diagonal; see `Projection`.
+    k1, k2 : float, distortion at half the frame's diagonal; see `Projection`
     spherical_um, coma_um, astigmatism_um, field_curvature_um : float
         Root mean square path differences: the first everywhere, the others at half the frame's diagonal. As in
         Seidel's theory coma grows linearly with the distance from the axis, the last two with its square.
-    axis : (float, float)
-        Intersection of the lens's axis of symmetry with the sensor, (x, y) from the frame's centre in half diagonals.
-        Aberrations and lateral colour are centred on it, distortion on the frame's centre.
+    axis : (float, float) intersection of the lens's axis of symmetry with the sensor, (x, y) from the frame's centre in
+        half diagonals. Aberrations and lateral colour are centred on it, distortion on the frame's centre.
     tilt_um : (float, float)
         A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
-    defocus_um : float
-        A sensor away from the image, in the same measure.
-    lateral_colour : float
-        Relative growth of the image per micrometre of wavelength, 1 in green.
-    vignetting : (float, float, float)
-        Light about the lens's axis is 1 + k1 q^2 + k2 q^4 + k3 q^6, q in half diagonals.
-    noted : bool
-        Whether the camera records aperture and focal length.
+    defocus_um : float, a sensor away from the image, in the same measure
+    lateral_colour : float, relative growth of the image per micrometre of wavelength, 1 in green
+    vignetting : (float, float, float) light about the lens's axis is 1 + k1 q^2 + k2 q^4 + k3 q^6, q in half diagonals
+    noted : bool, whether the camera records aperture and focal length
     """
 
     focal_length_mm: float = 50.0
@@ -170,10 +155,8 @@ class Lens:
 class Photograph:
     """One exposure: digital numbers, file, and ground truth.
 
-    mosaic : (rows, columns) uint16
-        The digital numbers, as in the file.
-    truths : tuple of ChartTruth
-        Ground truth of each chart of the scene, in its order.
+    mosaic : (rows, columns) uint16, the digital numbers, as in the file
+    truths : tuple of ChartTruth, ground truth of each chart of the scene, in its order
     """
 
     mosaic: Mosaic
@@ -218,14 +201,10 @@ class Photograph:
 class SimulatedCamera:
     """A camera of the simulated bench.
 
-    optics : Optics or None
-        Blur; None: diffraction at the lens's aperture, and the photosites.
-    white_e_per_s : float
-        Electrons per second of a perfect white in full light at f/5.6, in green.
-    oversampling : int
-        Fine samples per sensor pixel around a chart; None: as many as the optics require.
-    focus_mm : float or None
-        Distance in focus; None focuses on the first chart of the scene.
+    optics : Optics or None, blur; None: diffraction at the lens's aperture, and the photosites
+    white_e_per_s : float, electrons per second of a perfect white in full light at f/5.6, in green
+    oversampling : int, fine samples per sensor pixel around a chart; None: as many as the optics require
+    focus_mm : float or None, distance in focus; None focuses on the first chart of the scene
     """
 
     lens: Lens = field(default_factory=Lens)
@@ -259,8 +238,7 @@ class SimulatedCamera:
     ) -> PlacedChart:  # fmt: skip
         """A chart whose noise region is `pixels` wide in a plane, when it is frontal and in focus.
 
-        at : (x, y)
-            Image of its centre without distortion, in fractions of the frame from the top left.
+        at : (x, y) image of its centre without distortion, in fractions of the frame from the top left
         """
         f, pitch_mm = self.lens.focal_length_mm, self.pitch_um / 1000
         sensor_px_per_cell = pixels * self.plane_pitch_px / CELLS
@@ -279,10 +257,8 @@ class SimulatedCamera:
     ) -> Photograph:  # fmt: skip
         """Expose once; write a DNG where `path` is given.
 
-        bits : int
-            Width of a number in the file, not less than the sensor's bits.
-        light : (rows, columns), optional
-            Result of `light` for this scene, if many photographs of it are taken.
+        bits : int, width of a number in the file, not less than the sensor's bits
+        light : (rows, columns) result of `light` for this scene, if many photographs of it are taken
         """
         focus = self.focused_at(scene)
         projection = self.projection(focus)
@@ -359,7 +335,6 @@ class SimulatedCamera:
         return reach * x, reach * y
 
     def _drawn_optics(self, placed: PlacedChart | None, focus_mm: float) -> Optics:
-        """Blur and shift of a chart, or of the wall."""
         if placed is None:
             return self.sharp_optics()
         shift = self.colour_shift_at(placed, focus_mm)

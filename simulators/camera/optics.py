@@ -39,10 +39,8 @@ class Blur(Protocol):
 class CircularPupil:
     """Diffraction at a circular aperture, with aberrations if there are any.
 
-    f_number : float
-        Working f-number: nothing passes beyond 1 / (wavelength f_number).
-    wavefront : Wavefront
-        Optical path differences over the pupil.
+    f_number : float, working f-number: nothing passes beyond 1 / (wavelength f_number)
+    wavefront : Wavefront, optical path differences over the pupil
     """
 
     f_number: float
@@ -85,14 +83,10 @@ class PixelAperture:
 class LShapedAperture:
     """A photosite without one corner: a vertical bar and a shorter one next to it.
 
-    side : float
-        Side of the complete square, in sensor pixels.
-    notch : float
-        Side of the missing corner relative to `side`.
-    quarter_turns : int
-        Rotation of green photosites, from x towards y; 0 if the corner at +x +y is missing.
-    others : int
-        Additional quarter turns of red and blue photosites.
+    side : float, side of the complete square, in sensor pixels
+    notch : float, side of the missing corner relative to `side`
+    quarter_turns : int, rotation of green photosites, from x towards y; 0 if the corner at +x +y is missing
+    others : int, additional quarter turns of red and blue photosites
     """
 
     side: float = 0.95
@@ -212,10 +206,8 @@ class ColourShift:
 class Optics:
     """All causes of blur between scene and photosite.
 
-    blurs : tuple of Blur
-        Their transfer functions are multiplied.
-    pitch_um : float
-        Pitch of the sensor's pixels.
+    blurs : tuple of Blur, their transfer functions are multiplied
+    pitch_um : float, pitch of the sensor's pixels
     """
 
     blurs: tuple[Blur, ...]

@@ -55,8 +55,7 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 
-FINER = 4
-"""Tabulated values per integrated one: evaluating splines at every frequency is too slow."""
+FINER = 4  # tabulated values per integrated one: evaluating splines at every frequency is too slow
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,16 @@ def _profile(wavefront: Wavefront, wavelength_um: float) -> Complex:
     """The OTF of a round wavefront over t, (rows, 1), as `read` reads it."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
-    otf = _round_overlap(2 * (1 - t * t), wavefront, wavelength_um, quadrature)
+    # `_overlap` at many shifts of a round wavefront, over a quarter of the lens: the path difference is even across
+    # the shift and odd along it, so that the cosine remains
+    shifts = 2 * (1 - t * t)
+    nodes, weights = quadrature
+    half = nodes >= 0  # the nodes are symmetric; a middle one counts once
+    nodes, weights = nodes[half], np.where(nodes > 0, 2.0, 1.0)[half] * weights[half]
+    area, along, across = _lens(shifts, nodes, weights)
+    apart, r2 = shifts[:, None, None] / 2, across * across
+    behind, ahead = (wavefront.round_at(x * x + r2) for x in (along - apart, along + apart))
+    otf: Array = np.sum(area * np.cos(2 * np.pi / wavelength_um * (behind - ahead)), axis=(1, 2)) / np.pi
     fine: Array = CubicSpline(t, otf)(np.linspace(0.0, 1.0, 3 * n * FINER))
     return fine[:, None].astype(np.complex128)
 
@@ -173,19 +181,6 @@ def _turned(wavefront: Wavefront, wavelength_um: float) -> Complex:
     where = np.linspace(0.0, 1.0, 3 * n * FINER), np.pi * (2 * np.arange(-1, turn + 2) / turn - 1)
     real, imaginary = (RectBivariateSpline(t, around, part, s=0)(*where) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
-
-
-def _round_overlap(shifts: Array, wavefront: Wavefront, wavelength_um: float, quadrature: tuple[Array, Array]) -> Array:
-    """`_overlap` at many shifts of a round wavefront, over a quarter of the lens: the path difference is even across
-    the shift and odd along it, so that the cosine remains."""
-    nodes, weights = quadrature
-    half = nodes >= 0  # the nodes are symmetric; a middle one counts once
-    nodes, weights = nodes[half], np.where(nodes > 0, 2.0, 1.0)[half] * weights[half]
-    area, along, across = _lens(shifts, nodes, weights)
-    apart, r2 = shifts[:, None, None] / 2, across * across
-    behind, ahead = (wavefront.round_at(x * x + r2) for x in (along - apart, along + apart))
-    otf: Array = np.sum(area * np.cos(2 * np.pi / wavelength_um * (behind - ahead)), axis=(1, 2)) / np.pi
-    return otf
 
 
 def _overlap(

@@ -40,8 +40,7 @@ def photograph_render(
     picture : (n rows, n columns, 3)
         Linear light, 1 = white, each value the mean over its cell; n cells per sensor pixel along each axis. The
         optics act on what these cells resolve: with n = 1 what lies beyond half a cycle per pixel has aliased already.
-    white_e : float
-        Electrons that white gives in green, or without a mosaic.
+    white_e : float, electrons that white gives in green, or without a mosaic
     """
     n = picture.shape[0] // sensor.rows
     if picture.shape != (n * sensor.rows, n * sensor.columns, 3) or n == 0:
@@ -82,14 +81,11 @@ Frame = npt.NDArray[np.float32]
 LEAST_MARGIN_PX = 24
 """Smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic."""
 
-SURROUND_PX = 16
-"""Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
-FINE_SIDE = 3072
-"""Fine samples per side of a transform, without margins; larger regions are rendered in tiles."""
+SURROUND_PX = 16  # sensor pixels around a chart's sheet that are rendered as exactly as the chart
+FINE_SIDE = 3072  # fine samples per side of a transform, without margins; larger regions are rendered in tiles
 PLAIN_OVERSAMPLING = 2
 """Fine samples per sensor pixel outside charts, where the image is accurate to a few per cent of an edge."""
-TILE_PX = 512
-"""Side of the tiles in which the rest of a frame is drawn."""
+TILE_PX = 512  # side of the tiles in which the rest of a frame is drawn
 
 
 STRIP_ROWS = 256
@@ -158,17 +154,17 @@ def render_region(
 
     colours : mapping of (x, y) to str
         The colour of each pixel of the mosaic's tile, by position: {(0, 0): "Y"} without a mosaic.
-    oversampling : int
-        Fine samples per sensor pixel along each axis.
-    margin_px : int or None
-        Sensor pixels to render around the region; None: as far as the optics reach.
+    oversampling : int, fine samples per sensor pixel along each axis
+    margin_px : int or None, sensor pixels to render around the region; None: as far as the optics reach
     """
     period = 1 + max(x for x, _ in colours)
     wide = region.grown(margin_px or max(LEAST_MARGIN_PX, optics.margin_px()))
     fine_columns = wide.width * oversampling
     passing = {colour: transfer(optics, colour, wide, oversampling) for colour in sorted(set(colours.values()))}
     columns = max(factors.shape[1] for factors in passing.values())
-    spectrum = _spectrum(_ideal(picture, wide, oversampling), columns)
+    # the first columns of an image's spectrum; overwrites the image
+    lines = fft.rfft(_ideal(picture, wide, oversampling), axis=1, workers=2, overwrite_x=True)[:, :columns]
+    spectrum = np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
     light = np.empty((wide.height, wide.width))
     for colour, factors in passing.items():
         filtered = _filtered(spectrum, factors)
@@ -187,8 +183,7 @@ def render_frame(
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. Objects on the wall are
     drawn with fewer, in the tiles that they touch.
 
-    optics : callable
-        The optics at a chart, or at the wall (None): they may differ by distance and place in the frame.
+    optics : callable, the optics at a chart, or at the wall (None): they may differ by distance and place in the frame
     """
     y, x = (np.arange(size, dtype=np.float64) for size in shape)
     frame = np.empty(shape, dtype=np.float32)
@@ -230,12 +225,6 @@ def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling
     fx, fy = fx[None, :], fy[:, None]
     hat: Array = np.sinc(fx / oversampling) ** 2 * np.sinc(fy / oversampling) ** 2
     return optics.otf(fx, fy, colour) / hat
-
-
-def _spectrum(picture: Array, columns: int) -> Complex:
-    """The first columns of an image's spectrum; overwrites the image."""
-    lines = fft.rfft(picture, axis=1, workers=2, overwrite_x=True)[:, :columns]
-    return np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
 
 
 def _filtered(spectrum: Complex, factors: Array | Complex) -> Complex:

@@ -14,30 +14,22 @@ SENSITIVITY: Mapping[str, float] = {"R": 0.6, "G": 1.0, "B": 0.7, "Y": 1.0}
 GAUSSIAN_FROM_E = 1000.0
 """Mean from which photon noise is Gaussian: the skewness of the Poisson distribution is below 0.03."""
 
-BAND_ROWS = 128
-"""Rows exposed at once, which limits the memory."""
+BAND_ROWS = 128  # rows exposed at once, which limits the memory
 
 
 @dataclass(frozen=True)
 class Sensor:
     """A sensor and its converter.
 
-    rows, columns : int
-        Sensor pixels.
+    rows, columns : int, sensor pixels
     cfa : str or None
         Colours of the mosaic's tile, row by row: "RGGB", "BGGR", "GRBG", "GBRG"; None counts all light ("Y").
-    bits : int
-        Of the converter: 10, 12, 14 or 16.
-    black : (4,) int
-        Number without light at each position of the 2 x 2 tile, row by row.
-    full_well_e : float
-        Electrons that a photosite holds.
-    gain_e_per_dn : float
-        Electrons per digital number.
-    read_noise_e : float
-        Standard deviation, in electrons.
-    prnu : float
-        Standard deviation of the photosites' relative response, fixed for one `serial`.
+    bits : int, of the converter: 10, 12, 14 or 16
+    black : (4,) int, number without light at each position of the 2 x 2 tile, row by row
+    full_well_e : float, electrons that a photosite holds
+    gain_e_per_dn : float, electrons per digital number
+    read_noise_e : float, standard deviation, in electrons
+    prnu : float, standard deviation of the photosites' relative response, fixed for one `serial`
     curvature : float
         e electrons are read as e (1 + curvature (1 - e / full_well_e)): a response that is not quite linear.
     """
@@ -111,10 +103,8 @@ class Sensor:
     def expose(self, light: npt.NDArray[np.floating], white_e: float, rng: np.random.Generator) -> Mosaic:
         """Digital numbers of one exposure.
 
-        light : (rows, columns)
-            1 where a perfect white stands in full light.
-        white_e : float
-            Mean electrons that such a white gives in green (or without a mosaic).
+        light : (rows, columns) 1 where a perfect white stands in full light
+        white_e : float, mean electrons that such a white gives in green (or without a mosaic)
         """
         fixed = np.random.default_rng(self.serial)
         scale = white_e * self._sensitivities(light.shape[1])

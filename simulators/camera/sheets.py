@@ -24,10 +24,8 @@ Spectrum = npt.NDArray[np.complex64]
 
 OVERSAMPLING = 3
 """Fine samples per sensor pixel along each axis; optics and photosites pass almost nothing above half of it."""
-SMOOTH_TEXELS = 0.7
-"""Standard deviation of the low-pass filter applied before interpolation."""
-SUPERSAMPLED = 4
-"""Subtexel bits of the leaves' outlines."""
+SMOOTH_TEXELS = 0.7  # standard deviation of the low-pass filter applied before interpolation
+SUPERSAMPLED = 4  # subtexel bits of the leaves' outlines
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +33,8 @@ class FlatSheet:
     """A picture on a flat sheet.
 
     reflectance : (rows, columns) float32
-    texel_mm : float
-        Side of a texel.
-    behind_mm : float
-        Distance behind the position of a chart.
+    texel_mm : float, side of a texel
+    behind_mm : float, distance behind the position of a chart
     cover : (rows, columns) float32 or None
         1 on the sheet, 0 outside it; None: the sheet continues beyond its picture, mirrored.
     """
@@ -111,7 +107,15 @@ def draw(
     spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
-        light = _laid_over(spectra, [_transfer(sheet.optics, colour, wide) for sheet in sheets], wide)
+        light = np.zeros(wide, np.float32)
+        for (picture, cover), transfer in zip(
+            spectra, [_transfer(sheet.optics, colour, wide) for sheet in sheets], strict=True
+        ):
+            if cover is not None:
+                light *= 1 - fft.irfft2(cover * transfer, wide)
+                light += fft.irfft2(picture * transfer, wide)
+            else:
+                light = fft.irfft2(picture * transfer, wide)
         samples = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
         for x, y in (place for place, its in colours.items() if its == colour):
             frame[y::period, x::period] = samples[y::period, x::period]
@@ -142,7 +146,10 @@ def draw_moving(
          for sheet, pose in zip(sheets, instant, strict=True)]
         for instant in poses
     ]  # fmt: skip
-    margin = 2 * -(-(max(sheet.optics.margin_px() for sheet in sheets) + _farthest(ways, shape)) // 2)
+    # largest displacement of the frame's corners in pixels
+    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
+    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
+    margin = 2 * -(-(max(sheet.optics.margin_px() for sheet in sheets) + int(np.ceil(max(moved)))) // 2)
     wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
     to_fine = np.array([[n, 0, n * margin], [0, n, n * margin], [0, 0, 1.0]])
     spectra = [_spectra(sheet, projection, margin, wide) for sheet in sheets]
@@ -159,19 +166,10 @@ def draw_moving(
 
 
 def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
-    """A sheet's texels to sensor pixels, (3, 3)."""
     return projection.pinhole() @ placed.to_space()
 
 
-def _farthest(ways: Sequence[Sequence[Array]], shape: tuple[int, int]) -> int:
-    """Largest displacement of the frame's corners in pixels."""
-    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
-    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
-    return int(np.ceil(max(moved)))
-
-
 def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
-    """A sheet's blurred image, and its blurred cover if it has one."""
     return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
 
 
@@ -185,23 +183,9 @@ def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple
     return light
 
 
-def _laid_over(
-    spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]
-) -> Frame:
-    light = np.zeros(wide, np.float32)
-    for (picture, cover), transfer in zip(spectra, transfers, strict=True):
-        if cover is not None:
-            light *= 1 - fft.irfft2(cover * transfer, wide)
-            light += fft.irfft2(picture * transfer, wide)
-        else:
-            light = fft.irfft2(picture * transfer, wide)
-    return light
-
-
 def _spectra(
     placed: PlacedSheet, projection: Projection, margin: int, wide: tuple[int, ...]
 ) -> tuple[Spectrum, Spectrum | None]:
-    """Spectra of a sheet's covered image and of its cover, on fine samples."""
     to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
     M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
 
@@ -305,8 +289,7 @@ def depth(rng: np.random.Generator) -> Subject:
     return Subject(sheets, f_number=16.0, motions=MOTIONS)
 
 
-PANEL_MM = 4000.0
-"""Side of the light panel: it fills the frame from anywhere on the rail."""
+PANEL_MM = 4000.0  # side of the light panel: it fills the frame from anywhere on the rail
 
 
 def panel() -> Subject:

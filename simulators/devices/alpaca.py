@@ -17,8 +17,7 @@ from simulators.world.clock import VirtualClock
 from simulators.world.motion import Axis
 
 STEPS_PER_MM = 1000
-MESSAGE_BYTES = 200
-"""Length of a message, for faults whose probability is per byte."""
+MESSAGE_BYTES = 200  # length of a message, for faults whose probability is per byte
 INVALID_VALUE, NOT_CONNECTED, NO_ACTION = 0x401, 0x407, 0x40C
 
 
@@ -49,7 +48,6 @@ class AlpacaFocusers:
         return self
 
     def happen(self, act: Callable[[float], None]) -> None:
-        """Apply an external event now."""
         with self._lock:
             act(self.clock.now_s())
 

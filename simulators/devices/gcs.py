@@ -37,7 +37,6 @@ class GcsTwin(MotorController[str]):
         self._error = 0
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Lines, and single bytes."""
         for byte in data:
             if byte == 0x18:
                 self._stop(now_s)
@@ -63,7 +62,6 @@ class GcsTwin(MotorController[str]):
         self._error = STOPPED
 
     def _obey(self, command: str, words: list[str], now_s: float) -> int:
-        """Execute one command; its error."""
         if command == "ERR?":
             self._say([str(self._error)])
             self._error = 0

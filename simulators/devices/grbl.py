@@ -23,8 +23,7 @@ from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
 BOOT_S = 0.4
-DEAF_S = 0.5
-"""GRBL's pause after an alarm message: input is ignored, including resets."""
+DEAF_S = 0.5  # GRBL's pause after an alarm message: input is ignored, including resets
 
 
 class GrblController:
@@ -230,7 +229,15 @@ class GrblController:
         elif byte == ord("?"):
             self._send(self._report(now_s))
         elif byte == ord("~"):
-            self._resume(now_s)
+            run = self.program.run
+            if run.state in ("Hold", "Door") and self._sub == 0:
+                run.state, run.reported_state = "Idle", ""
+                if self.variant == "grblHAL":
+                    self._send("[MSG:]")
+                if run.owed:
+                    self._send(run.owed)
+                    run.owed = ""
+                self._drive(now_s)
         elif byte in OVERRIDES:
             self._override(*OVERRIDES[byte])
         elif byte in (ord("!"), CANCEL, DOOR):
@@ -244,17 +251,6 @@ class GrblController:
         else:
             self.spindle_override = min(max(self.spindle_override + change, 10), 200) if change else 100
         self.program.counters.overrides = 0
-
-    def _resume(self, now_s: float) -> None:
-        run = self.program.run
-        if run.state in ("Hold", "Door") and self._sub == 0:
-            run.state, run.reported_state = "Idle", ""
-            if self.variant == "grblHAL":
-                self._send("[MSG:]")
-            if run.owed:
-                self._send(run.owed)
-                run.owed = ""
-            self._drive(now_s)
 
     def _soft_reset(self, now_s: float) -> None:
         run = self.program.run
@@ -314,14 +310,12 @@ class GrblController:
         self._raise(2, now_s)
 
     def _drive(self, now_s: float) -> None:
-        """Begin the next planned line, unless something holds it."""
         run = self.program.run
         if run.state in ("Idle", "Run", "Jog") and self.motion.begin_next(now_s):
             assert self.motion.current is not None
             run.state = "Jog" if self.motion.current.jog else "Run"
 
     def _main_loop(self, now_s: float) -> None:
-        """Execute complete lines until something blocks."""
         while self._free(now_s):
             if self._line is None and not self._take_line():
                 return
@@ -342,7 +336,6 @@ class GrblController:
             self._drive(now_s)
 
     def _take_line(self) -> bool:
-        """Whether a complete line has been received."""
         while self._rx and self._line is None:
             self._line = self._reader.take(self._rx.pop(0))
         return self._line is not None

@@ -72,8 +72,6 @@ class Code:
 
 @dataclass
 class _Words:
-    """The words of a line during parsing."""
-
     groups: dict[str, float] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
     takes_axes: float | None = None
@@ -83,7 +81,10 @@ class _Words:
         if letter == "G":
             return self._take_g(int(value), round(100 * (value - int(value))))
         if letter == "M":
-            return self._take_m(int(value), round(100 * (value - int(value))))
+            number = int(value)
+            if round(100 * (value - int(value))):
+                return 23
+            return self._group(_M_GROUPS[number], number) if number in _M_GROUPS else 20
         if letter not in "FIJKLNPRSTXYZ":
             return 20
         if letter in self.values:
@@ -108,11 +109,6 @@ class _Words:
         if part and (number, part) not in _FRACTIONS:
             return 23
         return self._group("arc_distance" if (number, part) == (91, 10) else group, number + part / 100)
-
-    def _take_m(self, number: int, part: int) -> int:
-        if part:
-            return 23
-        return self._group(_M_GROUPS[number], number) if number in _M_GROUPS else 20
 
     def _group(self, group: str, number: float) -> int:
         if group in self.groups:
@@ -235,7 +231,6 @@ def _arc(values: Mapping[str, float], axes: Mapping[str, float], after: Modes) -
 
 
 def _unused(groups: Mapping[str, float], values: Mapping[str, float], driven: Modes | None, *, jog: bool) -> bool:
-    """Whether a value on the line is used by no command."""
     used = set("NF" if jog else "NFST") | set(LINEAR)
     once = groups.get("non_modal")
     used |= set("P") if once == 4 else set("LP") if once == 10 else set()

@@ -118,12 +118,9 @@ class GrblMotion:
         feed = top * self.overrides[1] / 100 if block.rapid else min(block.feed * self.overrides[0] / 100, top)
         rise = min(rises, default=1.0)
         self.end_s = travel_line(list(self.axes.values()), where, now_s, feed / 60, rise)
-        self.trip_s = self._trip_s(now_s) if int(self.settings[21]) & 1 else NEVER
+        crossings_s = (_crossing_s(axis, now_s, self.end_s) for axis in self.axes.values())
+        self.trip_s = min(crossings_s, default=NEVER) if int(self.settings[21]) & 1 else NEVER
         return True
-
-    def _trip_s(self, now_s: float) -> float:
-        """When the first axis reaches its switch on this line."""
-        return min((_crossing_s(axis, now_s, self.end_s) for axis in self.axes.values()), default=NEVER)
 
     def ended(self) -> None:
         """The line has ended, at its target or by deceleration."""

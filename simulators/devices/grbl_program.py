@@ -10,8 +10,7 @@ from simulators.world.motion import Axis
 
 BLOCKS = {"GRBL": 15, "FluidNC": 15, "grblHAL": 100}
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H{} ~ ! ? ctrl-x]"
-Answer = list[str] | None
-"""Lines to send, the response last; None if the response comes later."""
+Answer = list[str] | None  # lines to send, the response last; None if the response comes later
 
 
 class Program:
@@ -56,51 +55,45 @@ class Program:
         if not line:
             return ["ok"]
         if self.variant == "grblHAL":
-            return self._remembering(line, now_s)
+            # grblHAL refuses the lines after a wrong one until a `$` command comes
+            runs = not line.startswith("$") or line.startswith("$J=")
+            if runs and self.last_error:
+                return [f"error:{self.last_error}"]
+            answer = self._line(line, now_s)
+            wrong = answer is not None and answer[-1].startswith("error:")
+            self.last_error = int(answer[-1][6:]) if answer is not None and wrong and runs else 0
+            return answer
         return self._line(line, now_s)
 
     def _line(self, line: str, now_s: float) -> Answer:
         if line.startswith("$"):
-            return self._system(line, now_s)
+            if line.startswith("$J"):
+                return self._jog(line, now_s)
+            if line.startswith("$/") and self.variant == "FluidNC":
+                return self._config(line)
+            if line[1:2] in ("", "$", "G", "C", "X"):
+                return self._at_any_time(line, now_s)
+            if self.run.state not in ("Idle", "Alarm"):
+                return ["error:8"]
+            if line in ("$#", "$SLP", "$H", "$N"):
+                return self._exactly(line, now_s)
+            if line.startswith("$I"):
+                return self._identify(line)
+            if line.startswith("$RST"):
+                return self._restore(line)
+            if line.startswith("$N"):
+                return self._startup(line, now_s)
+            if line.startswith("$H") and self.variant == "GRBL":
+                self.run.state = "Home"  # set before it reads on
+            if line[1] in "#HRS":
+                return ["error:3"]
+            error = grbl_settings.assign(self.settings, line, self.variant)
+            self.counters.offsets = 0 if line.startswith("$13=") else self.counters.offsets
+            self.tells_homed = self.tells_homed or line.startswith("$22=")
+            return [f"error:{error}" if error else "ok"]
         if self.run.state in ("Alarm", "Jog"):
             return ["error:9"]
         return self._gcode(line, now_s)
-
-    def _remembering(self, line: str, now_s: float) -> Answer:
-        """grblHAL refuses the lines after a wrong one until a `$` command comes."""
-        runs = not line.startswith("$") or line.startswith("$J=")
-        if runs and self.last_error:
-            return [f"error:{self.last_error}"]
-        answer = self._line(line, now_s)
-        wrong = answer is not None and answer[-1].startswith("error:")
-        self.last_error = int(answer[-1][6:]) if answer is not None and wrong and runs else 0
-        return answer
-
-    def _system(self, line: str, now_s: float) -> Answer:
-        if line.startswith("$J"):
-            return self._jog(line, now_s)
-        if line.startswith("$/") and self.variant == "FluidNC":
-            return self._config(line)
-        if line[1:2] in ("", "$", "G", "C", "X"):
-            return self._at_any_time(line, now_s)
-        if self.run.state not in ("Idle", "Alarm"):
-            return ["error:8"]
-        if line in ("$#", "$SLP", "$H", "$N"):
-            return self._exactly(line, now_s)
-        if line.startswith("$I"):
-            return self._identify(line)
-        if line.startswith("$RST"):
-            return self._restore(line)
-        if line.startswith("$N"):
-            return self._startup(line, now_s)
-        if line.startswith("$H") and self.variant == "GRBL":
-            self.run.state = "Home"  # set before it reads on
-        if line[1] in "#HRS":
-            return ["error:3"]
-        error = grbl_settings.assign(self.settings, line, self.variant)
-        self.counters.offsets = 0 if line.startswith("$13=") else self.counters.offsets
-        self.tells_homed = self.tells_homed or line.startswith("$22=")
-        return [f"error:{error}" if error else "ok"]
 
     def _at_any_time(self, line: str, now_s: float) -> Answer:
         if len(line) > 2:
@@ -114,20 +107,17 @@ class Program:
         if line == "$G":
             return [modes_line(self.modes, self.inches, self.variant), "ok"]
         if line == "$C":
-            return self._check_mode()
+            if self.run.state == "Check":
+                self.asks_reset = True
+                return ["[MSG:Disabled]", "ok"]
+            if self.run.state != "Idle":
+                return ["error:8"]
+            self.run.state = "Check"
+            return ["[MSG:Enabled]", "ok"]
         if self.run.state != "Alarm":
             return ["ok"]
         self.run.state = "Idle"
         return ["[MSG:Caution: Unlocked]", "ok"]
-
-    def _check_mode(self) -> Answer:
-        if self.run.state == "Check":
-            self.asks_reset = True
-            return ["[MSG:Disabled]", "ok"]
-        if self.run.state != "Idle":
-            return ["error:8"]
-        self.run.state = "Check"
-        return ["[MSG:Enabled]", "ok"]
 
     def _exactly(self, line: str, now_s: float) -> Answer:
         if line == "$#":
@@ -182,15 +172,12 @@ class Program:
             return ["error:2"]
         if not equals:
             return ["error:3"]
-        if error := self._refused(text):
+        code = read(text, self.modes)
+        if error := (code if isinstance(code, int) else 0):
             return [f"error:{error}"]
         if int(number) < len(self.startup):
             self.startup[int(number)] = text
         return ["ok"]
-
-    def _refused(self, text: str) -> int:
-        code = read(text, self.modes)
-        return code if isinstance(code, int) else 0
 
     def _jog(self, line: str, now_s: float) -> Answer:
         if self.run.state not in ("Idle", "Jog"):
@@ -209,7 +196,6 @@ class Program:
         return ["ok"]
 
     def _target(self, code: Code) -> tuple[float, ...]:
-        """The target of the axis words, in machine space."""
         target, zero = list(self.motion.planned), self.offsets.total(code.modes.system)
         for i, letter in enumerate(self.letters):
             if letter in code.axes:
@@ -238,29 +224,24 @@ class Program:
         """Motion has ended: switch, dwell, and continue with the line that waited for it."""
         code, self.run.waiting = self.run.waiting, None
         assert code is not None
-        self._switch(code.modes, now_s)
+        after = code.modes
+        before = self.modes
+        if (before.spindle, before.speed) != (after.spindle, after.speed):
+            level = min(after.speed / self.settings[30], 1.0)
+            self.outputs.spindle(0.0 if after.spindle == 5 else level, now_s)
+        if before.flood != after.flood:
+            self.outputs.relay(after.flood == 8, now_s)
+        if (before.spindle, before.speed, before.flood) != (after.spindle, after.speed, after.flood):
+            self._outputs_changed()
         if code.once == 4:
             self.run.dwelling, self.run.busy_until_s = code, now_s + code.values["P"]
             return None
         return self.finish(code, now_s)
 
-    def _switch(self, after: Modes, now_s: float) -> None:
-        before = self.modes
-        if (before.spindle, before.speed) != (after.spindle, after.speed):
-            self._turn(after, now_s)
-        if before.flood != after.flood:
-            self.outputs.relay(after.flood == 8, now_s)
-        if (before.spindle, before.speed, before.flood) != (after.spindle, after.speed, after.flood):
-            self._outputs_changed()
-
     def _outputs_changed(self) -> None:
         """GRBL reports outputs with the overrides, in the next report; grblHAL separately."""
         if self.variant != "grblHAL":
             self.counters.overrides = 0
-
-    def _turn(self, modes: Modes, now_s: float) -> None:
-        level = min(modes.speed / self.settings[30], 1.0)
-        self.outputs.spindle(0.0 if modes.spindle == 5 else level, now_s)
 
     def switch_off(self, now_s: float) -> None:
         """Switch spindle and relay off, as any reset does; shown in the next report.
@@ -278,17 +259,7 @@ class Program:
         if self.modes.system != code.modes.system or code.length or code.once in (10, 92, 92.1):
             self.counters.offsets = 0
         self.modes = code.modes
-        self._keep(code, target)
-        for way, rapid in self._ways(code, target):
-            if int(self.settings[20]) & 1 and not self.motion.inside(way):
-                self.run.limit, self.run.owed = True, "ok"
-                return None
-            if self.run.state != "Check":
-                self.motion.add(way, code.modes.feed, rapid=rapid)
-        return ["ok"] if code.flow is None else self._flow(code.flow, now_s)
-
-    def _keep(self, code: Code, target: tuple[float, ...]) -> None:
-        """G10, G28.1, G30.1, G92, G92.1, G43.1, G49."""
+        # G10, G28.1, G30.1, G92, G92.1, G43.1, G49
         offsets, here = self.offsets, self.motion.planned
         if code.length is not None:
             offsets.length = code.values["Z"] if code.length == 43.1 else 0.0
@@ -304,6 +275,13 @@ class Program:
             system = self.modes.system if system == 53 else system
             at = [a - b for a, b in zip(here, offsets.shift, strict=True)] if code.values["L"] == 20 else None
             offsets.systems[system] = self._changed(offsets.systems[system], code, at)
+        for way, rapid in self._ways(code, target):
+            if int(self.settings[20]) & 1 and not self.motion.inside(way):
+                self.run.limit, self.run.owed = True, "ok"
+                return None
+            if self.run.state != "Check":
+                self.motion.add(way, code.modes.feed, rapid=rapid)
+        return ["ok"] if code.flow is None else self._flow(code.flow, now_s)
 
     def _changed(self, before: tuple[float, ...], code: Code, at: list[float] | None) -> tuple[float, ...]:
         """New offsets for the named axes: the given values, or such that `at` has the given coordinates."""
@@ -313,7 +291,6 @@ class Program:
         )
 
     def _ways(self, code: Code, target: tuple[float, ...]) -> list[tuple[tuple[float, ...], bool]]:
-        """The targets of the line's motions, and whether they are rapid."""
         if code.once in (28, 30):
             kept = self.offsets.systems[int(code.once)]
             end = tuple(k if letter in code.axes or not code.axes else t

@@ -80,17 +80,15 @@ class WitModule(SerialDevice):
         while (at := self._inbox.find(b"\xff\xaa")) >= 0 and len(self._inbox) >= at + 5:
             number, low, high = self._inbox[at + 2 : at + 5]
             self._inbox = self._inbox[at + 5 :]
-            self._write(number, low | high << 8, now_s)
-
-    def _write(self, number: int, value: int, now_s: float) -> None:
-        if number == 0x69:
-            self._unlocked_until_s = now_s + UNLOCKED_S if value == 0xB588 else -NEVER
-        elif number == 0x27:
-            self._send(0x5F, struct.pack("<4H", *(self._registers.get(value % 256 + i, 0) for i in range(4))))
-        elif number and now_s < self._unlocked_until_s:
-            self._registers[number] = value
-            if number == 0x03:
-                self._sampler.start(RATES_HZ.get(value, 0.0), now_s)
+            value = low | high << 8
+            if number == 0x69:
+                self._unlocked_until_s = now_s + UNLOCKED_S if value == 0xB588 else -NEVER
+            elif number == 0x27:
+                self._send(0x5F, struct.pack("<4H", *(self._registers.get(value % 256 + i, 0) for i in range(4))))
+            elif number and now_s < self._unlocked_until_s:
+                self._registers[number] = value
+                if number == 0x03:
+                    self._sampler.start(RATES_HZ.get(value, 0.0), now_s)
 
     def _send(self, kind: int, data: bytes) -> None:
         frame = bytes((0x55, kind)) + data

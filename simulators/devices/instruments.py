@@ -239,7 +239,6 @@ class ScpiTwin(SerialDevice):
                 self._out += ";".join(replies).encode() + b"\n"
 
     def _obey(self, command: str, now_s: float) -> str:
-        """Execute one command; its reply, or nothing."""
         head, _, value = command.partition(" ")
         measured = {"MEAS:TEMP?": self._world.temperature_c(now_s), "MEAS:HUM?": 45.2, "MEAS:POW?": 1e-3}
         if head in measured:

@@ -14,8 +14,7 @@ from itertools import count
 from simulators.devices.serial_device import MotorController
 from simulators.world.motion import Axis
 
-CYCLE_S = 400e-6
-"""Servo cycle of an ESP301, the unit of its time stamps."""
+CYCLE_S = 400e-6  # servo cycle of an ESP301, the unit of its time stamps
 ESP_ERRORS = {
     0: "NO ERROR DETECTED", 6: "COMMAND DOES NOT EXIST", 7: "PARAMETER OUT OF RANGE", 9: "AXIS NUMBER OUT OF RANGE",
     20: "HOMING ABORTED", 30: "MOTOR NOT ENABLED",
@@ -87,7 +86,6 @@ class Esp301Twin(NewportTwin):
                 self._errors.append((code, now_s))
 
     def _obey(self, number: str, command: str, value: str, now_s: float) -> int:
-        """Execute one command; its error."""
         if command in ("ST", "AB") and not number:
             for motor in self.motors.values():
                 motor.stop(now_s)
@@ -200,7 +198,6 @@ class Smc100Twin(NewportTwin):
         self.motors[number].stop(now_s)
 
     def _obey(self, number: int, command: str, value: str, now_s: float) -> str:
-        """Execute one command; its error, or nothing."""
         motor, say = self.motors[number], partial(self._report, number, command)
         match command:
             case "VE":

@@ -125,18 +125,16 @@ class Cable:
             if not self._inbox and self._owner is owner:
                 self._reading = True
                 self._news.notify_all()
-                self._news.wait(self._patience(real_s))
+                moment_s = self.next_event_s()
+                own_s = None if moment_s is None else self.clock.real_s(moment_s)
+                patience = min((wait for wait in (real_s, own_s) if wait is not None), default=None)
+                self._news.wait(patience)
                 self._reading = False
                 self._pump()
             self._check_plug(self.clock.now_s())
             drained = bytes(self._inbox[:size])
             del self._inbox[:size]
             return drained
-
-    def _patience(self, real_s: float | None) -> float | None:
-        moment_s = self.next_event_s()
-        own_s = None if moment_s is None else self.clock.real_s(moment_s)
-        return min((wait for wait in (real_s, own_s) if wait is not None), default=None)
 
     def cancel_read(self) -> None:
         with self._news:
@@ -147,7 +145,6 @@ class Cable:
             raise Unplugged("device reports readiness to read but returned no data (device disconnected?)")
 
     def _pump(self) -> None:
-        """Collect the device's output up to now."""
         now_s = self.clock.now_s()
         output = self.device.advance(now_s)
         if output:
@@ -255,9 +252,6 @@ class Faults:
             return b""
         if now_s < self.begin_s or not (self.lost or self.garbage or self.duplicate):
             return data
-        return self._spoilt(data)
-
-    def _spoilt(self, data: bytes) -> bytes:
         draws = self.rng.random(len(data))
         noise = self.rng.integers(0, 256, len(data), dtype=np.uint8)
         kept = bytearray()

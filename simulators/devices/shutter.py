@@ -47,8 +47,7 @@ class Actuators(Protocol):
 
 Inertial = Callable[[float], Sequence[int]]
 """Three accelerations and three rotation rates at a time, in digits of 8 g and 500 degrees per second in 16 bits."""
-Enable = Callable[[bool, float], None]
-"""Callback of a box's motor enable output: on or off, and when."""
+Enable = Callable[[bool, float], None]  # callback of a box's motor enable output: on or off, and when
 
 
 @dataclass
@@ -175,7 +174,16 @@ class StrigBox:
             self._send(f"EVT FLASH {self._t_us(self._flash_at_s)}")
             self._flash_at_s = NEVER
         if self._shot is not None:
-            self._live(self._shot, now_s)
+            shot = self._shot
+            if not shot.closed and shot.close_at_s <= now_s:
+                shot.closed = True
+                self.contacts.close(now_s)
+                self._send(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
+                self._flash_at_s = self.contacts.flash_s() or NEVER
+            elif shot.closed and shot.release_at_s <= now_s:
+                self._end("DONE", now_s)
+            elif shot.closed and self._received_s + WATCHDOG_S <= now_s:
+                self._end("WATCHDOG", now_s)
         if self._sample_s <= now_s and self._inertial is not None:
             self._sample(self._inertial, now_s)
         if self._path.runs and min(self._path.rest_at_s, self._received_s + WATCHDOG_S) <= now_s:
@@ -210,22 +218,10 @@ class StrigBox:
             self._release(now_s)
 
     def _rest(self, now_s: float) -> None:
-        """Bring the shaker to rest."""
         if self._path.runs and self.actuators is not None:
             self.actuators.rest(now_s)
             self._send(f"EVT REST {self._path.seq} {self._t_us(now_s)}")
             self._path.began_s = self._path.rest_at_s = NEVER
-
-    def _live(self, shot: PendingShot, now_s: float) -> None:
-        if not shot.closed and shot.close_at_s <= now_s:
-            shot.closed = True
-            self.contacts.close(now_s)
-            self._send(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
-            self._flash_at_s = self.contacts.flash_s() or NEVER
-        elif shot.closed and shot.release_at_s <= now_s:
-            self._end("DONE", now_s)
-        elif shot.closed and self._received_s + WATCHDOG_S <= now_s:
-            self._end("WATCHDOG", now_s)
 
     def _end(self, kind: str, now_s: float) -> None:
         if self._shot is not None:
@@ -251,7 +247,10 @@ class StrigBox:
         if line == b"ID?":
             self._send(self._hello)
         elif command == "SYNC?":
-            self._synchronise(words, now_s)
+            if len(words) > 1 or not all(w.isascii() and w.isdigit() and int(w) <= LONGEST_MS for w in words):
+                self._send("ERR 2 bad argument")
+            else:
+                self._send(" ".join(("SYNC", str(self._t_us(now_s)), *(str(int(w)) for w in words))))
         elif line == b"ABORT":
             self._accept()
             self._end("ABORT", now_s)
@@ -268,12 +267,6 @@ class StrigBox:
             self._send("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
-
-    def _synchronise(self, words: list[str], now_s: float) -> None:
-        if len(words) > 1 or not all(w.isascii() and w.isdigit() and int(w) <= LONGEST_MS for w in words):
-            self._send("ERR 2 bad argument")
-        else:
-            self._send(" ".join(("SYNC", str(self._t_us(now_s)), *(str(int(w)) for w in words))))
 
     def _accept(self) -> int:
         self._seq += 1

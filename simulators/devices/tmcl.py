@@ -140,7 +140,11 @@ class TmclModule(MotorController[int]):
         if command == RFS:
             return (OK, motor.search(kind, now_s)) if kind in (0, 1, 2) else (NO_TYPE, value)
         if command == MVP:
-            return _move(motor, kind, value, now_s)
+            if kind not in (0, 1):
+                return NO_TYPE, value
+            motor.goal = value if kind == 0 else motor.steps(now_s) + value
+            motor.go(motor.goal * motor.unit_per_step, now_s)
+            return OK, motor.goal
         if motor.homing:  # the search continues by itself
             return OK, value
         if command == MST:
@@ -164,11 +168,3 @@ def _parameter(motor: TmclMotor, command: int, kind: int, value: int, now_s: flo
         motor.settings[kind] = value
     result = motor.parameter(kind, now_s)
     return (NO_TYPE, value) if result is None else (OK, result)
-
-
-def _move(motor: TmclMotor, kind: int, value: int, now_s: float) -> tuple[int, int]:
-    if kind not in (0, 1):
-        return NO_TYPE, value
-    motor.goal = value if kind == 0 else motor.steps(now_s) + value
-    motor.go(motor.goal * motor.unit_per_step, now_s)
-    return OK, motor.goal

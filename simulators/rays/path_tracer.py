@@ -17,22 +17,17 @@ from simulators.rays.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, 
 Receive = Callable[[Ints, Ints, Doubles], None]
 Progress = Callable[[int, int], None]
 
-TILE = 32
-"""Pixels along one side of a tile."""
-BATCH = 1 << 16
-"""Approximate number of samples per batch."""
+TILE = 32  # pixels along one side of a tile
+BATCH = 1 << 16  # approximate number of samples per batch
 
 
 @dataclass(frozen=True)
 class Material:
     """Reflection and emission of a surface.
 
-    albedo : (red, green, blue)
-        Share of light scattered to all sides.
-    gloss, exponent : float
-        Share of light scattered about the mirror direction instead, and how narrowly.
-    emission : (red, green, blue)
-        Radiance of a light, from the front of a rectangle (along edge u x edge v).
+    albedo : (red, green, blue) share of light scattered to all sides
+    gloss, exponent : float, share of light scattered about the mirror direction instead, and how narrowly
+    emission : (red, green, blue) radiance of a light, from the front of a rectangle (along edge u x edge v)
     texture : (rows, columns) or (rows, columns, 3) or None
         Factors of the albedo over a rectangle: columns along edge u, rows along edge v; texels are flat.
     """
@@ -97,18 +92,13 @@ class RayScene:
 class ThinLensCamera:
     """A thin lens in focus at one distance; a pinhole where `f_number` is infinite.
 
-    rows, columns : int
-        Pixels of the picture.
+    rows, columns : int, pixels of the picture
     focal_mm, f_number, focus_mm : float
         Focal length, ratio of it to the aperture's diameter, distance of the plane in focus from the lens.
-    pitch_um : float
-        Pixel pitch of the sensor.
-    position_mm, target_mm : (x, y, z)
-        Position of the lens when the shutter opens, and the point it is aimed at.
-    exposure_s : float
-        Time the shutter is open; a moving camera smears.
-    velocity_mm_s : (x, y, z)
-        Motion of the lens.
+    pitch_um : float, pixel pitch of the sensor
+    position_mm, target_mm : (x, y, z) position of the lens when the shutter opens, and the point it is aimed at
+    exposure_s : float, time the shutter is open; a moving camera smears
+    velocity_mm_s : (x, y, z) motion of the lens
     """
 
     rows: int
@@ -156,14 +146,10 @@ def cast(
 
     Raises ValueError if `wanted` or `taken` are not of the picture's size, or the scene has no shapes.
 
-    wanted : int or (rows, columns) int
-        Samples per pixel, in all.
-    receive : callable
-        Takes rows (n,), columns (n,) and linear colours (n, 3); called from the caller's thread.
-    taken : (rows, columns) int, optional
-        Samples already cast for each pixel, including dropped ones.
-    progress : callable, optional
-        Called with the numbers of samples cast and to be cast.
+    wanted : int or (rows, columns) int, samples per pixel, in all
+    receive : callable, takes rows (n,), columns (n,) and linear colours (n, 3); called from the caller's thread
+    taken : (rows, columns) int, samples already cast for each pixel, including dropped ones
+    progress : callable, called with the numbers of samples cast and to be cast
     """
     goal = _per_pixel(camera, wanted, "wanted")
     start = _per_pixel(camera, 0 if taken is None else taken, "taken")
@@ -258,7 +244,6 @@ def build_world(scene: RayScene) -> SceneArrays:
 
 
 def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], Doubles]:
-    """Position of the material's texels among those of all materials, and the texels (n, 3)."""
     if material.texture is None:
         return (0, 0, 0, 0), np.zeros((0, 3))
     texture = np.asarray(material.texture, np.float64)
@@ -267,7 +252,6 @@ def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], 
 
 
 def _geometry(shape: Shape) -> tuple[int, list[float]]:
-    """Kind and numbers of a shape, as `ray_shapes` documents them."""
     if isinstance(shape, InfinitePlane):
         normal = np.array(shape.normal) / np.linalg.norm(shape.normal)
         return PLANE, [*shape.point_mm, *normal]

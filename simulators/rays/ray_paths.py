@@ -30,10 +30,8 @@ from simulators.rays.ray_shapes import (
 
 Words = npt.NDArray[np.uint64]
 
-LONGEST = 12
-"""Surfaces a path may touch."""
-ROULETTE = 4
-"""Surfaces after which a path survives with the probability of its throughput."""
+LONGEST = 12  # surfaces a path may touch
+ROULETTE = 4  # surfaces after which a path survives with the probability of its throughput
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)

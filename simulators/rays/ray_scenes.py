@@ -14,8 +14,7 @@ from simulators.world.scene import INK, PAPER
 Texture = npt.NDArray[np.float64]
 
 GREY = Material((0.7, 0.7, 0.7))
-LAMP: Vector = (14.0, 12.5, 10.5)
-"""Radiance of the lamps: a sheet of white paper under them is about 1."""
+LAMP: Vector = (14.0, 12.5, 10.5)  # radiance of the lamps: a sheet of white paper under them is about 1
 
 
 def chart_texture(chart: Chart, texels_per_cell: int = 2, margin_cells: int = 16) -> Texture:

@@ -17,10 +17,8 @@ Ints = npt.NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 PLANE, SPHERE, RECTANGLE, BOX = range(4)
-GEOMETRY = 16
-"""Numbers per shape."""
-NEAR_MM = 1e-4
-"""A ray that leaves a surface ignores intersections within this distance."""
+GEOMETRY = 16  # numbers per shape
+NEAR_MM = 1e-4  # a ray that leaves a surface ignores intersections within this distance
 
 
 class SceneArrays(NamedTuple):

@@ -53,7 +53,6 @@ class FastClock:
         time.sleep(max(duration_s, 0.0) / self.speed)
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait, holding `condition`, until `ready()` or the deadline."""
         return condition.wait_for(ready, max(deadline_s - self.now_s(), 0.0) / self.speed)
 
     def real_s(self, moment_s: float) -> float | None:
@@ -179,23 +178,20 @@ class VirtualClock:
                 return
             others = any(self._may_go_on(waiter) for waiter in waiters if waiter is not me)
             if not (busy or others) and all(source.settled() for source in sources):
-                self._jump(sources)
+                with self._book:
+                    moments = [waiter.deadline_s for waiter in self._waiters.values()]
+                    moments += [moment for source in sources if (moment := source.next_event_s()) is not None]
+                    step_s = min(max(min(moments) - self._now_s, 0.0), self.LONG_S * self.speed)
+                    self._due_s += step_s / self.speed
+                if self._due_s > self.SHORT_S:
+                    time.sleep(self._due_s)
+                    self._due_s = 0.0
+                self._now_s += step_s
+                for source in sources:
+                    source.wake()
                 return
         time.sleep(self.BREATH_S)
 
     def _may_go_on(self, waiter: WaitingThread) -> bool:
         with waiter.condition:
             return self._now_s >= waiter.deadline_s or waiter.ready()
-
-    def _jump(self, sources: list[EventSource]) -> None:
-        with self._book:
-            moments = [waiter.deadline_s for waiter in self._waiters.values()]
-            moments += [moment for source in sources if (moment := source.next_event_s()) is not None]
-            step_s = min(max(min(moments) - self._now_s, 0.0), self.LONG_S * self.speed)
-            self._due_s += step_s / self.speed
-        if self._due_s > self.SHORT_S:
-            time.sleep(self._due_s)
-            self._due_s = 0.0
-        self._now_s += step_s
-        for source in sources:
-            source.wake()

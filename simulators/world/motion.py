@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 LONG_AGO_S = -1e9
-DECAYED = 1e-4
-"""Fraction of a shock below which its vibration is ignored."""
+DECAYED = 1e-4  # fraction of a shock below which its vibration is ignored
 Shock = tuple[float, float, float]
 
 

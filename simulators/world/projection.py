@@ -121,8 +121,7 @@ Array = npt.NDArray[np.float64]
 class ObjectPose:
     """Position and orientation of a flat object.
 
-    centre_mm : (x, y, z)
-        Its centre; z is the distance from the lens along the optical axis.
+    centre_mm : (x, y, z) its centre; z is the distance from the lens along the optical axis
     yaw_deg, pitch_deg, roll_deg : float
         Rotations about its vertical, its horizontal and its normal: roll is applied last and turns x towards y.
     """
@@ -159,14 +158,10 @@ class Placed(Protocol):
 class Projection:
     """A pinhole with radial distortion.
 
-    principal_px : float
-        Distance from the pinhole to the sensor, in sensor pixels.
-    centre : (x, y)
-        Intersection of the optical axis with the sensor, in sensor pixels.
-    k1, k2 : float
-        A point at distance r from the axis appears at r (1 + k1 q^2 + k2 q^4), q = r / radius_px.
-    radius_px : float
-        Reference distance of k1 and k2: half the frame's diagonal.
+    principal_px : float, distance from the pinhole to the sensor, in sensor pixels
+    centre : (x, y) intersection of the optical axis with the sensor, in sensor pixels
+    k1, k2 : float, a point at distance r from the axis appears at r (1 + k1 q^2 + k2 q^4), q = r / radius_px
+    radius_px : float, reference distance of k1 and k2: half the frame's diagonal
     """
 
     principal_px: float

@@ -15,10 +15,8 @@ from simulators.world.projection import ObjectPose, Projection, Segments, apply_
 
 Array = npt.NDArray[np.float64]
 
-PAPER = 0.9
-"""Reflectance of matt white paper."""
-INK = 0.04
-"""Reflectance of black toner."""
+PAPER = 0.9  # reflectance of matt white paper
+INK = 0.04  # reflectance of black toner
 
 
 @dataclass(frozen=True)
@@ -59,16 +57,11 @@ class Illumination:
 class PlacedChart:
     """A printed chart in space.
 
-    pose : Pose
-        Of the chart's centre, cell (128, 128), and of its plane.
-    cell_mm : float
-        Side of one printed cell.
-    mirrored : bool
-        Printed or viewed through the back: x runs to the left.
-    margin_cells : float
-        Width of the white paper around the frame of blocks.
-    covers : tuple of Shape
-        Objects in front of the chart, in pattern coordinates (cells).
+    pose : Pose, of the chart's centre, cell (128, 128), and of its plane
+    cell_mm : float, side of one printed cell
+    mirrored : bool, printed or viewed through the back: x runs to the left
+    margin_cells : float, width of the white paper around the frame of blocks
+    covers : tuple of Shape, objects in front of the chart, in pattern coordinates (cells)
     """
 
     chart: Chart
@@ -155,7 +148,17 @@ def strokes(scene: Scene, projection: Projection) -> Iterator[Stroke]:
 
 def chart_outlines(chart: Chart) -> Segments:
     """The outlines of all black areas of the chart, in cells, cut into sides of one cell; the inside adds 1."""
-    parts = [_noise_outlines(chart)]
+    # sides between a black and a white cell: downwards they add the value on their right minus that on their left
+    black = np.pad(1.0 - chart.cells, 1)
+    i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
+    upright = np.diff(black[1:-1, :], axis=1)[i, j]
+    top = np.column_stack([j, i]).astype(np.float64)
+    k, m = np.nonzero(np.diff(black[:, 1:-1], axis=0))
+    flat = -np.diff(black[:, 1:-1], axis=0)[k, m]
+    left = np.column_stack([m, k]).astype(np.float64)
+    starts, ends = np.concatenate([top, left]), np.concatenate([top + np.array([0, 1]), left + np.array([1, 0])])
+    noise_outlines = Segments(starts, ends, np.concatenate([upright, flat]))
+    parts = [noise_outlines]
     for column, row in BLACK_BLOCKS:
         x, y = block_corner(column, row)
         square = np.array([[x, y], [x + BLOCK, y], [x + BLOCK, y + BLOCK], [x, y + BLOCK]])
@@ -165,19 +168,6 @@ def chart_outlines(chart: Chart) -> Segments:
         parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
     columns = zip(*((part.starts, part.ends, part.weights) for part in parts), strict=True)
     return Segments(*map(np.concatenate, columns))
-
-
-def _noise_outlines(chart: Chart) -> Segments:
-    """Sides between a black and a white cell: downwards they add the value on their right minus that on their left."""
-    black = np.pad(1.0 - chart.cells, 1)
-    i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
-    upright = np.diff(black[1:-1, :], axis=1)[i, j]
-    top = np.column_stack([j, i]).astype(np.float64)
-    k, m = np.nonzero(np.diff(black[:, 1:-1], axis=0))
-    flat = -np.diff(black[:, 1:-1], axis=0)[k, m]
-    left = np.column_stack([m, k]).astype(np.float64)
-    starts, ends = np.concatenate([top, left]), np.concatenate([top + np.array([0, 1]), left + np.array([1, 0])])
-    return Segments(starts, ends, np.concatenate([upright, flat]))
 
 
 def _subdivided(segments: Segments, n: int) -> Segments:
@@ -193,7 +183,6 @@ def _painted(shape: Shape, projection: Projection, H: Array, chart: PlacedChart 
 
 
 def _on_sensor(segments: Segments, projection: Projection, to_space: Array) -> Segments:
-    """Project the outlines of a plane; reversed if the map mirrors, so that the inside stays inside."""
     H = projection.pinhole() @ to_space
     starts, ends = (projection.distort(apply_homography(H, p)) for p in (segments.starts, segments.ends))
     return Segments(starts, ends, segments.weights * np.sign(np.linalg.det(H)))

@@ -158,7 +158,6 @@ class World:
             self._driven.append((now_s, drives))
 
     def _shocks(self, name: str, since_s: float, until_s: float) -> tuple[list[Shock], float]:
-        """Shocks of an axis in that span, and the steady acceleration before it."""
         if name == "shock_mm":
             return [shock for shock in self._kicks if since_s <= shock[0] <= until_s], 0.0
         axis = self.axes[name]
@@ -173,16 +172,13 @@ class World:
             if shocks or steady:
                 x, a = mode.response(shocks, t_s, steady)
                 moved[mode.axis] = (moved[mode.axis][0] + x, moved[mode.axis][1] + a)
-        self._add_driven(moved, t_s)
-        return moved
-
-    def _add_driven(self, moved: dict[str, tuple[Array, Array]], t_s: Array) -> None:
         ends = [since for since, _ in self._driven[1:]] + [math.inf]
         for (since, drives), until in zip(self._driven, ends, strict=True):
             live = (t_s >= since) & (t_s < until)
             for drive in drives if live.any() else ():
                 x, a = drive.response(t_s)
                 moved[drive.axis] = (moved[drive.axis][0] + live * x, moved[drive.axis][1] + live * a)
+        return moved
 
     def pose(self, t_s: Array) -> CameraPoses:
         """The camera's pose at (n,) times."""

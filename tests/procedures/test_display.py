@@ -102,14 +102,11 @@ def test_a_notebook_shows_figure_and_text(psf, field, outcome):
     assert Outcome(1.0)._repr_html_() is None
 
 
-def test_what_has_no_figure_says_so():
+def test_what_has_no_figure_says_so_and_how_to_get_one():
     with pytest.raises(TypeError, match="no figure of a float"):
         Outcome(1.0).plot()
     with pytest.raises(Refused, match="dark; expose longer"):
         Outcome(None, Verdict.REFUSED, "dark", "expose longer").plot()
-
-
-def test_without_matplotlib_the_remedy_is_named():
     code = """
 import sys
 sys.modules["matplotlib"] = sys.modules["matplotlib.pyplot"] = sys.modules["matplotlib.figure"] = None

@@ -165,7 +165,7 @@ def test_pipes_devices_and_links_to_nothing_are_refused_by_name(tmp_path):
             read_frame(tmp_path / name)
 
 
-def test_camera_dng_is_scaled_from_its_black_to_its_white(shared_data):
+def test_camera_dngs_are_scaled_and_interpolated_ones_refused(shared_data):
     frame = read_frame(shared_data / "raw" / "tinydng_colorchart.dng")
     for plane in frame.planes.values():
         assert plane.samples.shape == (578, 867)
@@ -173,20 +173,14 @@ def test_camera_dng_is_scaled_from_its_black_to_its_white(shared_data):
         assert 0 < plane.samples.mean() < plane.samples.max() < 1
     # the two greens see the same light; 2 % is room for the mismatch of two channels
     assert frame.planes["G1"].samples.mean() == pytest.approx(frame.planes["G2"].samples.mean(), rel=0.02)
-
-
-def test_greens_of_a_grbg_camera_agree(shared_data):
     planes = read_frame(shared_data / "raw" / "RAW_KODAK_DC50.KDC").planes
     assert planes["G1"].origin == (0, 0)
     assert np.corrcoef(planes["G1"].samples.ravel(), planes["G2"].samples.ravel())[0, 1] > 0.95
+    with pytest.raises(BadInput, match="already demosaicked; a mosaic is required"):
+        read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
 
 
 # --- what is refused ---------------------------------------------------------------------------------------------
-
-
-def test_interpolated_dng_is_refused(shared_data):
-    with pytest.raises(BadInput, match="already demosaicked; a mosaic is required"):
-        read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
 
 
 @pytest.mark.parametrize(

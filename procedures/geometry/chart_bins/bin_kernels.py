@@ -6,18 +6,12 @@ The products for least squares are summed during rendering, so that the blurred 
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.compiled import vectorised
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-Indices = npt.NDArray[np.int64]
-
-COLUMNS = 5
-"""Parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
-MARGIN = 6
-"""Pixels rendered around a bin, from which the blur contributes."""
+COLUMNS = 5  # parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y
+MARGIN = 6  # pixels rendered around a bin, from which the blur contributes
 
 
 class RenderModel(NamedTuple):
@@ -75,7 +69,7 @@ def cells_along(look: RenderModel, first: float, y: float, step: float, cells: A
 
 
 @vectorised
-def own_pixels(look: RenderModel, centre: Array, offset: Array, low: Indices, own: npt.NDArray[np.bool_]) -> Indices:
+def own_pixels(look: RenderModel, centre: Array, offset: Array, low: Indices, own: Mask) -> Indices:
     """Mark the pixels of a bin; gives the first and last place along each fine row required by its derivatives.
 
     Rows without any have a first greater than the last.
@@ -159,10 +153,8 @@ def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, hig
     The columns are 1, the rendered chart u, lap u, -u_x, -u_y, and the samples; `sums` (bins, 6, 6) are those of all
     pairs over the pixels of a bin.
 
-    centres, points : (bins, 2) float64
-        In cells, and in pixels.
-    low, high : (bins, 2) int64
-        First and last pixel (x, y) to render at most.
+    centres, points : (bins, 2) float64, in cells, and in pixels
+    low, high : (bins, 2) int64, first and last pixel (x, y) to render at most
     """
     at = np.empty((2, 1))
     for i in range(len(points)):
@@ -177,7 +169,7 @@ def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, hig
 
 
 @vectorised
-def add_products(look: RenderModel, u: Array, own: npt.NDArray[np.bool_], low: Indices, sums: Array) -> None:
+def add_products(look: RenderModel, u: Array, own: Mask, low: Indices, sums: Array) -> None:
     """Products of the columns of `fit_bins` over the pixels of a bin, from the chart rendered around it."""
     n, count = look.n, 0
     rows = np.empty((COLUMNS + 1, own.size))

@@ -14,36 +14,28 @@ from math import ceil
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.chart_bins.bin_kernels import COLUMNS, MARGIN, RenderModel, fit_bins
+from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.outcome import Refused
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.correspondences import BINS, Correspondences
 from procedures.pattern_psf.rasterise import whole_chart
 from procedures.pattern_psf.registration import Registration
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-
-BLUR_PX = 0.8
-"""Initial standard deviation of the blur; the fit corrects it."""
+BLUR_PX = 0.8  # initial standard deviation of the blur; the fit corrects it
 BLUR_ITERATIONS, BLUR_TOLERANCE_PX = 5, 0.005
 """Corrections of the blur, which is nonlinear over the range from sharp to blurred pictures, and the least of them."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 4.0
 FINE, FEWEST_FINE = 6.0, 3
 """Places rendered along a cell, approximately, and along a pixel at least: sharp pictures vary within a pixel."""
-LEAST_DETERMINANT = 1e-12
-"""Determinant, for columns of norm 1, below which a bin is not determined."""
+LEAST_DETERMINANT = 1e-12  # determinant, for columns of norm 1, below which a bin is not determined
 MAX_ITERATIONS = 3
-TOLERANCE_PX = 0.005
-"""Shift at which a bin has converged: each iteration reduces it about tenfold."""
-LOST_PX = 2.0
-"""A bin displaced by more than this from its position in the reduced picture is a mismatch."""
+TOLERANCE_PX = 0.005  # shift at which a bin has converged: each iteration reduces it about tenfold
+LOST_PX = 2.0  # a bin displaced by more than this from its position in the reduced picture is a mismatch
 OUTLIER_RATIO = 5.0
 """Uncertainty relative to the median at which a bin is excluded: hidden, at the edge, in a reflection."""
-FEWEST_BINS = 100
-"""Fewer bins show too little of a chart."""
+FEWEST_BINS = 100  # fewer bins show too little of a chart
 
 
 def reduced(samples: Array32, factor: int) -> Array32:
@@ -83,17 +75,23 @@ def refine_bins(
 
     Raises Refused if hardly any bin is near its position in the reduced plane.
 
-    samples : (rows, columns) float32
-        The plane.
+    samples : (rows, columns) float32, the plane
     chart : Chart
-    registration : Registration
-        From pixels of the plane reduced by `factor` to cells.
-    bins : Correspondences
-        Of the reduced plane.
+    registration : Registration, from pixels of the plane reduced by `factor` to cells
+    bins : Correspondences, of the reduced plane
     factor : int
     """
     start = enlarged(bins, factor)
-    scene = _scene(samples, chart, registration, start, factor)
+    # the bins of a photograph, without blur
+    cells = np.asarray(whole_chart(chart), dtype=np.float64)
+    per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
+    n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
+    r, none = registration, np.zeros(0)
+    look = RenderModel(
+        samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
+        per_pixel / n, none,
+    )  # fmt: skip
+    scene = _Scene(look, registration, start)
     points, covariance = _placed(scene.blurred(_usual_blur(scene)))
     spread = np.sqrt(np.einsum("naa->n", covariance))
     fitted = np.isfinite(spread)
@@ -104,19 +102,6 @@ def refine_bins(
             "show the whole chart, sharp, evenly lit and free of reflections",
         )
     return Correspondences(start.index[good], points[good], covariance[good])
-
-
-def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
-    """The bins of a photograph, without blur."""
-    cells = np.asarray(whole_chart(chart), dtype=np.float64)
-    per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
-    n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
-    r, none = registration, np.zeros(0)
-    look = RenderModel(
-        samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
-        per_pixel / n, none,
-    )  # fmt: skip
-    return _Scene(look, registration, start)
 
 
 def _usual_blur(scene: _Scene) -> float:
@@ -152,11 +137,10 @@ class _Fit:
     shift: Array
     covariance: Array
     widening: Array
-    good: npt.NDArray[np.bool_]
+    good: Mask
 
 
-def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
-    """Fit the chosen bins at `points` (of all bins, in pixels) to the photograph."""
+def _fit(scene: _Scene, points: Array, chosen: Indices) -> _Fit:
     look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
     low, high = _reach(scene, points)
     inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)
@@ -164,21 +148,7 @@ def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
     fitted = sums[inside]
     fit_bins(look, centres[inside], points[inside], low[inside], high[inside], fitted)
     sums[inside] = fitted
-    return _solved(sums)
-
-
-def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First and last pixel (x, y) to render for bins at points (m, 2)."""
-    half, middle = scene.look.half, (scene.look.factor - 1) / 2
-    cells = scene.registration.to_pattern((points - middle) / scene.look.factor)
-    corners = cells[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    edges = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
-    low, high = np.floor(edges.min(axis=1)) - MARGIN, np.ceil(edges.max(axis=1)) + MARGIN
-    return low.astype(np.int64), high.astype(np.int64)
-
-
-def _solved(sums: Array) -> _Fit:
-    """Least squares from the products (m, 6, 6) of columns and samples."""
+    # least squares from the products (m, 6, 6) of columns and samples
     AA, Av, vv, count = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], sums[:, 0, 0]
     norm = np.sqrt(np.einsum("naa->na", AA))
     norm[norm == 0] = 1.0
@@ -191,3 +161,13 @@ def _solved(sums: Array) -> _Fit:
     contrast = np.where(good, contrast, 1.0)
     covariance = inverse[:, 3:, 3:] * (variance / contrast**2)[:, None, None]
     return _Fit(solution[:, 3:] / contrast[:, None], covariance, 2 * solution[:, 2] / contrast, good)
+
+
+def _reach(scene: _Scene, points: Array) -> tuple[Indices, Indices]:
+    """First and last pixel (x, y) to render for bins at points (m, 2)."""
+    half, middle = scene.look.half, (scene.look.factor - 1) / 2
+    cells = scene.registration.to_pattern((points - middle) / scene.look.factor)
+    corners = cells[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    edges = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
+    low, high = np.floor(edges.min(axis=1)) - MARGIN, np.ceil(edges.max(axis=1)) + MARGIN
+    return low.astype(np.int64), high.astype(np.int64)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.chart_bins.turned_view import TurnedView, find_turned, joined, quarters
 from procedures.geometry.views import ChartView
+from procedures.numerics.arrays import Array32
 from procedures.outcome import Outcome, Refused, Verdict, with_refusal
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
@@ -17,15 +17,11 @@ from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest, locate_bins
 from procedures.raw import Plane, PlaneLike, as_plane
 
-Array32 = npt.NDArray[np.float32]
-
-MAX_SAMPLES = 4
-"""Samples of the PSF per pixel: the geometry does not improve with more."""
+MAX_SAMPLES = 4  # samples of the PSF per pixel: the geometry does not improve with more
 WIDE_PX, REDUCED_PX = 280.0, 200.0
 """In pixels of a plane: a chart wider than the first is reduced to at most the second. There the bins are located to
 a tenth of a pixel and then refined in all pixels; an estimate at 1.5 times the width takes twice as long."""
-SUPPORT_PX = 4
-"""Side of the PSF's support, in pixels."""
+SUPPORT_PX = 4  # side of the PSF's support, in pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +56,11 @@ def locate_chart(samples: Array32) -> ChartLocation:
 def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
-    Parameters
-    ----------
     plane : Plane, or (rows, columns) array
         Linear samples; the chart may lie anywhere in it, from 60 pixels wide to the size of the frame.
-    chart : Chart
-        The printed cells.
-    source : str
-        Name of the view.
-    location : SeenChart, optional
-        The chart in another plane, moved to this one; None: it is searched for.
+    chart : Chart, the printed cells
+    source : str, name of the view
+    location : SeenChart, the chart in another plane, moved to this one; None: it is searched for
     """
     plane = as_plane(plane)
     location = location or locate_chart(plane.samples)

@@ -11,44 +11,35 @@ from itertools import product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.chart_bins.large_chart import reduced
+from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.warps import apply_homography, cubic_monomials, fit_homography, inverse
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration
 
-Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
-
 FOCAL_RATIOS, NEARER = (1.5, 0.64, 1.1, 0.83, 0.52), (0.95, 1.05, 0.9, 1.1)
 """Focal lengths relative to half the frame's diagonal, the usual ones first: 0.64 for 180 degrees over the diagonal.
 Then those near the best one: all marks of a chart lie on straight lines up to 5 % from the true one."""
 SEARCH_RATIOS, PLACES = (0.6, 0.72), (0.5, 0.2, 0.8)
 """Focal lengths, and places in fractions of the frame along both sides, where an unknown chart is searched for."""
-SEARCHED_PX = 400
-"""Half the side of a picture that is searched: 45 degrees."""
-SURROUNDINGS = 1.3
-"""Half the side of a picture of one chart, relative to the width of its noise region."""
+SEARCHED_PX = 400  # half the side of a picture that is searched: 45 degrees
+SURROUNDINGS = 1.3  # half the side of a picture of one chart, relative to the width of its noise region
 
 
 @dataclass(frozen=True, eq=False)
 class TurnedView:
     """A pinhole camera in place of an equidistant one.
 
-    centre : (2,) float64
-        Of the equidistant picture, (x, y) in pixels.
-    focal_px : float
-        Its focal length.
+    centre : (2,) float64, of the equidistant picture, (x, y) in pixels
+    focal_px : float, its focal length
     turn : (2,) float64
         Direction of the pinhole camera: a place of the picture relative to its centre, divided by the focal length.
-    scale : float
-        Focal length of the pinhole camera, relative to `focal_px`.
-    half_px : int
-        The pinhole's picture extends so far to all sides of its central pixel.
+    scale : float, focal length of the pinhole camera, relative to `focal_px`
+    half_px : int, the pinhole's picture extends so far to all sides of its central pixel
     """
 
     centre: Array
@@ -60,16 +51,12 @@ class TurnedView:
     def to_plane(self, points: Array) -> Array:
         """Places (n, 2) of the equidistant picture at points (n, 2) of the pinhole's."""
         flat = (points - self.half_px) / (self.focal_px * self.scale)
-        x, y, z = (np.column_stack([flat, np.ones(len(flat))]) @ self._rotation.T).T
+        # from the pinhole camera's frame to the equidistant one's
+        turn = Rotation.from_rotvec([-self.turn[1], self.turn[0], 0.0]).as_matrix()
+        x, y, z = (np.column_stack([flat, np.ones(len(flat))]) @ turn.T).T
         rho = np.hypot(x, y)
         stretch = self.focal_px * np.arctan2(rho, z) / np.maximum(rho, np.finfo(float).tiny)
         return np.asarray(self.centre + stretch[:, None] * np.column_stack([x, y]))
-
-    @property
-    def _rotation(self) -> Array:
-        """From the pinhole camera's frame to the equidistant one's."""
-        x, y = self.turn
-        return np.asarray(Rotation.from_rotvec([-y, x, 0.0]).as_matrix())
 
     @property
     def factor(self) -> int:
@@ -115,10 +102,8 @@ def find_turned(
     """The chart with the most marks in the pictures of turned cameras, by the camera turned towards it.
 
     samples : (rows, columns) float32
-    most_px : float
-        Greatest width of the chart in the picture.
-    sighting : ChartSighting, optional
-        What the plane itself shows of it; None: it is searched for.
+    most_px : float, greatest width of the chart in the picture
+    sighting : ChartSighting, what the plane itself shows of it; None: it is searched for
     """
     size = np.array(samples.shape[::-1], dtype=np.float64)
     if sighting is None:
@@ -155,7 +140,6 @@ def _marks(candidate: tuple[ChartSighting, TurnedView]) -> int:
 
 
 def _view(size: Array, ratio: float, place: Array) -> TurnedView:
-    """Camera to search with around a place of a plane of a size."""
     centre, focal = (size - 1) / 2, ratio * float(np.linalg.norm(size)) / 2
     return TurnedView(centre, focal, (place - centre) / focal, min(1.0, SEARCHED_PX / focal), SEARCHED_PX)
 

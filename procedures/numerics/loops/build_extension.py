@@ -52,7 +52,7 @@ class LoopExtension(BuildHookInterface[Any]):
             if isinstance(error, KeyboardInterrupt):
                 raise
             reason = textwrap.shorten(f"{type(error).__name__} {error}", 120)
-            self.app.display_warning(f"no extension, the loops will be compiled by Numba when first used: {reason}")
+            self.app.display_warning(f"no extension, its loops run slower by array operations: {reason}")
         else:
             build_data["artifacts"].append(MODULE.relative_to(ROOT).as_posix())
             build_data.update(pure_python=False, infer_tag=True)

@@ -6,28 +6,21 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, X_CORNERS
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM_CELLS, Layouts
 
-PIXELS = 16
-"""Pixels of the rectified picture per block."""
-RIM_BLOCKS = 1
-"""Blocks of surroundings rectified around the chart."""
+PIXELS = 16  # pixels of the rectified picture per block
+RIM_BLOCKS = 1  # blocks of surroundings rectified around the chart
 SIDE = (BLOCKS + 2 * RIM_BLOCKS) * PIXELS
 PIXELS_PER_CELL = PIXELS / BLOCK
-ORIGIN = -BLOCK * (1 + RIM_BLOCKS)
-"""Cell coordinate of the rectified picture's top left edge."""
-BLUR = 0.1 * PIXELS
-"""Blur of the template, that of a typical photograph; the agreement hardly depends on it."""
-SCREEN_SAMPLES = 4
-"""Samples of a block along one side when candidates are screened."""
-SCREENED_AT_ONCE = 128
-"""Candidates whose samples fit the processor's cache together."""
+ORIGIN = -BLOCK * (1 + RIM_BLOCKS)  # cell coordinate of the rectified picture's top left edge
+BLUR = 0.1 * PIXELS  # blur of the template, that of a typical photograph; the agreement hardly depends on it
+SCREEN_SAMPLES = 4  # samples of a block along one side when candidates are screened
+SCREENED_AT_ONCE = 128  # candidates whose samples fit the processor's cache together
 MARK_HALF, SEARCH = 5, 6
 """Half the side of a mark's template, and the greatest offset searched, in rectified pixels."""
-Picture = npt.NDArray[np.float32]
 
 H_CELLS_RECTIFIED: Array = np.array(
     [
@@ -39,35 +32,30 @@ H_CELLS_RECTIFIED: Array = np.array(
 
 
 @cache
-def expected() -> Picture:
+def expected() -> Array32:
     """Rectified chart, black 0, white 1, its noise region 1/2."""
     picture = np.ones((SIDE, SIDE), dtype=np.float32)
     for place in BLACK_BLOCKS:
         picture[_pixels_of(*place)] = 0.0
     for place in X_CORNER_BLOCKS:
-        picture[_pixels_of(*place)] = _bow_tie()
+        # an x-corner's block, its pixels the means of 8 x 8 points
+        fine = 8
+        t = np.abs((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) - 0.5)
+        points = (t[:, None] < t).reshape(PIXELS, fine, PIXELS, fine)
+        picture[_pixels_of(*place)] = np.asarray(points.mean(axis=(1, 3)), dtype=np.float32)
     noise = slice((RIM_BLOCKS + 1) * PIXELS, -(RIM_BLOCKS + 1) * PIXELS)
     picture[noise, noise] = 0.5
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), BLUR), dtype=np.float32)
 
 
 def _pixels_of(column: int, row: int) -> tuple[slice, slice]:
-    """Pixels of a block in the rectified picture."""
     first = np.array([row, column]) + RIM_BLOCKS
     rows, columns = (slice(at * PIXELS, (at + 1) * PIXELS) for at in first.tolist())
     return rows, columns
 
 
-def _bow_tie() -> Picture:
-    """An x-corner's block, its pixels the means of 8 x 8 points."""
-    fine = 8
-    t = np.abs((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) - 0.5)
-    points = (t[:, None] < t).reshape(PIXELS, fine, PIXELS, fine)
-    return np.asarray(points.mean(axis=(1, 3)), dtype=np.float32)
-
-
 @cache
-def ring() -> npt.NDArray[np.bool_]:
+def ring() -> Mask:
     """Mask of the frame in the rectified picture: the blocks around the noise region, a quarter block off it."""
     mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
     outer, inner = RIM_BLOCKS * PIXELS, (RIM_BLOCKS + 1) * PIXELS - PIXELS // 4
@@ -77,13 +65,13 @@ def ring() -> npt.NDArray[np.bool_]:
 
 
 @cache
-def oriented_frames() -> npt.NDArray[np.float32]:
+def oriented_frames() -> Array32:
     """Template in each of the eight orientations, (8, SIDE, SIDE)."""
     return np.stack([template for _, template in symmetries()])
 
 
 @cache
-def symmetries() -> tuple[tuple[Array, Picture], ...]:
+def symmetries() -> tuple[tuple[Array, Array32], ...]:
     """Symmetries of the square as maps of cells onto cells, each with the template in that orientation."""
     maps = []
     for swap in (False, True):
@@ -97,8 +85,8 @@ def symmetries() -> tuple[tuple[Array, Picture], ...]:
     return tuple(maps)
 
 
-def rectify(image: Picture, H_image_cells: Array) -> Picture:
-    """Picture resampled to the chart's coordinates (SIDE, SIDE), NaN outside the photograph."""
+def rectify(image: Array32, H_image_cells: Array) -> Array32:
+    """Array32 resampled to the chart's coordinates (SIDE, SIDE), NaN outside the photograph."""
     return np.asarray(
         cv2.warpPerspective(
             image,
@@ -112,7 +100,7 @@ def rectify(image: Picture, H_image_cells: Array) -> Picture:
     )
 
 
-def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
+def agreements(rectified: Array32, frames: Array32, where: Mask) -> Array:
     """Correlations (n,), 0 to 1, of a rectified picture with templates T (n, SIDE, SIDE) under linear light: the root
     of the share of the variance about a(x, y) that b(x, y) T explains."""
     rows, columns = np.nonzero(where & np.isfinite(rectified))
@@ -146,7 +134,7 @@ def _screen_samples() -> tuple[Array, Array]:
     return cells, np.column_stack([template[rows, columns] for _, template in symmetries()]).astype(np.float64)
 
 
-def screen(image: Picture, layouts: Layouts) -> Array:
+def screen(image: Array32, layouts: Layouts) -> Array:
     """Correlation (n, 8) of the surroundings of layouts with the eight templates: `agreements` with few samples per
     block, additive light, and blocks around missing x-corners excluded."""
     parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
@@ -155,7 +143,7 @@ def screen(image: Picture, layouts: Layouts) -> Array:
     return np.concatenate([np.zeros((0, len(symmetries()))), *scores])
 
 
-def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Array:
+def _screen_part(image: Array32, maps: Array, hits: Mask) -> Array:
     """`screen` of maps (n, 3, 3) with hits (n, 12)."""
     cells, frames = _screen_samples()
     q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
@@ -174,7 +162,7 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
     return out
 
 
-def locate_marks(rectified: Picture) -> tuple[Array, Array]:
+def locate_marks(rectified: Array32) -> tuple[Array, Array]:
     """Cell coordinates (12, 2) of the marks near their expected positions, to a fraction of a rectified pixel, and
     correlations with the template; 0 outside photograph or search window."""
     offsets = np.zeros((len(X_CORNERS), 2))
@@ -209,7 +197,7 @@ def _vertex(v: Array) -> float:
     return float(0.5 * (v[0] - v[2]) / curvature) if curvature < 0 else 0.0
 
 
-def around_marks(which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def around_marks(which: Mask) -> Mask:
     """Mask of the blocks of some marks in the rectified picture, with a block around each."""
     mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
     for (column, row), chosen in zip(X_CORNER_BLOCKS, which, strict=True):

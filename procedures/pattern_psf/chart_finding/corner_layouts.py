@@ -7,10 +7,9 @@ equally spaced collinear saddles propose a side; saddles at the other nine point
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules, field_of
+from procedures.numerics.arrays import Array, BinnedSaddles, Complex, Indices, LayoutRules, Mask, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 
@@ -26,25 +25,20 @@ RULES = LayoutRules(
     min_near=2, min_near_crowded=4,
 )  # fmt: skip
 MAX_TRIPLES = 20_000
-BIN_SIDE = 12.0
-"""Side of the bins of the spatial index, in pixels."""
+BIN_SIDE = 12.0  # side of the bins of the spatial index, in pixels
 AFFINE = 0.25
-PROJECTIVE = 0.15
-"""Greatest distances from the predictions by affine and projective lattices, in steps."""
-MIN_HITS = 7
-"""Least number of visible x-corners of a chart."""
+PROJECTIVE = 0.15  # greatest distances from the predictions by affine and projective lattices, in steps
+MIN_HITS = 7  # least number of visible x-corners of a chart
 HITS_PER_OCTAVE = 4.0
 """Hits equivalent to twice the strength when layouts are ranked: a chart has the strongest saddles."""
-MAX_LAYOUTS = 4000
-"""Greatest number of layouts of one picture; textures and lattices have many."""
+MAX_LAYOUTS = 4000  # greatest number of layouts of one picture; textures and lattices have many
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """Lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
 INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
 MOST_INSIDE = 3
 """Similar saddles at the inner lattice points, where a chart has noise, from which on it is a lattice."""
-RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
-"""The x-corners in cells, (12, 2)."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2  # the x-corners in cells, (12, 2)
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 
 
@@ -59,15 +53,7 @@ class Layouts:
     """
 
     maps: Array
-    hits: npt.NDArray[np.bool_]
-
-
-def _strongest(field: BinnedSaddles, triples: Indices) -> Indices:
-    """The strongest triples, at most MAX_TRIPLES."""
-    if len(triples) <= MAX_TRIPLES:
-        return triples
-    strengths = field.merits[triples].min(axis=1)
-    return triples[np.argpartition(-strengths, MAX_TRIPLES)[:MAX_TRIPLES]]
+    hits: Mask
 
 
 def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, Array]:
@@ -79,18 +65,6 @@ def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, 
     z = np.where(present, z - mean, 0)
     spread = np.sqrt((np.abs(z) ** 2).sum(axis=1, keepdims=True) / count)
     return z / spread, mean, spread
-
-
-def _affine(field: BinnedSaddles, hits: Indices) -> Array:
-    """Affine maps (n, 3, 3) from lattice to pixels, fitted to hits."""
-    z, mean, spread = _normalised(field, hits)
-    design = np.column_stack([RIM, np.ones(len(RIM))])
-    present = (hits >= 0).astype(np.float64)
-    normal = np.einsum("nr,ra,rb->nab", present, design, design)
-    c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
-    c[:, 2] += mean[:, 0]
-    bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
-    return np.stack([c.real, c.imag, bottom], axis=1)
 
 
 def _projective(field: BinnedSaddles, hits: Indices) -> Array:
@@ -157,9 +131,21 @@ def find_layouts(saddles: Saddles) -> Layouts:
     if len(saddles.points) < MIN_HITS:
         return none
     field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN_SIDE)
-    hits = loops.square_sides(field, _strongest(field, loops.collinear_triples(field, RULES)), RULES)
+    triples = loops.collinear_triples(field, RULES)
+    if len(triples) > MAX_TRIPLES:
+        triples = triples[np.argpartition(-field.merits[triples].min(axis=1), MAX_TRIPLES)[:MAX_TRIPLES]]
+    hits = loops.square_sides(field, triples, RULES)
     if not len(hits):
         return none
-    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    # affine maps (n, 3, 3) from lattice to pixels, fitted to hits
+    z, mean, spread = _normalised(field, hits)
+    design = np.column_stack([RIM, np.ones(len(RIM))])
+    present = (hits >= 0).astype(np.float64)
+    normal = np.einsum("nr,ra,rb->nab", present, design, design)
+    c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
+    c[:, 2] += mean[:, 0]
+    bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
+    affine = np.stack([c.real, c.imag, bottom], axis=1)
+    hits = _distinct(field, _gather(field, hits, affine, AFFINE))
     hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

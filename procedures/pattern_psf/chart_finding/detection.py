@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.arrays import Array
+from procedures.numerics.arrays import Array, Array32, Mask
 from procedures.numerics.warps import apply_homography, homography_jacobian
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
@@ -21,33 +21,21 @@ from procedures.pattern_psf.chart_finding.marks import find_saddles
 
 MAX_WIDTH = 300.0
 """Greatest width of the noise region that the estimator accepts, in pixels; below 45 its marks are not found."""
-TOLERANCE = 1.06
-"""Tolerance of a width, as a factor: the width of a tilted chart varies."""
+TOLERANCE = 1.06  # tolerance of a width, as a factor: the width of a tilted chart varies
 MAX_HIDDEN = 2
-MIN_SCREENING = 0.4
-"""Least coarse agreement with the frame of a candidate whose marks are located."""
-MAX_CANDIDATES = 60
-"""Greatest number of candidates per level whose marks are located."""
-MIN_SCORE = 0.75
-"""Least agreement of a chart; clutter in the layout of the marks stays below."""
-MIN_CORRELATION = 0.6
-"""Least normalised correlation of a visible mark with its template."""
+MIN_SCREENING = 0.4  # least coarse agreement with the frame of a candidate whose marks are located
+MAX_CANDIDATES = 60  # greatest number of candidates per level whose marks are located
+MIN_SCORE = 0.75  # least agreement of a chart; clutter in the layout of the marks stays below
+MIN_CORRELATION = 0.6  # least normalised correlation of a visible mark with its template
 POSITION_TOLERANCE = 0.08
 """Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
-POSITION_NOISE_PX = 0.6
-"""Least value of this distance in pixels, for noise and partly hidden small marks."""
-LOCATING_STEPS = 3
-"""Number of times that the marks are located, each with the map of the last."""
-LOCATING_BLOCK_PX = 12
-"""Pixels per block of the coarsest level on which marks are located."""
-MIN_VISIBLE = 6
-"""Least number of visible marks, of 12, that distinguish a chart from clutter."""
-ORIENTATION_MARGIN = 0.1
-"""Least difference in agreement between the best orientation and any other."""
-SMALLEST_LEVEL = 48
-"""Least side of a level of the pyramid."""
+POSITION_NOISE_PX = 0.6  # least value of this distance in pixels, for noise and partly hidden small marks
+LOCATING_STEPS = 3  # number of times that the marks are located, each with the map of the last
+LOCATING_BLOCK_PX = 12  # pixels per block of the coarsest level on which marks are located
+MIN_VISIBLE = 6  # least number of visible marks, of 12, that distinguish a chart from clutter
+ORIENTATION_MARGIN = 0.1  # least difference in agreement between the best orientation and any other
+SMALLEST_LEVEL = 48  # least side of a level of the pyramid
 MIDDLE = np.full(2, CELLS / 2)
-Image = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -65,7 +53,7 @@ class ChartSighting:
 
     corners: Array
     H_sensor_pattern: Array
-    visible: npt.NDArray[np.bool_]
+    visible: Mask
     score: float
     mirrored: bool
     negative: bool
@@ -112,7 +100,7 @@ def _to_full(factor: int) -> Array:
     return np.array([[factor, 0, shift], [0, factor, shift], [0, 0, 1]], dtype=np.float64)
 
 
-def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
+def _pyramid(image: Array32) -> Iterator[tuple[int, Array32]]:
     """Levels of the picture, (factor, means over factor x factor pixels), from full resolution down."""
     factor, level = 1, image
     while min(level.shape) >= SMALLEST_LEVEL:
@@ -123,7 +111,7 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
                        interpolation=cv2.INTER_AREA), dtype=np.float32)  # fmt: skip
 
 
-def _candidates(level: Image) -> Iterator[Array]:
+def _candidates(level: Array32) -> Iterator[Array]:
     """Homographies from cells to the level's pixels, oriented by the frame, the best agreement first."""
     layouts = find_layouts(find_saddles(level))
     scores = chart_frame.screen(level, layouts)
@@ -134,7 +122,7 @@ def _candidates(level: Image) -> Iterator[Array]:
             yield layouts.maps[n] @ np.linalg.inv(chart_frame.symmetries()[best[n]][0])
 
 
-def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) -> Array | None:
+def _homography(pixels: Array, chosen: Mask, tolerance: float) -> Array | None:
     """Homography from cells to the chosen marks' pixels; tolerance 0 fits all, else those that agree within it."""
     if np.count_nonzero(chosen) < MIN_VISIBLE:
         return None
@@ -142,7 +130,7 @@ def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) 
     return None if H is None else np.asarray(H, dtype=np.float64)
 
 
-def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
+def _verify(levels: list[tuple[int, Array32]], start: Array) -> ChartSighting | None:
     """Locate the marks near a homography from cells to pixels, and verify the chart; None for clutter."""
     block = BLOCK * np.sqrt(abs(np.linalg.det(homography_jacobian(start, MIDDLE))))
     factor, level = levels[int(np.clip(np.log2(block / LOCATING_BLOCK_PX), 0, len(levels) - 1))]
@@ -159,7 +147,9 @@ def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
     if (best := _homography(pixels, visible, 0.0)) is None:
         return None
     rectified = chart_frame.rectify(level, to_level @ best)
-    score = _oriented_score(rectified, visible)
+    # agreement with the visible frame; 0 unless it clearly exceeds that of any other orientation
+    scores = _frame_scores(rectified, visible)
+    score = float(scores[0]) if scores[0] - scores[1:].max() > ORIENTATION_MARGIN else 0.0
     if score < MIN_SCORE:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
@@ -169,17 +159,10 @@ def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
 
 
 def _centre(H: Array) -> Array:
-    """(x, y) of the noise region's centre."""
     return np.asarray(apply_homography(H, MIDDLE[None])[0])
 
 
-def _oriented_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
-    """Agreement with the visible frame; 0 unless it clearly exceeds that of any other orientation."""
-    scores = _frame_scores(rectified, visible)
-    return float(scores[0]) if scores[0] - scores[1:].max() > ORIENTATION_MARGIN else 0.0
-
-
-def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
+def _frame_scores(rectified: Array32, visible: Mask) -> Array:
     """Agreements (8,) with the visible frame in its eight orientations."""
     where = chart_frame.ring() & ~chart_frame.around_marks(~visible)
     return chart_frame.agreements(rectified, chart_frame.oriented_frames(), where)
@@ -222,7 +205,6 @@ def _share_marks(sighting: ChartSighting, other: ChartSighting) -> bool:
 
 
 def _overlaps(centre: Array, sightings: list[ChartSighting]) -> bool:
-    """Whether a chart with this centre would overlap one of the sightings."""
     return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in sightings)
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array32
 from procedures.numerics.warps import apply_homography, inverse
 from procedures.pattern import CELLS, DEFAULT_SEED
 from procedures.pattern_psf.chart_finding.detection import ChartSighting
@@ -22,10 +22,8 @@ from procedures.reading.exposure import TYPED, disagreements
 
 MAX_RATIO = 1.12
 """Ratio of two estimates of F cell above which a number is wrong; focus, marks and mounts contribute 5 % together."""
-TAPE_MM = 50.0
-"""Tolerance of a distance by tape measure, in addition to the factor `MAX_RATIO`."""
-PROBE_SHARE = 0.08
-"""Move between two observations that determines F cell, as a fraction of the distance."""
+TAPE_MM = 50.0  # tolerance of a distance by tape measure, in addition to the factor `MAX_RATIO`
+PROBE_SHARE = 0.08  # move between two observations that determines F cell, as a fraction of the distance
 MIN_CELL_CORRELATION = 0.12
 """Least correlation with the cells of the right seed; that with others is a few hundredths."""
 MIN_DETAIL = 0.04
@@ -88,7 +86,6 @@ def _evidence(look: RangeLook, z: float, known: PatternFacts) -> tuple[str, floa
 
 
 def _suspects(known: PatternFacts, exposure: Exposure) -> tuple[str, ...]:
-    """Typed numbers not confirmed by the camera's metadata."""
     values = {
         "focal_length_mm": (known.focal_length_mm, exposure.focal_length_mm),
         "pixel_pitch_um": (known.pixel_pitch_um, exposure.pixel_pitch_um),
@@ -170,7 +167,7 @@ def _inside(sighting: ChartSighting, plane: Plane) -> tuple[int, int, int, int]:
     return x, y, int(min(high[0], plane.samples.shape[1])) - x, int(min(high[1], plane.samples.shape[0])) - y
 
 
-def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int, int]) -> npt.NDArray[np.float32]:
+def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int, int]) -> Array32:
     """Cells imaged by the pixels of the box, each the mean of FINE x FINE points."""
     x, y, columns, rows = box
     part = (np.arange(FINE) + 0.5) / FINE - 0.5
@@ -181,6 +178,5 @@ def _expected_cells(sighting: ChartSighting, seed: int, box: tuple[int, int, int
     return np.asarray(cells, dtype=np.float32)
 
 
-def _high_pass(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """High-pass: detail of a few pixels."""
+def _high_pass(picture: Array32) -> Array32:
     return np.asarray(picture - cv2.GaussianBlur(picture, (0, 0), SMOOTH_PX), dtype=np.float32)

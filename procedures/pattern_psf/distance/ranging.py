@@ -8,8 +8,7 @@ from procedures.pattern_psf.facts import LOOKS, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Fact, Facts, Reading
 
-LASER_REACH_MM = 300.0
-"""Greatest plausible offset of a rangefinder from the lens along the axis."""
+LASER_REACH_MM = 300.0  # greatest plausible offset of a rangefinder from the lens along the axis
 MIN_DIFFERENCE = 0.05
 """Least relative difference of the chart's size between two observations that are used together."""
 

@@ -53,8 +53,6 @@ def check_aperture(frame: RawFrame, facts: Facts) -> Advice:
 def f_number_of_tails(psfs: Sequence[tuple[PatternPsf, Diffraction]]) -> Quantity | None:
     """Estimate the f-number from far tails; None without any PSF.
 
-    Parameters
-    ----------
     psfs : PSFs whose far tail was fitted without any f-number, each with its plane's pitch and wavelength
 
     Returns

@@ -12,13 +12,12 @@ from procedures.choice import START_K, START_S
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_chart, find_charts
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.raw import Plane
 
 REACH = 0.9
 """Half the side of the part around the chart over the width of its noise region: its frame, and a margin for motion."""
-QUICK = PatternParameters(START_S, START_K, chosen=True)
-"""Default sampling of the PSF."""
+QUICK = PatternParameters(START_S, START_K, chosen=True)  # default sampling of the PSF
 
 
 @dataclass(frozen=True)
@@ -61,20 +60,15 @@ def measure_sharpness(
     outcome = estimate_psf(part, chart, parameters, None, sighting.moved(-x, -y))
     if outcome.value is None:
         return outcome.of_value(None)
-    return _sharpness(outcome, outcome.value, sighting)
-
-
-def _sharpness(outcome: Outcome[PatternPsf], value: PatternPsf, sighting: ChartSighting) -> Outcome[Sharpness]:
-    numbers = value.quality.numbers
+    numbers = outcome.value.quality.numbers
     radial, rows, columns = (numbers.get(f"mtf50_{way}") for way in ("radial", "horizontal", "vertical"))
     if radial is None or rows is None or columns is None:
-        reason = f"the MTF must fall below 0.5 within the band of s = {value.psf.s}; it does not"
+        reason = f"the MTF must fall below 0.5 within the band of s = {outcome.value.psf.s}; it does not"
         return Outcome(None, Verdict.REFUSED, reason, "raise s")
-    return outcome.of_value(Sharpness(radial, rows, columns, value.s_over_t, sighting))
+    return outcome.of_value(Sharpness(radial, rows, columns, outcome.value.s_over_t, sighting))
 
 
 def _find_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:
-    """The chart near its last position; None where there is none, or more than one."""
     if near is None:
         return None
     x, y, part = _crop(plane, near)

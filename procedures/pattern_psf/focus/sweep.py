@@ -5,17 +5,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.numerics.arrays import Array
 
 MIN_FIT_SCORE = 0.75
 """Least score, relative to the best, of the points fitted: farther from the focus no lens follows a parabola."""
 MIN_POINTS = 3
-SIGNIFICANCE = 2.0
-"""Standard uncertainties above which a difference is significant."""
-EQUAL_SHARE = 0.02
-"""Relative difference from the best that is always treated as equal."""
+SIGNIFICANCE = 2.0  # standard uncertainties above which a difference is significant
+EQUAL_SHARE = 0.02  # relative difference from the best that is always treated as equal
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,8 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     top = int(np.argmax(y))
     near = y >= MIN_FIT_SCORE * y[top]
     if len(np.unique(x[near])) < MIN_POINTS:
-        near = _neighbours(x, top)
+        each = np.unique(x)
+        near = np.isin(x, each[np.argsort(np.abs(each - x[top]), kind="stable")[:MIN_POINTS]])
     c, C = _parabola(x[near] - x[top], 1 / y[near], u[near] / y[near] ** 2)
     if c[2] <= 0 or c[0] <= c[1] ** 2 / (4 * c[2]):
         return None
@@ -75,15 +73,7 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     )
 
 
-def _neighbours(x: Array, top: int) -> npt.NDArray[np.bool_]:
-    """The best place and the two nearest to it."""
-    places = np.unique(x)
-    nearest = places[np.argsort(np.abs(places - x[top]), kind="stable")[:MIN_POINTS]]
-    return np.isin(x, nearest)
-
-
 def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
-    """Coefficients (3,) of 1, x, x^2, and their covariance."""
     A = np.vander(x, 3, increasing=True) / u[:, None]
     C = np.linalg.inv(A.T @ A)
     c = C @ A.T @ (y / u)
@@ -144,6 +134,5 @@ def _steps_back(places: Sequence[float], best: int, last: int) -> str:
 
 
 def _is_worse(y: Array, u: Array, high: int, low: int) -> bool:
-    """Whether one frame is significantly less sharp than another."""
     least = max(SIGNIFICANCE * float(np.hypot(u[high], u[low])), EQUAL_SHARE * float(y[high]))
     return bool(y[high] - y[low] > least)

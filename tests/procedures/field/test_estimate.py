@@ -40,15 +40,12 @@ def frame_nodes(shot):
     return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
 
 
-def test_nodes_lie_at_the_charts_in_each_plane(shot, frame_nodes):
+def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot, frame_nodes):
     for plane, nodes in frame_nodes.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
         for node, chart in zip(nodes, (2, 0), strict=True):
             off = node.position - shot.true_points(plane, MIDDLE, chart)[0]
             assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(node.position_covariance)) + 1e-3)
-
-
-def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes):
     # one half diagonal is 338 sensor pixels: at 205 of them from the axis red is 0.07 * 0.02 * 205 = 0.29 farther out
     for number, (red, green) in enumerate(zip(frame_nodes.nodes["R"], frame_nodes.nodes["G1"], strict=True)):
         shift = red.sensor_position - green.sensor_position
@@ -56,9 +53,6 @@ def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes
         expected = shot.truths[2 - 2 * number].colour_shift.at(0.6)
         assert abs(expected[0]) > 0.25
         np.testing.assert_allclose(shift, expected, atol=4 * error + 2e-3)
-
-
-def test_a_failed_chart_is_named_with_its_place(frame_nodes):
     assert {miss.plane for miss in frame_nodes.misses} <= {"R", "G1", "G2", "B"}
     assert all("hidden" in miss.reason and miss.source == "three.dng" for miss in frame_nodes.misses)
     assert all(miss.place.startswith("(1") for miss in frame_nodes.misses)  # in the middle of 320 pixels

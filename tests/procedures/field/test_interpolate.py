@@ -151,7 +151,7 @@ def test_a_uniform_field_is_constant(covariance):
     assert np.mean(errors) < 0.45 * np.sqrt(np.trace(covariance[: K * K, : K * K]))
 
 
-def test_a_symmetric_lens_is_extrapolated_to_the_radius_of_its_nodes(camera, interpolated):
+def test_beyond_the_nodes_a_surface_is_constant_and_a_symmetric_lens_extrapolated_to_their_radius(camera, interpolated):
     side = np.array([375.0, 2.0])
     assert not interpolated.field.inside(side[None])[0]
     near = interpolated.field.hull.nearest(side[None])[0]
@@ -160,9 +160,6 @@ def test_a_symmetric_lens_is_extrapolated_to_the_radius_of_its_nodes(camera, int
     # the corner lies farther from the axis than any node: as on the way there
     beyond = interpolated.field.samples(np.array([[-400.0, -300.0], [-800.0, -600.0]]))
     np.testing.assert_allclose(*beyond, atol=1e-3)
-
-
-def test_a_surface_is_constant_beyond_the_nodes(interpolated):
     field = replace(
         interpolated.field, model=Separate("plate", ThinPlate(interpolated.field.model.places, np.ones(25)))
     )

@@ -28,15 +28,12 @@ def test_projection_agrees_with_its_derivative(geometry):
     np.testing.assert_allclose(projection_derivative(fit, pixels, distance) @ change, seen - pixels, atol=1e-6)
 
 
-def test_the_frame_is_known_worse_outside_what_the_charts_covered(geometry):
+def test_the_frame_is_known_worse_outside_the_charts_and_an_adequate_model_has_no_systematic_residual(geometry):
     inside, corner = np.array([geometry.camera.centre]), np.array([[0.0, 0.0]])
     near = geometry.maps[0].distance_mm
     assert projection_uncertainty(geometry.adjustment, corner, near) > 2 * projection_uncertainty(
         geometry.adjustment, inside, near
     )
-
-
-def test_an_adequate_model_has_no_systematic_residual(geometry):
     assert not geometry.misfit.significant
     assert geometry.misfit.rms_px < 0.005
 

@@ -70,24 +70,15 @@ def test_shapes_fall_as_their_names_say_and_vary_with_direction_alone(k: int, re
     np.testing.assert_allclose(turning, mean * waves, atol=1e-15)
 
 
-def test_signs_are_those_of_the_reflected_shapes() -> None:
+def test_spectra_and_columns_are_those_of_the_tails_shapes(rng):
     kernels = tail_kernels(K)
     np.testing.assert_allclose(kernels[:, :, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
     np.testing.assert_allclose(kernels[:, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
     np.testing.assert_allclose(kernels.transpose(0, 2, 1), EXCHANGED[:, None, None] * kernels, atol=1e-15)
-
-
-def test_spectra_of_many_frequencies_are_those_of_each(rng: np.random.Generator) -> None:
     fx, fy = rng.uniform(-0.5, 0.5, (2, KEPT + 1))
     each = np.vstack([tail_spectra(fx[:9], fy[:9], K), tail_spectra(fx[9 : 9 + KEPT], fy[9 : 9 + KEPT], K)])
     np.testing.assert_allclose(tail_spectra(fx, fy, K)[: len(each)], each, atol=1e-14)
-
-
-def test_spectrum_starts_at_the_sum() -> None:
     np.testing.assert_allclose(tail_spectra(np.zeros(1), np.zeros(1), K)[0], tail_sums(K), atol=1e-12)
-
-
-def test_columns_are_the_convolutions(rng: np.random.Generator) -> None:
     s, border = 3, tail_border(K)
     u = rng.standard_normal((s * 9 + 1 + 2 * border, s * 12 + 1 + 2 * border)).astype(np.float32)
     rows, columns = (grid.ravel() for grid in np.mgrid[:10, :13])

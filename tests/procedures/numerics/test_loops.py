@@ -1,29 +1,20 @@
-"""The compiled extension computes what the loops' Python source does, refuses what it cannot take, and is optional."""
+"""The compiled extension computes what array operations do, refuses what it cannot take, and is optional."""
 
 import os
 import shutil
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import ndimage
 
-from procedures.numerics import loops
 from procedures.numerics.arrays import field_of
-from procedures.numerics.loops import build_extension, edges, layouts, matrices, saddles, splines
+from procedures.numerics.loops import array_operations, build_extension
 from procedures.pattern_psf.chart_finding.corner_layouts import RIM, RULES
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS
 
 ROOT = Path(__file__).resolve().parents[3]
-PYTHON = {
-    name: getattr(module, name)
-    for module in (edges, layouts, matrices, saddles, splines)
-    for name in loops.__all__
-    if hasattr(module, name)
-}
 EXACT, SINGLE, DOUBLE = 0.0, 2e-5, 1e-12
 """Greatest differences, relative to the greatest value: indices; sums of hundreds of numbers in either precision."""
 
@@ -123,7 +114,7 @@ CASES = {
     "read_spline": spline,
     "ring_purity": lambda rng: (picture(rng), rng.integers(0, 45 * 70, 60), 2.0, 0.7),
     "saddle_points": lambda rng: (picture(rng), kernels(), 0.9, 1e-3),
-    "square_sides": lambda rng: (field := lattices(rng), layouts.collinear_triples(field, RULES), RULES),
+    "square_sides": lambda rng: (field := lattices(rng), array_operations.collinear_triples(field, RULES), RULES),
     "substituted": lambda rng: (triangle(rng, 40, np.float32), float32(rng, 40)),
     "sums_of_groups": lambda rng: (float32(rng, 40, 7), rng.integers(0, 5, 40), float32(rng, 40), 6),
 }  # fmt: skip
@@ -137,10 +128,10 @@ def parts(answer, arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", loops.__all__)
-def test_extension_computes_what_the_python_source_does(name, native):
+@pytest.mark.parametrize("name", CASES)
+def test_extension_computes_what_array_operations_do(name, native):
     answers = []
-    for loop in (PYTHON[name], getattr(native, name)):
+    for loop in (getattr(array_operations, name), getattr(native, name)):
         arguments = CASES[name](np.random.default_rng(3))
         answers.append(parts(loop(*arguments), arguments))
     for expected, got in zip(*answers, strict=True):
@@ -148,199 +139,6 @@ def test_extension_computes_what_the_python_source_does(name, native):
         assert (expected.dtype, expected.shape) == (got.dtype, got.shape)
         tolerance = {"f": SINGLE, "F": SINGLE, "d": DOUBLE}.get(expected.dtype.char, EXACT)
         np.testing.assert_allclose(got, expected, rtol=0, atol=tolerance * float(np.abs(expected).max()))
-
-
-# --- what the loops compute, by NumPy and SciPy --------------------------------------------------------------------
-
-
-def dense_edges(vertical, first_vertical, horizontal, first_horizontal, lines):
-    """C of `EdgeColumns` with zeros, (samples, 2 lines)."""
-    C = np.zeros((len(vertical), 2 * lines))
-    for block, first, offset in ((vertical, first_vertical, 0), (horizontal, first_horizontal, lines)):
-        for p, row in enumerate(block):
-            width = min(len(row), lines - first[p])
-            C[p, offset + first[p] : offset + first[p] + width] = row[:width]
-    return C
-
-
-def windows(raster, rows, columns, k, s):
-    return np.stack([raster[s * r : s * r + k, s * c : s * c + k] for r, c in zip(rows, columns, strict=True)])
-
-
-def band(cut, spectrum, filter_y, filter_x, J, limit):
-    n, ky, kx = len(spectrum), np.arange(len(filter_y)) - len(filter_y) // 2, np.arange(len(filter_x))
-    inside = (np.abs(np.add.outer(J[1, 0] * ky, J[0, 0] * kx)) <= limit * n) & (
-        np.abs(np.add.outer(J[1, 1] * ky, J[0, 1] * kx)) <= limit * n
-    )
-    cut[ky] += inside * spectrum[np.ix_(ky % n, kx % n)] * np.outer(filter_y, filter_x)
-    return cut
-
-
-def read_at(coefficients, H, centre, radius, displacement, start, step, shape):
-    py, px = (start[axis] + step * np.arange(n) for axis, n in zip((1, 0), shape, strict=True))
-    y, x = np.meshgrid((py - centre[1]) / radius, (px - centre[0]) / radius, indexing="ij")
-    powers = np.stack([x, y, x**2, x * y, y**2, x**3, x**2 * y, x * y**2, y**3])
-    q = np.stack(np.meshgrid(px, py)) + np.tensordot(displacement, powers, 1)
-    gx, gy, w = np.tensordot(H, np.stack([*q, np.ones(shape)]), 1)
-    places = [np.clip(g / w, 1, n - 2.001) for g, n in zip((gy, gx), coefficients.shape, strict=True)]
-    return ndimage.map_coordinates(coefficients, places, order=3, prefilter=False)
-
-
-def saddles_of(image, kernels, flatter, weakest):
-    g, d, dd = (np.concatenate([sign * k[:0:-1], k]) for k, sign in zip(kernels, (1, -1, 1), strict=True))
-    along = [partial(ndimage.correlate1d, axis=axis, mode="mirror") for axis in (0, 1)]
-    xx, yy, xy = (
-        along[1](along[0](image.astype(float), a), b) for a, b in ((g, dd), (dd, g), (d, d))
-    )  # fmt: skip
-    squared, mean = ((xx - yy) / 2) ** 2 + xy**2, ((xx + yy) / 2) ** 2
-    strength = squared - mean
-    peak = strength == ndimage.maximum_filter(strength, 3, mode="constant", cval=-np.inf)
-    at = np.flatnonzero(peak & (mean < flatter**2 * squared) & (squared > weakest**2))
-    return at, ((xx - yy) / 2).ravel()[at], xy.ravel()[at]
-
-
-def purity(image, index, radius, off_centre):
-    turn = np.arange(8) * np.pi / 4
-    row, column = (n[:, None] for n in np.unravel_index(index, image.shape))
-    places = [row + radius * np.sin(turn), column + radius * np.cos(turn)]
-    c = np.abs(np.fft.fft(ndimage.map_coordinates(image.astype(float), places, order=1, mode="nearest"))) ** 2 / 8
-    return 2 * c[:, 2] / (c[:, 1:].sum(axis=1) - 2 * off_centre * c[:, 1])
-
-
-def best_pixels(index, shape, merits, side, most):
-    """The best of every tile, as many of each as needed."""
-    row, column = np.unravel_index(index, shape)
-    tiles = row // side * -(-shape[1] // side) + column // side
-    order = [np.flatnonzero(tiles == tile) for tile in np.unique(tiles)]
-    order = [one[np.argsort(-merits[one])] for one in order]
-    each = next(n for n in range(len(index) + 1) if sum(min(len(one), n) for one in order) >= min(most, len(index)))
-    return np.sort(np.concatenate([one[:each] for one in order]))
-
-
-def lines_around(cells, steps, fine, scale, reach, pieces, weight):
-    """Sums over the lines' points, `pieces` a cell, of the step times the nearest sample."""
-    n, width = steps.shape[1], 2 * int(np.ceil(reach[0])) + 1
-    values, first = np.zeros((len(cells), width)), np.clip(np.floor(cells[:, 0] - reach[0]), 0, n).astype(int)
-    for p, (u, v) in enumerate(cells):
-        i0, i1 = max(int(v - reach[1]), 0), min(int(v + reach[1]) + 1, n)
-        along = v - i0 - (np.arange((i1 - i0) * pieces) + 0.5) / pieces
-        for j in range(first[p], min(first[p] + width, n + 1)):
-            x, y = np.floor(scale @ [np.full_like(along, u - j), along] + len(fine) // 2 + 0.5).astype(int)
-            inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < len(fine))
-            line = np.repeat(steps[j, i0:i1], pieces)[inside]
-            values[p, j - first[p]] = weight[p] / pieces * line @ fine[y[inside], x[inside]]
-    return values, first
-
-
-def like(field, i, j, rules):
-    """Whether saddles, of indices or of all, have similar axes and merits."""
-    ratio = field.merits[i] / field.merits[j]
-    similar = (field.axes[i] * field.axes[j].conj()).real > rules.same_axis
-    return similar & (ratio < rules.same_merit) & (ratio > 1 / rules.same_merit)
-
-
-def nearest(field, place, reach, i, rules):
-    """By a search through all saddles; -1 for none."""
-    distance = np.where(like(field, i, slice(None), rules), np.abs(field.points - place), np.inf)
-    return int(np.argmin(distance)) if np.min(distance) <= reach else -1
-
-
-def steps_from(field, i, rules):
-    """Mask of the saddles that lie a lattice step from one."""
-    d, axis = field.points - field.points[i], field.axes + field.axes[i]
-    length = np.abs(d)
-    straight = np.abs((d**2 * axis.conj()).real) > rules.along_axis * length**2 * np.abs(axis)
-    return straight & (length > rules.min_step) & (length < rules.max_step) & like(field, i, slice(None), rules)
-
-
-def is_free(field, i, j, rules):
-    a, b = field.points[i], field.points[j]
-    return nearest(field, (a + b) / 2, rules.middle_radius * abs(b - a), i, rules) < 0
-
-
-def triples_of(field, rules):
-    triples = []
-    for i in range(len(field.points)):
-        d = field.points - field.points[i]
-        for j in np.flatnonzero(steps_from(field, i, rules) & (d.imag >= -rules.level_slope * np.abs(d.real))):
-            k = nearest(field, field.points[j] + d[j], rules.collinear * abs(d[j]), j, rules)
-            if (
-                k >= 0
-                and steps_from(field, j, rules)[k]
-                and (is_free(field, i, j, rules) or is_free(field, j, k, rules))
-            ):
-                triples.append((i, j, k))
-    return np.array(triples)
-
-
-def sides_of(field, triples, rules):
-    """Hits of every x-corner of the rim, in steps (s, t) of the triple's line and of the direction across it."""
-    sides = []
-    for i, j, k in triples:
-        u = (field.points[k] - field.points[i]) / 2
-        free = is_free(field, i, j, rules) and is_free(field, j, k, rules)
-        for v, first in ((u * 1j, 0), (u * 1j, 1), (-u * 1j, 0), (-u * 1j, 1)):
-
-            def at(s, t, share, origin=field.points[i] - first * u, u=u, v=v, j=j):
-                return nearest(field, origin + s * u + t * v, share * abs(u), j, rules)
-
-            known = {(first + n, 0): index for n, index in enumerate((i, j, k))}
-            near = [(int(s), int(t)) for s, t in RIM if t < 3 and (s, t) not in known]
-            found = known | {place: at(*place, rules.square) for place in near}
-            hits = [n for place, n in found.items() if place not in known and n >= 0]
-            lattice = at(1, 1, rules.collinear) >= 0 and at(2, 1, rules.collinear) >= 0
-            off_the_side = any(found[place] >= 0 for place in near if place[1])
-            if off_the_side and not lattice and len(hits) >= (rules.min_near if free else rules.min_near_crowded):
-                sides.append([found.get((int(s), int(t)), -1) for s, t in RIM])
-    return np.array(sides)
-
-
-def maxima(field, radius, same_axis):
-    n = np.arange(len(field.points))
-    better = (field.merits > field.merits[:, None]) | ((field.merits == field.merits[:, None]) & (n > n[:, None]))
-    close = np.abs(np.subtract.outer(field.points, field.points)) <= radius
-    return ~(better & close & (np.multiply.outer(field.axes, field.axes.conj()).real > same_axis)).any(axis=1)
-
-
-REFERENCES = {
-    "add_band": band,
-    "all_nearest": lambda field, places, reaches, likes, rules: np.array(
-        [[nearest(field, one, r, i, rules) for one in row] for row, r, i in zip(places, reaches, likes, strict=True)]
-    ),
-    "apply_edges": lambda *a: dense_edges(*a[:4], len(a[4]) // 2) @ a[4],
-    "apply_edges_transposed": lambda *a: dense_edges(*a[:4], a[5]).T @ a[4],
-    "best_of_tiles": best_pixels,
-    "collinear_triples": triples_of,
-    "convolve_at": lambda raster, rows, columns, h, s: np.einsum(
-        "nij,ij->n", windows(raster, rows, columns, len(h), s), h[::-1, ::-1]
-    ),
-    "edge_gram": lambda *a: np.tril((C := dense_edges(*a)).T @ C),
-    "edge_lines": lines_around,
-    "fill_convolution": lambda A, raster, rows, columns, weight, s, k: np.hstack(
-        [weight[:, None] * windows(raster, rows, columns, k, s)[:, ::-1, ::-1].reshape(len(rows), -1), A[:, k * k :]]
-    ),
-    "folded_product": lambda transform, spectrum, s: (transform * spectrum).reshape(s, -1, transform.shape[1]).sum(0),
-    "inverted": np.linalg.inv,
-    "non_maximum_suppression": maxima,
-    "read_spline": read_at,
-    "ring_purity": purity,
-    "saddle_points": saddles_of,
-    "square_sides": sides_of,
-    "substituted": lambda L, b: np.linalg.solve(L.astype(float) @ L.T.astype(float), b),
-    "sums_of_groups": lambda A, group, factor, count: (group == np.arange(count)[:, None]) @ (factor[:, None] * A),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", REFERENCES)
-def test_loops_compute_what_numpy_and_scipy_do(name):
-    arguments = CASES[name](np.random.default_rng(3))
-    answers = parts(PYTHON[name](*arguments), arguments)
-    expected = REFERENCES[name](*CASES[name](np.random.default_rng(3)))
-    for got, right in zip(answers, expected if isinstance(expected, tuple) else [expected], strict=True):
-        assert got.size
-        got = np.sort(got) if name == "best_of_tiles" else got
-        np.testing.assert_allclose(got, right, rtol=0, atol=SINGLE * float(np.abs(right).max()))
 
 
 def test_saddles_lie_in_the_bins_of_their_places():
@@ -379,11 +177,11 @@ def test_estimate_of_a_chart_imports_neither_scipy_nor_a_compiler(native):
 
 
 @pytest.mark.slow
-def test_loops_are_numbas_where_the_extension_is_not_installed():
+def test_loops_are_array_operations_where_the_extension_is_not_installed():
     name = "procedures.numerics.loops"
     absent = f"sys.modules['{name}._native'] = None"
     assert imports(name, first=absent) == "[]\n"
-    assert imports(name, first=f"{absent}; from {name} import edge_lines").startswith("['llvmlite', 'numba'")
+    assert imports(name, first=f"{absent}; from {name} import edge_lines") == "['scipy']\n"
 
 
 BUILD = """
@@ -410,7 +208,7 @@ def test_build_without_a_compiler_says_so_in_one_line_and_goes_on(tmp_path):
         [sys.executable, "-c", BUILD], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
     said, data = done.stdout.splitlines()
-    assert said.startswith("no extension, the loops will be compiled by Numba when first used: ")
+    assert said.startswith("no extension, its loops run slower by array operations: ")
     assert data == "{'artifacts': []}"
     assert not list(folder.glob("_native*"))
 

@@ -70,14 +70,11 @@ def test_seams_lie_between_blocks(width_mm: float, paper: str, rows: tuple[int, 
     assert (tiling.rows, tiling.columns) == (rows, columns)
 
 
-def test_seams_lie_between_cells_where_blocks_would_take_more_sheets() -> None:
+def test_seams_lie_between_cells_where_needed_and_too_many_sheets_are_refused():
     # 660 mm with the border are 4 x 180 mm, of 104 cells each: three blocks, of which four sheets hold all 12
     assert tiling_of(Size(550), PAPERS["a4"]).columns == (0, 96, 192, 288, 384)
     # 5 sheets of 180 mm hold 5 x 77 cells, but only 5 x 2 blocks
     assert tiling_of(Size(740), PAPERS["a4"]).columns == (0, 76, 153, 230, 307, 384)
-
-
-def test_too_many_sheets_are_refused() -> None:
     with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4") as refused:
         tiling_of(Size(3600), PAPERS["a4"])
     assert "larger paper" in refused.value.remedy

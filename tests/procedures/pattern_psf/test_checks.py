@@ -154,15 +154,12 @@ def test_a_chart_off_the_middle_is_brought_there(shoot, right, down, words):
     assert advice.moves["y_mm"] == pytest.approx(-down, abs=1)  # y is up on the stage, down in the picture
 
 
-def test_the_laser_s_offset_needs_no_focal_length():
+def test_a_laser_is_within_reach_of_the_lens_and_needs_no_focal_length():
     # px = K / z and laser = z + offset, whatever K is
     z = np.array([1500.0, 1800.0, 2200.0])
     pairs = [(123.0 / one, one + 87.0) for one in z]
     assert fit_offset_mm(pairs) == pytest.approx(87.0, abs=1e-6)
     assert fit_offset_mm(pairs[:1]) is None
-
-
-def test_a_laser_is_within_reach_of_the_lens():
     (near,), (far,) = (range_readings({"laser_offset_mm": offset}) for offset in (-87.0, 1087.0))
     assert (near.value, near.good, far.good) == (-87.0, True, False)
     assert range_readings({}) == ()

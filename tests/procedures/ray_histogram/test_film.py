@@ -7,15 +7,12 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
 
 
-def test_mean_and_variance_are_those_of_all_samples(rng):
+def test_a_film_has_the_moments_and_one_vote_of_every_sample(rng):
     samples = rng.gamma(0.5, 1.0, (3, 4, 50, 3))
     film = film_of_samples(samples)
     np.testing.assert_allclose(film.mean, samples.mean(2), rtol=1e-13)  # rounding of 50 additions
     np.testing.assert_allclose(film.variance, samples.var(2, ddof=1), rtol=1e-12)
     assert (film.count == 50).all()
-
-
-def test_every_sample_gives_each_colour_one_vote(rng):
     film = film_of_samples(rng.lognormal(0, 2, (2, 2, 200, 3)))
     np.testing.assert_allclose(film.histogram.sum(-1), 200, rtol=1e-5)  # votes are float32
     assert (film.histogram >= 0).all()
@@ -80,24 +77,15 @@ def test_samples_that_are_not_finite_are_dropped_and_counted(bad):
     np.testing.assert_array_equal(film.mean, 1.0)
 
 
-def test_a_sample_outside_the_film_is_refused():
+def test_samples_and_films_that_do_not_fit_are_refused(rng):
     with pytest.raises(BadInput, match="the film of 2 x 2; got rows 0 to 2, columns 0 to 0"):
         Film.blank(2, 2).add([0, 2], [0, 0], np.ones((2, 3)))
-
-
-def test_films_of_different_size_are_not_merged():
     with pytest.raises(BadInput, match=r"\(2, 2\) and \(2, 3\)"):
         Film.blank(2, 2).merge(Film.blank(2, 3))
-
-
-def test_an_empty_pixel_is_refused_with_its_position(rng):
     film = Film.blank(2, 2)
     film.add([0, 0, 1], [0, 1, 0], rng.random((3, 3)))
     with pytest.raises(BadInput, match="1 of 4 pixels are empty, the first at row 1, column 1"):
         film.checked()
-
-
-def test_value_that_single_precision_cannot_sum_is_refused(rng):
     samples = rng.random((2, 2, 4, 3))
     samples[1, 0, :, 2] = 1e31
     with pytest.raises(BadInput, match=r"1 of 4 pixels are beyond 1e\+30"):

@@ -86,11 +86,8 @@ def test_the_photographs_put_late_times_right(pictures, late_ms):
     assert fitted.uncertainty_s < 0.001
 
 
-def test_times_that_are_known_are_not_fitted(pictures):
+def test_times_that_are_known_or_not_covered_are_not_fitted(pictures):
     assert blur_with(pictures[1], 0.0, 0.0).time_shift is None
-
-
-def test_a_record_that_does_not_cover_the_exposure_is_none(pictures):
     frames = frames_of(pictures[1], 0.4, 0.0)
     assert recorded_motion(frames, FOCAL_PX) is None
     motion = recorded_motion(frames_of(pictures[1], 0.0, 0.02), FOCAL_PX)

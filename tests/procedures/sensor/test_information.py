@@ -32,7 +32,7 @@ def pictures() -> list[np.ndarray]:
     return [SENSOR.picture(ELECTRONS / SENSOR.efficiency, 0.01, rng).astype(float) for _ in range(4)]
 
 
-def test_quanta_are_the_electrons_less_read_noise(pictures, rng):
+def test_quanta_and_noise_power_follow_from_the_electrons(pictures, rng):
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
     found = information(gaussian(0.5), noise, rng)
     truth = ELECTRONS**2 / (ELECTRONS + SENSOR.dark_noise_e**2 + 1 / 12 / SENSOR.gain**2)
@@ -42,9 +42,6 @@ def test_quanta_are_the_electrons_less_read_noise(pictures, rng):
     z = (found.neq[0] - expected) / found.neq_uncertainty[0]
     assert np.abs(np.mean(z)) < 0.6
     assert np.sqrt(np.mean(z[0] ** 2)) < 2
-
-
-def test_mean_of_the_noise_power_is_the_variance(pictures):
     noise = measure_noise_power(pictures, 1.0)
     e = ELECTRONS
     variance = SENSOR.gain**2 * (e + SENSOR.dark_noise_e**2) + 1 / 12

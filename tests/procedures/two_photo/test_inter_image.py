@@ -17,17 +17,13 @@ DIRECTIONS = ((1, 0), (0, 1), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5)))
 
 
 @pytest.mark.slow
-def test_map_is_refined_to_a_hundredth_of_a_pixel(pair: Pair) -> None:
+def test_map_is_refined_to_a_hundredth_of_a_pixel_down_to_the_noise(pair):
     stretched = np.diag([1.002, 0.999, 1.0])
     fit = fit_kernel(pair.near, pair.far, OFF @ pair.H_near_far @ stretched, S, K)
     points = fit.samples.points
     off = (fit.warp.forward(points) - apply_homography(pair.H_near_far, points)) / 4.6
     # without the translation, which is the kernel's shift
     assert np.abs(off - off.mean(axis=0)).max() < 0.01
-
-
-@pytest.mark.slow
-def test_residual_is_the_noise(pair: Pair) -> None:
     fit = fit_kernel(pair.near, pair.far, pair.H_near_far, S, K)
     # 0.002 in both photographs; the near one adds c |k|^2, a few hundredths; 1e4 samples give 1 %
     assert np.sqrt(fit.variance) == pytest.approx(0.002, rel=0.06)

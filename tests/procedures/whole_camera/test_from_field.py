@@ -90,7 +90,7 @@ def joint(charts):
     return join(parts, known)
 
 
-def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
+def test_the_block_of_one_part_is_its_own_covariance_with_widened_supports_too(charts, joint):
     stated = [number.uncertainty for one in charts.planes["R"] for number in one.numbers.values()]
     np.testing.assert_allclose(np.sqrt(np.diag(joint.block("psf.R", "psf.R"))), stated)
     (red, _), own = colours(charts), joint.block("lateral_colour.R", "lateral_colour.R")
@@ -100,9 +100,6 @@ def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
     np.testing.assert_allclose(own[count:, count:], second, rtol=1e-9)
     assert joint.parts[3].names[:3] == ("x.1", "x.x", "x.y")
     np.testing.assert_allclose(joint.parts[3].values, [*x, *y])
-
-
-def test_charts_with_widened_supports_are_included(charts):
     seen = charts.planes["G1"]
     field = SimpleNamespace(nodes=[replace(one.node) for one in seen[1:]])
     kept = Outcome(SimpleNamespace(interpolation=SimpleNamespace(field=field)))
@@ -154,11 +151,8 @@ def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
     assert blocks["lateral_colour.B", "vignetting"].why == "other photographs: the charts, and the flats"
 
 
-def test_terms_are_named_in_the_order_of_the_monomials():
+def test_terms_are_in_the_order_of_the_monomials_and_covariances_are_made_definite():
     assert monomial_names(2) == ["1", "x", "y", "x2", "xy", "y2"]
-
-
-def test_an_indefinite_covariance_is_corrected_with_its_variances_kept():
     apart = {("R", "a", 1): np.diag([1.0, 1.0, 1.0])}
     row = np.array([[1.0, 0.0, 0.0]])
     parts = [

@@ -118,13 +118,10 @@ def test_a_fixed_focus_drifts_with_temperature(world, rng):
     assert drift == pytest.approx(-1.5 * (world.temperature_c(warm_s) - world.temperature_c(0.0)))
 
 
-def test_a_screw_lifts_the_sensor_where_the_image_upside_down_falls():
+def test_a_tilted_sensor_is_out_of_focus_by_the_height_that_its_screws_give_it():
     # of four screws 10 mm out, seen from behind the right one is where the photograph's left falls
     held = SensorMount(count=4, radius_mm=10.0, pitch_mm=0.5, first_deg=0.0).turned((0.0, 0.1, 0.0, -0.1))
     assert held.slopes == pytest.approx((-5.0, 0.0))  # 50 um over 10 mm, away from the lens at the photograph's left
-
-
-def test_a_tilted_sensor_is_out_of_focus_by_its_height():
     # path differences of rms a um are those of a sensor 16 sqrt(3) N^2 a um behind the image
     camera = replace(bench_camera(), sensor=Sensor(rows=300, columns=400), pitch_um=10.0)
     per_rms = 16 * 3**0.5 * camera.lens.f_number**2

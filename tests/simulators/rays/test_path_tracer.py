@@ -173,7 +173,7 @@ def test_a_moving_camera_smears_against_its_motion():
     assert variance[1] < 0.5
 
 
-def test_a_texture_is_seen_the_right_way_round():
+def test_textures_and_mirrors_are_seen_the_right_way_round():
     texture = np.zeros((2, 3, 3))
     texture[0, 0] = 1.0, 0.2, 0.2
     texture[1, 2] = 0.2, 0.2, 1.0
@@ -181,9 +181,6 @@ def test_a_texture_is_seen_the_right_way_round():
     camera = ThinLensCamera(2, 3, focal_mm=50, focus_mm=1000, pitch_um=100 / 19 * 1000)
     picture = render(RayScene([sheet], sky=(1, 1, 1)), camera, 50).mean(2)
     np.testing.assert_allclose(picture, texture, atol=1e-9)
-
-
-def test_a_mirror_shows_what_is_before_it():
     mirror = InfinitePlane((0, 0, 1000), (0, 0, -1), Material((0, 0, 0), gloss=1.0, exponent=1e7))
     shine = Material((0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0))
     behind = Rectangle((200, -100, -1000), (200, 0, 0), (0, 200, 0), shine)  # shines forwards, towards the mirror

@@ -46,20 +46,6 @@ def batch(tmp_path):
     return batch
 
 
-def test_vignetting_of_each_folder(batch, tmp_path):
-    (tmp_path / "in" / "good").mkdir(parents=True)
-    (tmp_path / "in" / "bad").mkdir()
-    cases.vignetting(tmp_path / "in" / "good")
-    (tmp_path / "in" / "bad" / "a.png").write_bytes(b"no picture")
-    rows, out = batch("vignetting", "[limits]\ncorner_light = { max = 0.9 }\n", tmp_path / "in")
-    assert rows["bad/a.png"]["verdict"] == "unreadable"
-    assert rows["good/a.png"]["specification"] == "meets"
-    # the light is 0.5 - 0.1 (x² + y²): in the corner (0.5 - 0.2) / 0.5
-    light = record_of(out, rows["good/a.png"], "vignetting")["planes"]["Y"]["corner_light"]
-    assert light["value"] == pytest.approx(0.6, abs=4 * light["uncertainty"] + 0.002)
-    assert record_of(out, rows["bad/a.png"], "vignetting")["planes"] == {}
-
-
 def test_sensors_of_each_folder(batch, tmp_path):
     """The manifest is of the item: it lies above all pictures, and another one is another measurement."""
     cases.sensor(tmp_path)

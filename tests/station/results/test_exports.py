@@ -109,7 +109,7 @@ def test_what_lies_outside_the_support_stands_beside_it():
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
 
 
-def test_kernel_of_a_motion_has_one_sample_a_pixel():
+def test_kernels_and_exponents_follow_the_standard_of_fits():
     kernel = np.arange(25.0).reshape(5, 5)
     ((header, found),) = units(kernel_fits(kernel, 2, None))
     np.testing.assert_array_equal(found, kernel)
@@ -119,29 +119,10 @@ def test_kernel_of_a_motion_has_one_sample_a_pixel():
         "CTYPE1": "X", "CTYPE2": "Y", "CUNIT1": "pixel", "CUNIT2": "pixel", "BUNIT": "1", "ROWORDER": "TOP-DOWN",
         "PHOTO": "2", "SAMPLING": "1", "ORIGIN": "calibration-station", "CREATOR": "calibration-station",
     }  # fmt: skip
-
-
-def test_exponents_are_those_of_the_standard():
     # FITS 4.0, section 4.2.4: E or D; without a tail the share outside is rounding
     (primary, _), _ = units(psf_fits(gaussian(0.6), "G1", None))
     assert 0 < float(primary["EOUTSIDE"]) < 1e-9
     assert re.fullmatch(r"\d\.\d+E-\d+", primary["EOUTSIDE"])
-
-
-def test_fits_is_read_by_astropy():
-    fits = pytest.importorskip("astropy.io.fits")
-    psf = gaussian(0.6)
-    with fits.open(io.BytesIO(psf_fits(psf, "it's", None))) as found:
-        found.verify("exception")
-        np.testing.assert_array_equal(found[0].data, psf.h)
-        assert found[0].header["PLANE"] == "it's"
-        assert found["UNCERTAINTY"].data.shape == psf.h.shape
-
-
-def test_tiff_holds_the_samples_as_float32():
-    psf = gaussian(0.6)
-    image = cv2.imdecode(np.frombuffer(psf_tiff(psf), np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(image, psf.h.astype(np.float32))
 
 
 @given(st.floats(0.2, 3), st.sampled_from([1, 2]))

@@ -38,8 +38,7 @@ BLURS = {"both": (pillbox(), None), "x": (motion(0), 0), "y": (motion(1), 1)}
 
 
 @pytest.mark.parametrize("direction", BLURS)
-@pytest.mark.parametrize("w", [1.5, 3.0, 4.5])
-@pytest.mark.parametrize("noise_db", [None, 40])
+@pytest.mark.parametrize(("w", "noise_db"), [(1.5, 40), (3.0, None), (3.0, 40), (4.5, 40)])
 def test_the_symmetric_start_is_unbiased(w, direction, noise_db, rng):
     # the bound is the requirement; the published filters gave 2.2, 3.8 and 5.4 for pillboxes of 1.5, 3.0 and 4.5
     shape, axis = BLURS[direction]
@@ -119,16 +118,13 @@ def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
     assert cost.mean() == pytest.approx(1, abs=0.15)
 
 
-def test_matching_fills_areas_without_texture():
+def test_matching_refines_the_best_level_and_fills_areas_without_texture():
     # a level is certain on the left only; the rest follows it rather than its own slight preference
     cost = np.full((8, 20, 6), 1.0, np.float32)
     cost[:, :4, :] = 30
     cost[:, :4, 2] = 0
     cost[:, 4:, 5] = 0.98
     assert (semi_global(cost, 1.0, 8.0).argmin(axis=2) == 2).all()
-
-
-def test_parabolas_refine_the_best_level():
     levels = np.arange(0.0, 2.0, 0.25)
     cost = np.tile((levels - 0.9) ** 2, (3, 3, 1)).astype(np.float32)
     np.testing.assert_allclose(initial_depth.least_level(cost, levels), 0.9, atol=1e-4)

@@ -74,13 +74,10 @@ def test_a_shift_within_the_masks_is_corrected_and_reported(vibrating):
     assert outcome.value.diagnostics.residual_over_noise < 1.2
 
 
-def test_a_shift_larger_than_the_masks_is_refused(vibrating):
+def test_light_is_corrected_and_a_shift_larger_than_the_masks_refused(vibrating):
     z = displaced(vibrating.z, 8.0, 0.0)
     with pytest.raises(Refused, match=r"shifted by \(8, .*more than the masks' 6"):
         register(z, np.ones((2, 1, *z.shape[2:])), vibrating.stacks)
-
-
-def test_less_light_is_estimated_and_corrected(vibrating):
     z = vibrating.z * np.array([1, 0.93])[:, None, None, None]
     # the depth edge, at which no single level fits, contributes some thousandths
     assert relative_light(z, vibrating.stacks).factor == pytest.approx(0.93, abs=5e-3)

@@ -54,15 +54,12 @@ def first_truth(scene):
     return scene.w[6:-6, 6:-6]
 
 
-def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
+def test_joint_steps_lower_the_cost_and_approach_the_true_depth(vibrating, problem, first, restored):
     state = joint_descent.begin(problem, first)
     weights = PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)[0]
     u, w = joint_step(problem.data, state.u, state.w, weights, 12)
     assert joint_descent.cost(problem, u, w, weights)[0] < before
-
-
-def test_restoration_approaches_the_true_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
     best_error = vibrating.picture_error(oracle[:, 6:-6, 6:-6])

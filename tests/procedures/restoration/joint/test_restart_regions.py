@@ -73,7 +73,7 @@ def test_a_region_of_the_wrong_surface_is_corrected(vibrating, terms, notched):
         return np.sqrt(np.mean((w - vibrating.w)[notch] ** 2))
 
     descended = onward(terms[0], pair)
-    restarted_pair = restart(*terms, pair, 12, WEIGHTS.picture, lambda p: onward(terms[0], p))
+    restarted_pair = restart(*terms, pair, 12, WEIGHTS.picture, lambda p, _: onward(terms[0], p))
     # descent alone corrects little of the pixel by which the depth is wrong
     assert error(descended.w) > 0.6
     assert error(restarted_pair.w) < 0.35

@@ -114,14 +114,11 @@ def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rn
         np.testing.assert_array_equal(one, three)
 
 
-def test_light_is_preserved(vibration_stacks):
+def test_light_is_preserved_in_single_precision_too(vibration_stacks, rng):
     # every mask has sum 1, so a uniform scene is unchanged, at any single depth
     blur = BlurOperator(vibration_stacks[1], SHAPE)
     blur.focus(np.full(blur.extended, 3.12))
     np.testing.assert_allclose(blur.blur(np.ones(blur.extended)), 1, atol=1e-12)
-
-
-def test_single_precision_agrees_with_double(vibration_stacks, rng):
     w, u = rng.uniform(0.3, 4.2, (49, 57)), rng.standard_normal((49, 57))
     photographs = []
     for dtype in (np.float32, np.float64):
@@ -130,9 +127,6 @@ def test_single_precision_agrees_with_double(vibration_stacks, rng):
         photographs.append(blur.blur(u.astype(dtype)))
     assert photographs[0].dtype == np.float32
     np.testing.assert_allclose(photographs[0], photographs[1], atol=3e-6)  # eps 6e-8 times some 50 terms
-
-
-def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
     blur = BlurOperator(vibration_stacks[0], SHAPE)
     active = rng.random(blur.extended) > 0.5
     w, u = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended)
@@ -143,13 +137,10 @@ def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
     assert not blur.blur_adjoint(rng.standard_normal(SHAPE))[~active].any()
 
 
-def test_supports_grow_with_w():
+def test_interpolated_masks_draw_a_point_within_their_support():
     stack = mask_stack(pillbox(), 4.0)
     assert list(stack.supports()) == sorted(stack.supports())
     assert stack.supports()[-1] <= stack.R
-
-
-def test_a_blurred_point_is_the_mask():
     # one bright point: its photograph is the mask of its depth, upright
     stack = mask_stack(uniform_motion(0.6), 5.0)
     blur = BlurOperator(stack, (31, 31))
@@ -158,9 +149,6 @@ def test_a_blurred_point_is_the_mask():
     u[stack.R + 15, stack.R + 15] = 1
     R = stack.R
     np.testing.assert_allclose(blur.blur(u)[15 - R : 16 + R, 15 - R : 16 + R], stack.at(4.0), atol=1e-15)
-
-
-def test_interpolated_masks_agree_with_stored_ones():
     stack = MaskStack(np.random.default_rng(0).random((4, 3, 3)), 0.5)
     np.testing.assert_allclose(stack.at(1.0), stack.masks[2])
     np.testing.assert_allclose(stack.at(0.75), (stack.masks[1] + stack.masks[2]) / 2)

@@ -78,7 +78,7 @@ def test_curves_agree_with_the_velocity_field(poses):
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
 
 
-def test_given_poses_are_unchanged():
+def test_given_poses_are_unchanged_and_may_be_timed_by_the_clock():
     t = np.linspace(0.0, OPEN_S, 4001)
     position, turn = truth(t)
     given = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
@@ -86,9 +86,6 @@ def test_given_poses_are_unchanged():
     # linear between 4001 instants of two periods: (omega dt)^2 / 8
     np.testing.assert_allclose(given.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
     np.testing.assert_allclose(given.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
-
-
-def test_poses_may_be_timed_by_the_clock():
     t, position = np.linspace(0, 0.1, 9), np.arange(27.0).reshape(9, 3)
     ours, theirs = (c.poses_at(since + t, position, 0 * position) for since in (0.0, 1.75e9))
     # a double of 1.75e9 s resolves 2.4e-7 s, and the position moves by 240 m/s
@@ -204,13 +201,10 @@ def test_poses_are_those_of_the_commanded_path(since_s):
     assert not poses.turn_rad.any()
 
 
-def test_the_start_of_a_whole_round_does_not_matter():
+def test_a_partial_round_requires_its_start():
     given, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
     blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (given, unknown)]
     first, second = (stack.masks[-1] for stack in blurs)
     np.testing.assert_allclose(first, second, atol=0.02 * first.max())
-
-
-def test_the_start_of_a_partial_round_is_required():
     with pytest.raises(BadInput, match=r"0.13 s is no whole number of rounds of 0.1 s, and its start is not known"):
         c.poses_on(commanded(None), 0.13)

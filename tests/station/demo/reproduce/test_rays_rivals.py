@@ -34,15 +34,12 @@ def film_of(rng, mean):
     return film
 
 
-def test_nl_means_removes_the_noise_of_a_plain_picture_and_keeps_an_edge(rng):
+def test_rival_filters_remove_noise_and_keep_an_edge(rng):
     truth = np.where(np.arange(16) < 8, 0.2, 0.8) * np.ones((16, 1))
     film = film_of(rng, truth)
     error = rivals.nl_means(film) - truth[..., None]
     # about half of 169 neighbours are alike: noise falls several times, and the edge does not spread
     assert error.std() < 0.4 * (film.mean - truth[..., None]).std()
-
-
-def test_an_oracle_is_not_worse_than_the_noisy_picture(rng):
     truth = np.full((16, 16, 3), 0.5)
     film = film_of(rng, truth[..., 0])
     for by_means in (True, False):

@@ -180,7 +180,7 @@ def test_numbers_are_shown_to_four_digits(value, words):
     assert shown(value) == words
 
 
-def test_a_list_of_published_numbers_is_one_check_for_each_case():
+def test_published_numbers_are_checks_of_rows_with_names_and_places():
     table = {
         "module": "gamma_rows", "chapter": "gamma", "place": "Thesis", "setup": "None.", "each": ["dark", "bright"],
         "checks": [{"quantity": "error", "published": ["0.25", "0.5"], "read": "at most", "unit": "pixels"}],
@@ -189,9 +189,6 @@ def test_a_list_of_published_numbers_is_one_check_for_each_case():
     assert [(one.quantity, one.published, one.high) for one in checks] == [
         ("error, dark", "0.25", 0.255), ("error, bright", "0.5", 0.55)
     ]  # fmt: skip
-
-
-def test_every_row_has_its_own_name_and_says_where_it_was_published():
     names = [row.name for row in ROWS]
     assert len(set(names)) == len(names)
     assert not set(names) & {row.chapter for row in ROWS}
@@ -211,8 +208,10 @@ OF_SECONDS = {
     "restoration-known", "restoration-40db", "restoration-start", "stability", "simulated-rivals", "rays-kappa",
     "rays-oracle", "restoration-gaussian", "restoration-direct", "accuracy", "gamma-table", "bound-realised",
     "two-photo-zoom-published", "two-photo-zoom", "two-photo-simulated", "rays-cornell", "apertures",
+    "restoration-sigma", "gamma-patterns", "gamma-support", "rays-bias", "supports", "places", "wall-chart",
+    "comparison", "rays-scales", "planes",
 }  # fmt: skip
-"""Rows of the quick set that take four seconds of processor and more: nightly."""
+"""Rows of the quick set that take a second of processor and more: nightly, but for one of each chapter."""
 
 
 @pytest.mark.slow
