@@ -304,12 +304,15 @@ def tail_energy_uncertainty(psf: Psf) -> float:
     """
     radius = psf.k / 2 / psf.s
     rings = float(np.pi**3 * max(psf.tail_density_px, 0.0) / radius) ** 1.5
-    # rms ratio of the amplitudes after the mean tail's to those expected, at least 1; one large amplitude counts 1 less
+    rough = _excess_factor(psf) * ROUGHNESS / (radius * float(np.sqrt(8 * np.pi)))
+    return abs(psf.share_outside) * float(np.hypot(rough, RINGS * rings))
+
+
+def _excess_factor(psf: Psf) -> float:
+    """Rms ratio of the amplitudes after the mean tail's to those expected, at least 1; a large one counts 1 less."""
     first, *others = psf.tail.amplitudes.tolist() or [0.0]
     ratios = np.abs(others) / (DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL))
-    excess_factor = max(1.0, float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) - 1) if others else 1.0
-    rough = excess_factor * ROUGHNESS / (radius * float(np.sqrt(8 * np.pi)))
-    return abs(psf.share_outside) * float(np.hypot(rough, RINGS * rings))
+    return max(1.0, float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) - 1) if others else 1.0
 
 
 def curve_model_error(psf: Psf, f: Array, mtf: Array, slope: Array, passed: Array | float = 1.0) -> Array:
