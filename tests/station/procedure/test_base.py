@@ -86,6 +86,6 @@ def test_a_path_lies_beside_the_file_that_names_it_unless_it_is_there(tmp_path, 
 
 def test_a_pgm_is_linear_also_where_that_is_stated(tmp_path):
     (path := tmp_path / "a.pgm").write_bytes(b"P5 3 2 200\n" + bytes([100] * 6))
-    assert (PictureSettings(encoding="linear").read(path).plane("Y").samples == 0.5).all()
+    assert (PictureSettings(encoding="linear").read(path).planes["Y"].samples == 0.5).all()
     with pytest.raises(BadParameter, match="a PGM are taken as linear; srgb is stated"):
         PictureSettings(encoding="srgb").read(path)
