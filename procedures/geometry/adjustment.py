@@ -98,8 +98,6 @@ class AdjustmentProblem:
     """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
     nodes : (N, 3) float64, the plan of the chart, in mm
-    views : sequence of ChartView
-    shape : ShapeModel
     """
 
     nodes: Array
@@ -255,8 +253,6 @@ class ExtraTerms:
 class Adjustment:
     """The result, with its covariance for the stated covariances of the points.
 
-    problem : AdjustmentProblem
-    state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
         Of the camera parameters, the shape terms, and the changes of the poses, in this order.
     errors_variance : (N, 3) float64, of the node errors, in square mm

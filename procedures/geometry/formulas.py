@@ -29,7 +29,6 @@ ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes
 class FittedFormula:
     """A formula fitted to the reference.
 
-    camera : CameraModel
     covariance : (p, p) float64, of its parameters
     difference : Difference, its loss: distance from the reference over the covered frame
     response : (p, P) float64, change of its parameters by those of the reference

@@ -46,7 +46,6 @@ class ShutterTiming:
     """Row time of a camera.
 
     row_s, uncertainty_s : float, time between the exposures of neighbouring rows; positive where lower rows are later
-    rows : int
     """
 
     row_s: float

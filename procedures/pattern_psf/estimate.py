@@ -208,7 +208,6 @@ def estimate_psf(
 
     plane : Plane, or (rows, columns) array, linear samples, black 0, white 1; the chart may lie anywhere
     chart : Chart, the printed cells
-    parameters : PatternParameters, optional
     diffraction : Diffraction, diffraction limit of this plane; with it the Strehl ratio is reported too
     sighting : ChartSighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is detected.

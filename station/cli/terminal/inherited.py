@@ -22,10 +22,7 @@ INSTEAD: Mapping[tuple[str, str], str] = {
     ("session resume", "--plain"): "leave it out; a session is resumed in plain lines in any case",
     ("demo", "--simulate"): SIMULATED,
     ("simulate", "--simulate"): SIMULATED,
-    **{
-        ("session resume", name): KEPT
-        for name in ("--seed", "--shaker", "--speed", "--specification", "--unit", "--plan")
-    },
+    **{("session resume", name): KEPT for name in KEPT_OPTIONS},
 }
 """Remedy by command and option, where it is more specific than to omit the option."""
 
