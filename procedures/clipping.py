@@ -127,13 +127,9 @@ class SensorModel:
         """Temporal and spatial variance of a picture's linearised samples at the mean `straight`. Photon noise and PRNU
         enter before the nonlinearity, dark noise and DSNU after it."""
         light = np.maximum(straight, 0)
-        return np.asarray(
-            (self.dark_variance + self.dsnu**2) / self._slope(light) ** 2 + self.gain * light + (self.prnu * light) ** 2
-        )
-
-    def _slope(self, straight: Array) -> Array:
-        x = straight / self.signal_at_saturation
-        return np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
+        x = light / self.signal_at_saturation
+        slope = np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
+        return np.asarray((self.dark_variance + self.dsnu**2) / slope**2 + self.gain * light + (self.prnu * light) ** 2)
 
     def bent(self, straight: Array) -> Array:
         """Signal of the sensor for a linearised signal: the inverse of `linearised`."""

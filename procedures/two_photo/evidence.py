@@ -5,7 +5,7 @@ import numpy as np
 from procedures.corruption import directions
 from procedures.corruption.directions import BORDER, GHOST
 from procedures.corruption.evidence import TextureEvidence
-from procedures.corruption.family import SampleGroup, Strength, strengths
+from procedures.corruption.family import SampleGroup, strengths
 from procedures.corruption.noise import (
     DRIFT,
     MASK_RADII,
@@ -26,15 +26,6 @@ def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEv
     image = fit.as_image(fit.residual, np.nan)
     residual = Variogram.of(np.nan_to_num(image), np.isfinite(image))
     textures = [texture_correlation(*curve, exponent) for exponent in TEXTURES]
-    return TextureEvidence(
-        mask_scores([residual], MASK_RADII),
-        mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
-        _strengths(fit, far),
-        framed=False,
-    )
-
-
-def _strengths(fit: PairFit, far: Array32) -> dict[str, Strength]:
     (x, y), (rows, columns) = fit.near.corner, fit.near.shape
     middle, scale = float(np.mean(fit.samples.y)), CONTRAST * float(np.std(fit.samples.y))
     picture = np.array(far[y : y + rows, x : x + columns], dtype=np.float64)
@@ -49,4 +40,9 @@ def _strengths(fit: PairFit, far: Array32) -> dict[str, Strength]:
     group = SampleGroup(shared, own, fit.residual / scale, tiles_of(fit))
     # the Gram matrix of the last step has the priors of the tail
     amounts = strengths([group], [np.stack(values, axis=1)], fit.equations.G, fit.variance**0.5 / scale)
-    return dict(zip([*pictures, GHOST], amounts, strict=True))
+    return TextureEvidence(
+        mask_scores([residual], MASK_RADII),
+        mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
+        dict(zip([*pictures, GHOST], amounts, strict=True)),
+        framed=False,
+    )

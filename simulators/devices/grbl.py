@@ -102,7 +102,19 @@ class GrblController:
     def advance(self, now_s: float) -> bytes:
         """Process everything until now, in order; returns the output."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
-            self._event(moment_s)
+            run, motion = self.program.run, self.motion
+            if self._boot_s <= moment_s:
+                self._boot_s = NEVER
+                self._greet(moment_s)
+            elif self._deaf_until_s <= moment_s:
+                self._end_alarm_pause(moment_s)
+            elif motion.trip_s <= moment_s:
+                self.alarm(1, moment_s)
+            elif motion.end_s <= moment_s:
+                self._motion_ended(moment_s)
+            elif run.busy_until_s <= moment_s:
+                self._answer(self.program.busy_ended(moment_s))
+            self._main_loop(moment_s)
         return drained(self._out)
 
     def next_event_s(self) -> float | None:
@@ -153,21 +165,6 @@ class GrblController:
     def _answer(self, answer: Answer) -> None:
         if answer is not None:
             self._send(*answer)
-
-    def _event(self, now_s: float) -> None:
-        run, motion = self.program.run, self.motion
-        if self._boot_s <= now_s:
-            self._boot_s = NEVER
-            self._greet(now_s)
-        elif self._deaf_until_s <= now_s:
-            self._end_alarm_pause(now_s)
-        elif motion.trip_s <= now_s:
-            self.alarm(1, now_s)
-        elif motion.end_s <= now_s:
-            self._motion_ended(now_s)
-        elif run.busy_until_s <= now_s:
-            self._answer(self.program.busy_ended(now_s))
-        self._main_loop(now_s)
 
     def _greet(self, now_s: float) -> None:
         self._out += b"\r\n"
